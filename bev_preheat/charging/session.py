@@ -357,7 +357,7 @@ class _Plug:
                 self._leakage_w_per_k)[1]
         drawn_w, arriving_w, heater_w, coolant_c = self._heat_step(
             state.heater_w, temperature_c + state.excess_k, temperature_c, duration_s, command_w,
-            other_heat_w)
+            other_heat_w, self._idle_heat_w, self._leakage_w_per_k)
         soc, end_c, mean_c, powers = self._integrate(
             soc, temperature_c, duration_s, drawn_w - self._supply_w, 0.0,
             self._idle_heat_w + arriving_w, self._leakage_w_per_k)
@@ -397,6 +397,7 @@ def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: 
     joule = (vehicle.battery.heat_capacity_j_per_k * float(temperature_c[-1] - temperature_c[0])
              / JOULES_PER_WH - arriving - leakage + cooled)
     cabin, auxiliary = side * stop.cabin_heating_power_w, side * stop.auxiliary_power_w
+    hvch_heat = vehicle.hvch.efficiency * drawn if vehicle.heat_path.is_shell else arriving
     return Session(
         problem=problem,
         time_s=np.concatenate(([0.0], np.cumsum(hours) * JOULES_PER_WH)),
@@ -407,5 +408,5 @@ def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: 
         cooling_power_w=cooling_w,
         energy_wh=SessionEnergies(
             bought=terminal + drawn + cooling + cabin + auxiliary, terminal=terminal, stored=terminal - joule,
-            joule=joule, hvch_electric=drawn, hvch_heat=arriving, cabin=cabin, auxiliary=auxiliary,
+            joule=joule, hvch_electric=drawn, hvch_heat=hvch_heat, cabin=cabin, auxiliary=auxiliary,
             leakage=leakage, cooling_electric=cooling, cooling_heat=cooled))

@@ -193,6 +193,7 @@ def steps() -> str:
     """
     lag_s = _field('heater_lag_s')
     coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
+    shell_share = _field('shell_share')
     direct = _vehicle(HeatPath())
     functions = [_function('bev_rates', 'bev_vehicle *vehicle', RATES, make_rates(direct, SYMBOLS)(
         *(Symbol(each) for each in RATES)))]
@@ -207,7 +208,9 @@ def steps() -> str:
         for name, path in (('bev_heated_at_once', HeatPath()),
                            ('bev_heated_with_lag', HeatPath(lag_s)),
                            ('bev_heated_by_coolant', HeatPath(0.0, *coolant)),
-                           ('bev_heated_by_coolant_with_lag', HeatPath(lag_s, *coolant)))]
+                           ('bev_heated_by_coolant_with_lag', HeatPath(lag_s, *coolant)),
+                           ('bev_heated_by_shell', HeatPath(0.0, *coolant, shell_share=shell_share)),
+                           ('bev_heated_by_shell_with_lag', HeatPath(lag_s, *coolant, shell_share=shell_share)))]
     functions.append(_function(
         'bev_terminal_limits', 'bev_vehicle *vehicle', LIMITS,
         make_terminal_limits(direct, SYMBOLS)(*(Symbol(each) for each in LIMITS))))
@@ -233,18 +236,22 @@ def drives() -> str:
     car = _with_given_curves(_vehicle(HeatPath(), Leakage(*leakage)))
     rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(
         'bev_mean_magnitude({}, {})', mean, variance))
-    step = make_lagging_step(car)
+    shell = _with_given_curves(_vehicle(HeatPath(
+        shell_share=_field('shell_share'), sensor_rise=_field('sensor_rise'))))
     seen = tuple(field.name for field in fields(DriveInputs))
     functions = [
         _function(name, 'bev_vehicle *vehicle', (*CIRCUIT, 'temperature_c', *FACTORS, *inputs, *LEAKAGE), rates(
             Symbol('temperature_c'), Symbol('soc'), [*map(Symbol, FACTORS)],
             DriveInputs(*map(Symbol, inputs))))
         for name, inputs in (('bev_rates_on_route', ROUTE_DRIVE), ('bev_rates_of_seen_power', seen))]
-    functions.append(_function(
-        'bev_lagging_step', 'bev_vehicle *vehicle',
-        (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
-        step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
-             Symbol('heater_power_w'), Symbol('duration_s'))))
+    functions += [
+        _function(name, 'bev_vehicle *vehicle',
+                  (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
+                  make_lagging_step(described)(
+                      Lagging(*map(Symbol, LAGGING)),
+                      (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
+                      Symbol('heater_power_w'), Symbol('duration_s')))
+        for name, described in (('bev_lagging_step', car), ('bev_lagging_step_of_shell', shell))]
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, *_trip_terms(), '#endif', ''])
 

@@ -19,7 +19,7 @@ from bev_preheat.control.terms import OF_ROUTE
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.estimation.state import FACTORS, PROPULSION
+from bev_preheat.estimation.state import FACTORS, HEAT_LAG, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower
@@ -30,7 +30,14 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.tunables import FACTOR_STEP, LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
+from bev_preheat.tunables import (
+    FACTOR_STEP,
+    LAG_REVEALED_S,
+    LEAST_REVEALED_K,
+    MOST_EXCESS_K,
+    MOST_REVEALED_K,
+    SHELL_LAG_STEP,
+)
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -121,6 +128,10 @@ def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
         # The heat under way still arrives.
         return BatteryState(min(max(
             estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+    if vehicle.heat_path.is_shell:
+        excess_k = estimate.shell_excess_k
+        return BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
+                            coolant_excess_k=min(max(excess_k, -MOST_EXCESS_K), MOST_EXCESS_K))
     return state_with_heat_under_way(
         vehicle, min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
         estimate.under_way_k)
@@ -132,8 +143,11 @@ def believed_share(heater: HeaterReport) -> float:
 
 
 @lru_cache(maxsize=8)
-def _corrected(vehicle: Vehicle, factors: tuple[float, ...]) -> Vehicle:
-    return corrected_vehicle(vehicle, Corrections(*factors))
+def _corrected(vehicle: Vehicle, factors: tuple[float, ...], lag_log: float) -> Vehicle:
+    car = corrected_vehicle(vehicle, Corrections(*factors))
+    path = car.heat_path
+    return car if not path.is_shell else replace(car, heat_path=replace(
+        path, coolant_conductance_w_per_k=path.coolant_conductance_w_per_k * factors[0] * math.exp(-lag_log)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +156,13 @@ class ForecastPlanner:
     Makes ForecastPlans for one vehicle; a value.
 
     `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
+    `lag_log` is the logarithm of a shell's lag over the vehicle file's.
     `forecast` is that of the latest plan, None: unknown. `kept` has the values of plans while they hold.
     """
 
     logs: FloatArray | None = None
     factors: tuple[float, ...] = ()
+    lag_log: float = 0.0
     forecast: Forecast | None = None
     kept: tuple[Kept, ...] = ()
 
@@ -161,13 +177,16 @@ class ForecastPlanner:
     def following(self, estimate: Estimate) -> ForecastPlanner:
         """Return the planner with the factors of an Estimate, if one has moved."""
         logs = estimate.mean[FACTORS.start:PROPULSION]
-        if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any():
-            return replace(self, logs=logs, factors=tuple(array_exp(logs).tolist()))
+        lag_log = estimate.mean.item(HEAT_LAG)
+        if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any() or (
+                estimate.path.is_shell and abs(lag_log - self.lag_log) > SHELL_LAG_STEP):
+            return replace(self, logs=logs, factors=tuple(array_exp(logs).tolist()), lag_log=lag_log)
         return self
 
     def vehicle(self, described: Vehicle) -> Vehicle:
         """Return a Vehicle corrected by the factors."""
-        return _corrected(described, self.factors) if self.factors else described
+        return described if not self.factors else _corrected(
+            described, self.factors, self.lag_log if described.heat_path.is_shell else 0.0)
 
     def make(self, described: Vehicle, task: PlanningTask,
              estimate: Estimate) -> tuple[ForecastPlanner, ForecastPlan]:
@@ -278,7 +297,7 @@ class _Planning:
         estimate, hvch = self._estimate, self._vehicle.hvch
         revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
         later_k = estimate.later_heat_s(1.0) * (
-            hvch.efficiency * hvch.maximum_power_w / self._vehicle.battery.heat_capacity_j_per_k)
+            hvch.efficiency * hvch.maximum_power_w / self._vehicle.pack_heat_capacity_j_per_k)
         later_share = max(1.0 - self._task.heated_s / LAG_REVEALED_S, 0.0)
         deviation_k = math.hypot(math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
         return Uncertainty(

@@ -46,6 +46,7 @@ from bev_preheat.estimation.state import (
     LOCAL,
     moved_with_slopes,
     MOVING,
+    nominal_heat_lag_s,
     PERTURBATION,
     PROPULSION,
     SENSOR,
@@ -70,21 +71,23 @@ from bev_preheat.tunables import (
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
     MOST_APART_K,
+    MOST_APART_OF_SHELL_K,
     MOST_EVIDENCE,
     NOISY_FROM_W,
-    NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
     SOC_NOISE,
     UNKNOWN_K,
 )
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.estimation.prior import Lags
+    from bev_preheat.native.belief_structs import BeliefTermsStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs
@@ -106,12 +109,21 @@ HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
 SHAPE = (len(SHARES), len(NOISES_K))
 NOISE_VARIANCES = np.square(NOISES_K)
 SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
-# The constants that the native core needs.
-TERMS = belief_terms(
-    PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_APART_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
-    JOULE_RISE_NOISE_K_PER_KW)
 READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
+
+
+@lru_cache(maxsize=KEPT_TRANSITIONS)
+def terms_of(path: HeatPath) -> BeliefTermsStruct:
+    """Return the constants that the native core needs for a vehicle with a HeatPath."""
+    most_apart_k = _most_apart_k(path)
+    return belief_terms(
+        PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
+        LEAST_WEIGHT, MOST_EVIDENCE, most_apart_k, most_apart_k, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
+        JOULE_RISE_NOISE_K_PER_KW)
+
+
+def _most_apart_k(path: HeatPath) -> float:
+    return MOST_APART_OF_SHELL_K if path.is_shell else MOST_APART_K
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
@@ -151,7 +163,7 @@ class Belief:
     Weights (heaters, noises), means (…, SIZE) and covariances (…, SIZE, SIZE) of the filters; read-only.
 
     `lags` are those with which a filter begins. `has_stood`: no heat is under way, and the sensor shows the
-    battery temperature.
+    battery temperature. `path` is the vehicle's HeatPath.
     """
 
     weights: FloatArray
@@ -159,6 +171,7 @@ class Belief:
     covariance: FloatArray
     lags: Lags
     has_stood: bool = True
+    path: HeatPath = DIRECT
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -175,7 +188,7 @@ class Belief:
         covariance[..., FACTORS, FACTORS] = learned.covariance
         covariance[..., LAGS, LAGS] = lags.variances
         covariance[..., RISES, RISES] = np.square(RISE_DEVIATIONS)
-        return cls(prior_weights(), mean, covariance, lags)
+        return cls(prior_weights(), mean, covariance, lags, path=vehicle.heat_path)
 
     # Events
 
@@ -201,7 +214,7 @@ class Belief:
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
-        return Belief(weights, mean, covariance, self.lags, False)
+        return replace(self, weights=weights, mean=mean, covariance=covariance, has_stood=False)
 
     def of_healthy_heater(self) -> Belief:
         """Return the Belief with prior weights, and the likeliest filter for every heater."""
@@ -235,7 +248,7 @@ class Belief:
         car = _car(vehicle)
         native_car, native = vehicle_in_core(car), self._native()
         lost = native.follow(
-            native_car, TERMS, _elapsing(duration_s), drive, car.battery.leakage,
+            native_car, terms_of(vehicle.heat_path), _elapsing(duration_s), drive, car.battery.leakage,
             heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
             (propulsion_w, drive.propulsion_power_w, *_propulsion_noise(drive.propulsion_power_w, duration_s)))
         return self._of(native)._bounded(lost)
@@ -272,11 +285,13 @@ class Belief:
             covariance[..., MOVING, index] = kept
         sensor_left, heat_left = (
             np.exp(-duration_s / (nominal_s * array_exp(self.mean[..., index])))
-            for index, nominal_s in ((SENSOR_LAG, NOMINAL_SENSOR_LAG_S), (HEAT_LAG, NOMINAL_HEAT_LAG_S)))
+            for index, nominal_s in (
+                (SENSOR_LAG, NOMINAL_SENSOR_LAG_S), (HEAT_LAG, nominal_heat_lag_s(self.path))))
         local_left = math.exp(-duration_s / LOCAL_LAG_S)
         step = _unchanged()
         step[..., TEMPERATURE, TEMPERATURE] = sensor_left
         step[..., TEMPERATURE, SENSOR] = 1.0 - sensor_left
+        step[..., TEMPERATURE, UNDER_WAY] = -self.path.sensor_rise * (1.0 - sensor_left)
         step[..., UNDER_WAY, UNDER_WAY] = heat_left
         step[..., LOCAL, LOCAL] = local_left
         covariance = step @ covariance @ np.swapaxes(step, -1, -2)
@@ -364,7 +379,8 @@ class Belief:
                               resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
         native = self._native()
         expected = native.take_reading(
-            TERMS, READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution), True)
+            terms_of(self.path), READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution),
+            True)
         return self._of(native), expected
 
     def _with_battery(self, temperature_c: float, resolution_k: float, soc: float,
@@ -395,7 +411,7 @@ class Belief:
 
     def _of(self, native: NativeBelief) -> Belief:
         """Return the Belief with the filters of the native core."""
-        return Belief(native.weights, native.mean, native.covariance, self.lags, self.has_stood)
+        return replace(self, weights=native.weights, mean=native.mean, covariance=native.covariance)
 
     def _within(self, index: int, noise_variance: FloatArray, low: float, high: float,
                 tells_hypotheses: bool = True) -> Belief:
@@ -425,8 +441,9 @@ class Belief:
             return self
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., BOUNDED] = np.maximum(np.minimum(mean[..., BOUNDED], HIGHEST), LOWEST)
-        lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > MOST_APART_K)
-                | (np.abs(mean[..., UNDER_WAY]) > MOST_APART_K))
+        most_k = _most_apart_k(self.path)
+        lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > most_k)
+                | (np.abs(mean[..., UNDER_WAY]) > most_k))
         if lost.any():
             mean[lost], covariance[lost] = self._found_again(mean[lost], covariance[lost])
         return replace(self, mean=mean, covariance=covariance)

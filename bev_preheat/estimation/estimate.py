@@ -13,6 +13,7 @@ from bev_preheat.estimation.hypotheses import HeaterReport
 from bev_preheat.estimation.state import (
     FACTORS,
     HEAT_LAG,
+    nominal_heat_lag_s,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
@@ -20,7 +21,8 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.tunables import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
+from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ class Estimate:
     `heater` is the report on the heater's response, `temperature_resolution_k` the step of the temperature
     signal (0: continuous), `resets` the number of resets, with the reason and instant of the last one.
     `sensor_offset_k` is subtracted from the readings [K], `ignored_share` (0 ... 1) is the share of the
-    latest readings rejected as outliers.
+    latest readings rejected as outliers. `path` is the vehicle's HeatPath.
     """
 
     stamp_ns: int
@@ -50,6 +52,7 @@ class Estimate:
     reset_at_ns: int | None = None
     sensor_offset_k: float = 0.0
     ignored_share: float = 0.0
+    path: HeatPath = DIRECT
 
     def stood_until(self, temperature_c: float) -> Estimate:
         """Return the Estimate after the battery has stood until it reaches a temperature [deg C]."""
@@ -87,9 +90,14 @@ class Estimate:
         return max(self.mean.item(UNDER_WAY), 0.0)
 
     @property
+    def shell_excess_k(self) -> float:
+        """Temperature of the shell above the core's [K]; 0 without a shell."""
+        return self.mean.item(UNDER_WAY) / self.path.shell_share if self.path.is_shell else 0.0
+
+    @property
     def heat_lag_s(self) -> float:
         """Lag of the heater's heat [s]."""
-        return NOMINAL_HEAT_LAG_S * math.exp(self.mean.item(HEAT_LAG))
+        return nominal_heat_lag_s(self.path) * math.exp(self.mean.item(HEAT_LAG))
 
     def later_heat_s(self, deviations: float) -> float:
         """Return by how much the heat lag grows if it is off by `deviations` standard deviations [s]."""

@@ -230,9 +230,13 @@ class Estimator(NamedTuple):
     def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle) -> Estimator:
         """Return the Estimator after DrivenIntervals, before the reading at their end."""
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
-        k_per_j = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
+        k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
         seen_w, variance_w2 = power.step() or (None, 0.0)
+        # Heat leaks from the shell, as it would from the core in colder air.
+        shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
         for duration_s, drive, command_w, limit_w in intervals:
+            if drive is not None and shell_k != 0.0:
+                drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
             if suspect is not None:
                 suspect = suspect._replace(
                     commanded_k=suspect.commanded_k + k_per_j * duration_s * command_w,
@@ -284,7 +288,7 @@ class Estimator(NamedTuple):
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
             stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
-            self.reset_at_ns, self.offset_k, readings.ignored_share))
+            self.reset_at_ns, self.offset_k, readings.ignored_share, belief.path))
 
 
 def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | None:

@@ -10,8 +10,9 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.belief import TERMS, WANDERED_IN_AN_HOUR
+from bev_preheat.estimation.belief import terms_of, WANDERED_IN_AN_HOUR
 from bev_preheat.estimation.state import (
+    HEAT_LAG,
     PROPULSION,
     rates_and_slopes,
     SIZE,
@@ -25,6 +26,7 @@ from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
 from bev_preheat.vehicle.uncertain_car import DriveInputs
+from bev_preheat.vehicle.variants import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
@@ -85,7 +87,7 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     times the effect of each element on the temperature in that step. Second, the change with
     the propulsion factor in each step alone, shape (N,).
     """
-    car, route = trip.vehicle, trip.route
+    car, route = _of_one_mass(trip.vehicle), trip.route
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
@@ -111,14 +113,24 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
 
     `trip` must be that of the corrected vehicle and route of the plan.
     """
-    return math.sqrt(_arrival_variance_k2(trip, plan, estimate) + wandered_k2(trip.route.total_duration_s))
+    return math.sqrt(_arrival_variance_k2(trip, plan, estimate) + wandered_k2(trip.route.total_duration_s)
+                     + _shell_variance_k2(trip, plan, estimate))
+
+
+def _shell_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+    """Return the variance [K^2] of the core on arrival by the conductance to its shell; 0 without one."""
+    path = trip.vehicle.heat_path
+    if not path.is_shell or plan.heat is None:
+        return 0.0
+    behind_k = path.shell_share * float(plan.heat.coolant_excess_k[-1])
+    return behind_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
 
 
 def _variance_in_core_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
-    car = trip.vehicle
+    car = _of_one_mass(trip.vehicle)
     return native_variance(
-        vehicle_in_core(car), TERMS, car.battery.leakage, trip.route.block, plan.hvch_battery_power_w,
-        plan.battery_temperature_c, plan.soc, estimate.covariance)
+        vehicle_in_core(car), terms_of(car.heat_path), car.battery.leakage, trip.route.block,
+        plan.hvch_battery_power_w, plan.battery_temperature_c, plan.soc, _arriving_covariance(trip, estimate))
 
 
 def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
@@ -131,10 +143,26 @@ def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
         1.0, NOISY_FROM_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
-    return max(0.0, float(sensitivities @ estimate.covariance @ sensitivities)) + traffic
+    return max(0.0, float(sensitivities @ _arriving_covariance(trip, estimate) @ sensitivities)) + traffic
 
 
 _arrival_variance_k2 = operation(_variance_in_core_k2, _variance_k2)
+
+
+def _of_one_mass(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose shell counts as battery; any other vehicle as it is."""
+    return with_coolant_in_battery(vehicle) if vehicle.heat_path.is_shell else vehicle
+
+
+def _arriving_covariance(trip: Driven, estimate: Estimate) -> FloatArray:
+    """Return the covariance of an Estimate, with the heat in a shell as far as it reaches the core in time."""
+    path = trip.vehicle.heat_path
+    if not path.is_shell:
+        return estimate.covariance
+    share = np.ones(SIZE)
+    share[UNDER_WAY] = -math.expm1(-trip.route.total_duration_s / path.coolant_lag_s)
+    covariance: FloatArray = estimate.covariance * np.outer(share, share)
+    return covariance
 
 
 def wandered_k2(duration_s: float) -> float:
@@ -168,7 +196,7 @@ def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
     heated = np.flatnonzero(plan.hvch_battery_power_w > 0.0)
     if len(heated) == 0:
         return 0.0, 0.0, 0.0
-    k_per_j = car.hvch.efficiency / car.battery.heat_capacity_j_per_k
+    k_per_j = car.hvch.efficiency / car.pack_heat_capacity_j_per_k
     limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
     saved_j = float((plan.hvch_battery_power_w * route.duration_s).sum())
     added_j = float(np.maximum(0.0, limit_w - plan.hvch_battery_power_w) @ route.duration_s)

@@ -16,6 +16,7 @@ from bev_preheat.estimation.state import (
     HEATER_RISE,
     JOULE_RISE,
     LEAKAGE,
+    nominal_heat_lag_s,
     PROPULSION,
     RESISTANCE,
     SENSOR_LAG,
@@ -76,15 +77,16 @@ def unknown_lags() -> Lags:
 
 def described_lags(path: HeatPath) -> Lags:
     """
-    Return the Lags described by a HeatPath: heater plus coolant, and sensor.
+    Return the Lags described by a HeatPath: heater plus coolant or shell, and sensor.
 
     Missing parts are unknown.
     """
     logs, variances = np.zeros(2), unknown_lags().variances.copy()
+    nominal_s = nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S
     for at, lag_s in enumerate((path.heat_lag_s, path.sensor_lag_s)):
         if lag_s > 0.0:
             low, high = LAG_BOUNDS[at]
-            logs[at] = min(max(math.log(lag_s / NOMINAL_LAGS_S[at]), low), high)
+            logs[at] = min(max(math.log(lag_s / nominal_s[at]), low), high)
             variances[at] = DESCRIBED_LAG_DEVIATION**2
     return Lags(logs, variances)
 

@@ -90,7 +90,7 @@ def _time_constant_deviation(vehicle: Vehicle) -> float:
 
 def _time_constants(vehicle: Vehicle, standing_s: float) -> float:
     rate_per_s = (vehicle.battery.leakage.coefficient_w_per_k(0.0)
-                  / vehicle.battery.heat_capacity_j_per_k)
+                  / vehicle.pack_heat_capacity_j_per_k)
     return rate_per_s * standing_s
 
 

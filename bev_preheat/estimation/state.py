@@ -14,6 +14,9 @@ constant. The sensor follows the battery with another. Both are estimated as log
 The sensor sits in one spot: next to cells that Joule heat warms first, or next to the plate that the
 heater warms. Its reading is the sensor's temperature plus a local rise, which follows both heats with a time
 constant of 100 s; the steady rises [K/kW] are estimated.
+
+Of a battery with a shell (`vehicle.heated_step`) the temperature is the core's, heat under way is the shell's
+excess, the heat's lag is that between the two masses, and the sensor follows its place in shell or core.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_r
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.heat_path import HeatPath
 
 (TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, HEAT_LAG, SENSOR_LAG,
  JOULE_RISE, HEATER_RISE, UNDER_WAY, SENSOR, LOCAL) = range(14)
@@ -42,6 +46,11 @@ FACTOR_NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', '
 # Perturbation of each element for finite-difference slopes.
 PERTURBATION = np.array(
     [0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01, 0.01, 0.01])
+
+
+def nominal_heat_lag_s(path: HeatPath) -> float:
+    """Return the lag of the heat [s] whose logarithm is 0; of a shell it is the vehicle file's."""
+    return path.coolant_lag_s if path.is_shell else NOMINAL_HEAT_LAG_S
 
 
 def state_rates(vehicle: Vehicle, state: FloatArray,
@@ -59,7 +68,7 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
 
     Of states (..., SIZE) in DriveInputs, arrays (...).
     """
-    heat_lag_s = NOMINAL_HEAT_LAG_S * array_exp(state[..., HEAT_LAG])
+    heat_lag_s = nominal_heat_lag_s(vehicle.heat_path) * array_exp(state[..., HEAT_LAG])
     sensor_lag_s = NOMINAL_SENSOR_LAG_S * array_exp(state[..., SENSOR_LAG])
     lagging = Lagging(
         state[..., TEMPERATURE], state[..., SOC], state[..., UNDER_WAY], state[..., SENSOR], state[..., LOCAL],

@@ -17,7 +17,7 @@ from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import NS_PER_S, S_PER_MIN
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle.heated_step import make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c, sensor_reading_c
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,11 +64,12 @@ def predict(vehicle: Vehicle, trip: Trip, start_c: float | None = None) -> Predi
     courses = [(temperature_c, reading_c, soc)]
     for duration_s, *inputs in zip(*map(np.ndarray.tolist, (
             durations_s, power_w, variance_w2, heat_w, gamma, trip.means(trip.heater_w, edges)))):
-        before_c = temperature_c
+        before_c = sensed_c(vehicle.heat_path, temperature_c, excess_k)
         # The logged heater power is the electrical one, so only the coolant delays its heat.
         soc, temperature_c, _, excess_k, *_ = step(soc, temperature_c, inputs[-1], excess_k, duration_s, *inputs)
+        after_c = sensed_c(vehicle.heat_path, temperature_c, excess_k)
         reading_c = sensor_reading_c(
-            vehicle.heat_path, reading_c, before_c, temperature_c, duration_s, SATURATING_FLOATS)
+            vehicle.heat_path, reading_c, before_c, after_c, duration_s, SATURATING_FLOATS)
         courses.append((temperature_c, reading_c, soc))
     return Prediction(edges, *np.array(courses).T)
 
@@ -120,7 +121,9 @@ def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int,
             BatteryState(temperature_c, round(soc, SOC_DIGITS)), now_ns, *(electrical[at] if electrical else ()))))
         plan = supervisor.state.decision.plan
         if length - at in LEADS_S and plan is not None:
-            errors_k[length - at] = plan.arrival_temperature_c - trip.arrival_c
+            excess_k = 0.0 if plan.heat is None else float(plan.heat.coolant_excess_k[-1])
+            errors_k[length - at] = sensed_c(
+                vehicle.heat_path, plan.arrival_temperature_c, excess_k) - trip.arrival_c
     return errors_k
 
 

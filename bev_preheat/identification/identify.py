@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.check import check_trips, heater_doubt
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
@@ -62,6 +63,9 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
+    if vehicle.heat_path.is_shell:
+        raise InvalidInput('START: thermal: its values are not identified, and all others would be fitted to one '
+                           'mass; leave it out of START, and add it to the result again')
     fitter = Fitter(vehicle, trips)
     tell('voltage and current')
     electrical, electricals = fitter.electrical(), left_out_electricals(fitter)

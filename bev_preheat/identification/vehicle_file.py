@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -13,11 +13,13 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.estimation.memory import LAG_NAMES
 from bev_preheat.estimation.memory import NAMES as FACTOR_NAMES
-from bev_preheat.estimation.prior import NOMINAL_LAGS_S, prior_factor_covariance
+from bev_preheat.estimation.prior import prior_factor_covariance
+from bev_preheat.estimation.state import nominal_heat_lag_s
 from bev_preheat.estimation.state_file import load_state
 from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_SOC, resistance_table, voltage_table
 from bev_preheat.identification.parameters import NAMES
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE, with_deviations
+from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.description import Leakage
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat.vehicle.writing import file_text
@@ -91,7 +93,7 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, not
     contents['name'] = name
     own = contents['battery']
     own['capacity_ah'] = _rounded(battery.capacity_ah)
-    own['heat_capacity_j_per_k'] = _rounded(battery.heat_capacity_j_per_k)
+    own['heat_capacity_j_per_k'] = _rounded(vehicle.pack_heat_capacity_j_per_k)
     if 'battery.open_circuit_voltage' in notes:
         own['open_circuit_voltage'] = {'table': _table(battery.open_circuit_voltage)}
     # The identified resistance is that of the whole pack.
@@ -101,7 +103,8 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, not
                       'gamma_v_w_per_k_per_mps': _rounded(battery.leakage.gamma_v_w_per_k_per_mps)}
     contents['hvch']['efficiency'] = _rounded(vehicle.hvch.efficiency)
     contents['drivetrain']['heat_recovery_efficiency'] = _rounded(vehicle.drivetrain.heat_recovery_efficiency)
-    lags = {key: _rounded(value) for key, value in vars(path).items() if value > 0.0}
+    lags = {key: _rounded(value) for key, value in asdict(path).items()
+            if value > 0.0 and (not path.is_shell or key in ('heater_lag_s', 'sensor_lag_s'))}
     if lags:
         contents['heat_path'] = lags
     deviations = {key: value for key, value in vars(vehicle.uncertainty).items() if value is not None}
@@ -213,7 +216,8 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     rows = [(factor_name.replace('_', ' '), factor, factor / spread, factor * spread)
             for factor_name, factor, spread in zip(FACTOR_NAMES, factors, spreads)]
     if learned.lags is not None:
-        lags_s = (NOMINAL_LAGS_S * np.exp(learned.lags.logs)).tolist()
+        nominal_s = np.array([nominal_heat_lag_s(vehicle.heat_path), NOMINAL_SENSOR_LAG_S])
+        lags_s = (nominal_s * np.exp(learned.lags.logs)).tolist()
         spreads_s = np.exp(QUANTILE * np.sqrt(learned.lags.variances)).tolist()
         rows += [(f'{lag_name} lag [s]', lag_s, lag_s / spread, lag_s * spread)
                  for lag_name, lag_s, spread in zip(LAG_NAMES, lags_s, spreads_s)]

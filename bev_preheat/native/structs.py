@@ -66,7 +66,7 @@ class VehicleStruct(Structure):
     _fields_ = [*((name, c_double) for name in (
         'capacity_ah', 'heat_capacity_j_per_k', 'lowest_c', 'highest_c', 'hottest_c',
         'heater_efficiency', 'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
-        'coolant_conductance_w_per_k')),
+        'coolant_conductance_w_per_k', 'shell_share', 'sensor_rise')),
         *((name, CurveStruct) for name in (
             'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
 
@@ -143,7 +143,8 @@ class NativeVehicle:
         self.struct = VehicleStruct(
             battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c(vehicle),
             vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
-            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k,
+            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k, path.shell_share,
+            path.sensor_rise,
             *map(self._curve, (battery.open_circuit_voltage, battery.resistance,
                                battery.charge_power_limit, battery.discharge_power_limit)))
         self.address = addressof(self.struct)

@@ -130,7 +130,8 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
         other_heat_w = battery.heat_capacity_j_per_k * rates(
             soc, temperature_c, command_w - supply_w, 0.0, idle_heat_w, leakage_w_per_k)[1]
     drawn_w, arriving_w, heater_end_w, coolant_c = make_heat_step(vehicle, SYMBOLS)(
-        heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w)
+        heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w,
+        idle_heat_w, leakage_w_per_k)
     soc_end, temperature_end_c, _, powers = make_charging_step(rates)(
         soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_heat_w + arriving_w,
         leakage_w_per_k)

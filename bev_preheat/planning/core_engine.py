@@ -16,7 +16,7 @@ from bev_preheat.native import calls
 from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import Declined
 from bev_preheat.native.structs import NativeTrip, NativeVehicle
-from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits
+from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, with_shell_accounts
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.model_inputs import stiff_w_per_k
@@ -122,7 +122,8 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
         vehicle, _number_of(schedule.make_integrator), native, deliverable, (
             schedule.soc, schedule.temperature_c, schedule.drawn_power_w,
             None if heat is None else heat.arriving_heat_w, schedule.brake_power_w))
-    return Accounts(energies_of(energies_wh, 0.0 if heat is None else heat.lost_electric_wh), *powers_w)
+    return with_shell_accounts(trip, schedule, Accounts(
+        energies_of(energies_wh, 0.0 if heat is None else heat.lost_electric_wh), *powers_w))
 
 
 def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interval: bool = False) -> SwitchPlan:

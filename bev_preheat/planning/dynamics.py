@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
@@ -205,14 +205,26 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
     hvch_heat_wh = vehicle.hvch.efficiency * hvch_electric_wh
     if schedule.heat is not None:
         hvch_heat_wh = float(hours @ schedule.heat.arriving_heat_w)
-    return Accounts(
+    return with_shell_accounts(trip, schedule, Accounts(
         energy_wh=energies_of((
             float(hours @ joule_heat_w), float(hours @ drivetrain_heat_w), hvch_heat_wh,
             float(hours @ leakage_w), hvch_electric_wh, float(hours @ battery_power_w)), lost_wh),
         joule_heat_w=joule_heat_w,
         leakage_w=leakage_w,
         battery_power_w=battery_power_w,
-        undeliverable_power_w=undeliverable_w)
+        undeliverable_power_w=undeliverable_w))
+
+
+def with_shell_accounts(trip: Trip, schedule: Schedule, accounts: Accounts) -> Accounts:
+    """Return the Accounts of a Schedule; of a battery with a shell, where heat arrives and from which it leaks."""
+    if schedule.heat is None or not trip.vehicle.heat_path.is_shell:
+        return accounts
+    excess_k, energies = schedule.heat.coolant_excess_k, accounts.energy_wh
+    leakage_w = accounts.leakage_w - trip.leakage_w_per_k * 0.5 * (excess_k[:-1] + excess_k[1:])
+    drawn_wh = energies.hvch_electric - schedule.heat.lost_electric_wh
+    return accounts._replace(leakage_w=leakage_w, energy_wh=replace(
+        energies, hvch_heat=trip.vehicle.hvch.efficiency * drawn_wh,
+        leakage=float(trip.route.duration_s @ leakage_w) / JOULES_PER_WH))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

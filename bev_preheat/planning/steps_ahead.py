@@ -85,6 +85,12 @@ class StepsAhead:
                 1.0 - np.exp(-self._left_s[1:] / self._lag_s) * mean_left)
             self.late_share = battery_j_per_k / both_j_per_k * mean_left * -np.expm1(
                 -self._left_s[1:] / self._lag_s)
+        if path.is_shell:
+            # All heat enters the shell, and leaks more than from the core.
+            held = 1.0 / (1.0 + trip.leakage_w_per_k * (1.0 - path.shell_share) / path.coolant_conductance_w_per_k)
+            self._kept_share = held * (self._kept_share - np.exp(
+                -(self._left_s[1:] + 0.5 * duration_s) / self._coolant_lag_s))
+            self._arriving_share *= held
 
     def limits_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and most terminal power [W] of step k at states, each of their shape."""

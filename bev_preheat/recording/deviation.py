@@ -38,7 +38,7 @@ class Deviation:
     def __init__(self, vehicle: Vehicle) -> None:
         """Start without a difference."""
         battery = vehicle.battery
-        self._heat_capacity_j_per_k = battery.heat_capacity_j_per_k
+        self._heat_capacity_j_per_k = vehicle.pack_heat_capacity_j_per_k
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
         self._efficiency = vehicle.hvch.efficiency
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)

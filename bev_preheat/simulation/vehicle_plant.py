@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import ceil, inf, isfinite
+from math import ceil, exp, inf, isfinite
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
@@ -11,7 +11,7 @@ from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
 from bev_preheat.vehicle.model import (
     heat_under_w,
     heat_with_brake_w,
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 LONGEST_PLANT_STEP_S = 1.0
+# Of the time constant between shell and core.
+LONGEST_SHELL_STEP = 0.05
 
 
 class _Segment(NamedTuple):
@@ -66,7 +68,8 @@ class VehiclePlant:
 
     `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
-    if the vehicle has a `heat_path` (else that of the battery), `terminal_voltage_v` and `current_a` the
+    if the vehicle has a `heat_path` (else that of the battery); with a shell, `coolant_c` is the shell's and
+    `temperature_c` the core's. `terminal_voltage_v` and `current_a` the
     mean values at the battery's terminals (positive = discharging, 0 while the vehicle stands),
     `undeliverable_power_w` is the largest power deficit of the battery so far [W], `empty_at_s` the instant at
     which it ran empty [s], None if it did not, and `without_lease_s` the driving time without a valid
@@ -88,8 +91,9 @@ class VehiclePlant:
         # The native core counts from the start of the route.
         self._elapsed_s = 0.0
         self.soc = state.soc
-        self.temperature_c = self.sensor_c = state.temperature_c
+        self.temperature_c = state.temperature_c
         self.coolant_c = state.temperature_c + state.coolant_excess_k
+        self.sensor_c = self._sensed_c()
         self.heater_power_w = self.cooling_power_w = self._cooled_w = 0.0
         self._cooling = cooling
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
@@ -101,6 +105,7 @@ class VehiclePlant:
         self._heated_steps: tuple[HeatedStep[float], HeatedStep[float]] = (
             make_heated_step(vehicle, FLOATS), make_heated_step(vehicle, SATURATING_FLOATS))
         self._rates: Rates[float] = make_rates(vehicle, SATURATING_FLOATS)
+        self._circuits = make_rates(vehicle, FLOATS), self._rates
         self._voltage, self._resistance = (
             curve.function(SATURATING_FLOATS)
             for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
@@ -222,8 +227,48 @@ class VehiclePlant:
                              self.brake_power_w),
                 segment.leakage_w_per_k)
 
+    def _sensed_c(self) -> float:
+        """Return the temperature at the sensor's place [deg C]."""
+        excess_k = self.coolant_c - self.temperature_c
+        place_c: float = sensed_c(self.vehicle.heat_path, self.temperature_c, excess_k)
+        return place_c
+
+    def _two_masses_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
+        """
+        Return the results of `_model_step` for a battery with a shell: the core's temperature, the shell's mean.
+
+        Midpoint steps of the equations of both masses, as a check of their solution in `vehicle.heated_step`.
+        """
+        path, core_j_per_k = self.vehicle.heat_path, self.vehicle.battery.heat_capacity_j_per_k
+        shell_j_per_k, conductance, share = (
+            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k, path.shell_share)
+        parts = ceil(step_s * conductance * (1.0 / shell_j_per_k + 1.0 / core_j_per_k) / LONGEST_SHELL_STEP)
+        part_s = step_s / parts
+        heater_left = exp(-part_s / path.heater_lag_s) if path.heater_lag_s > 0.0 else 0.0
+        soc, core_c, shell_c = self.soc, self.temperature_c, self.coolant_c
+        heater_w = self._power_at_end_w if path.heater_lag_s > 0.0 else self._command_w
+        drawn_w = shell_sum_c = joule_sum_w = 0.0
+        for _ in range(parts):
+            heater_end_w = self._command_w + (heater_w - self._command_w) * heater_left
+            power_w, variance_w2, heat_w, leakage_w_per_k = self._inputs(0.5 * (heater_w + heater_end_w))
+            rate, core_rate, shell_rate, joule_w = 0.0, 0.0, 0.0, 0.0
+            for ahead_s in (0.0, 0.5 * part_s):
+                core_now_c, shell_now_c = core_c + ahead_s * core_rate, shell_c + ahead_s * shell_rate
+                rate, _, joule_w = self._circuits[saturating](
+                    soc + ahead_s * rate, core_now_c, power_w, variance_w2, 0.0, 0.0)
+                passed_w = conductance * (shell_now_c - core_now_c)
+                core_rate = (passed_w + (1.0 - share) * joule_w) / core_j_per_k
+                shell_rate = (heat_w - leakage_w_per_k * shell_now_c - passed_w + share * joule_w) / shell_j_per_k
+            soc, core_c, shell_c = soc + part_s * rate, core_c + part_s * core_rate, shell_c + part_s * shell_rate
+            drawn_w += 0.5 * (heater_w + heater_end_w) / parts
+            shell_sum_c, joule_sum_w, heater_w = shell_sum_c + shell_now_c, joule_sum_w + joule_w, heater_end_w
+        self.heater_power_w, self._power_at_end_w, self.coolant_c = drawn_w, heater_w, shell_c
+        return soc, core_c, shell_sum_c / parts, joule_sum_w / parts
+
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
         """Return the result of the model's step; advance heater and coolant with it."""
+        if self.vehicle.heat_path.is_shell:
+            return self._two_masses_step(step_s, saturating)
         if self._is_direct:
             return self._steps[saturating](
                 self.soc, self.temperature_c, step_s, *self._inputs(self.heater_power_w))
@@ -237,7 +282,7 @@ class VehiclePlant:
 
     def _step(self, step_s: float) -> None:
         segment = self._segments[self._segment]
-        deficit_w = 0.0
+        deficit_w, sensed_c = 0.0, self._sensed_c()
         try:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=False)
@@ -248,14 +293,13 @@ class VehiclePlant:
             power_w = self._inputs(self.heater_power_w)[0]
             deficit_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
-        started_c = self.temperature_c
         # The charge stops at 0 and 1, and a car stops its battery from getting any hotter.
         self.soc = min(max(soc, 0.0), 1.0)
         self.temperature_c = min(temperature_c, self._hottest_c)
         if not self._has_coolant:
             self.coolant_c = self.temperature_c
         self.sensor_c = sensor_reading_c(
-            self.vehicle.heat_path, self.sensor_c, started_c, self.temperature_c, step_s,
+            self.vehicle.heat_path, self.sensor_c, sensed_c, self._sensed_c(), step_s,
             SATURATING_FLOATS)
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self._elapsed_s += step_s

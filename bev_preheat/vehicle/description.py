@@ -189,8 +189,8 @@ class Vehicle:
 
     `road_load` is None if the file does not give it: routes with fixed powers can then be
     planned, descriptions of a road cannot. `heat_path` describes the arrival of the heater's heat:
-    DIRECT if the file has none. `charging` describes the car at a fast charger,
-    None if the file has no such block. `assumed` are the keys of the file whose values were not
+    DIRECT if the file has none; if the file has `thermal`, `battery` is the core. `charging` describes the car
+    at a fast charger, None if the file has no such block. `assumed` are the keys of the file whose values were not
     measured or stated for this car. `uncertainty` is that of the file's values. `heating_gates` are the
     car's own conditions for heating; NO_GATES if the file has none.
     """
@@ -206,6 +206,11 @@ class Vehicle:
     charging: Charging | None = None
     uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY
     heating_gates: HeatingGates = NO_GATES
+
+    @property
+    def pack_heat_capacity_j_per_k(self) -> float:
+        """Heat capacity of the whole battery [J/K]: that of `battery`, and of the shell around it."""
+        return self.battery.heat_capacity_j_per_k / (1.0 - self.heat_path.shell_share)
 
     def __repr__(self) -> str:
         """Return name, heater and the number of assumed values as one line."""

@@ -10,6 +10,16 @@ heater and battery has to warm up first, and the sensor sits on a cell that warm
     C_b T_b' = G (T_c - T_b) + other heat                    battery, in place of eta P
     lag_s T_s' = T_b - T_s                                   sensor temperature T_s
 
+A battery of two masses has a shell in the coolant's place, with a share s of the heat capacity C of both.
+Drivetrain heat and leakage act on the shell, Joule heat on both by their heat capacities:
+
+    s C T_c' = eta P - G (T_c - T_b) + gamma (T_amb - T_c) + Q_ed + s R I^2     shell
+    (1 - s) C T_b' = G (T_c - T_b) + (1 - s) R I^2                              core
+
+So all heat warms the mean of both, as it warms a battery of one mass. The shell's excess D = T_c - T_b follows
+D' = (eta P + gamma (T_amb - T_c) + Q_ed) / (s C) - D / tau with tau = s (1 - s) C / G; under a steady heat Q that
+is (1 - s) Q / G, with the shell (1 - s) D above the mean and the core s D below it. For G -> infinity D is 0.
+
 The coolant's time constant may be a few seconds, far below a plan's steps. Heater and coolant are
 therefore solved rather than integrated: within a step the command and all other
 heat of the battery are constant, so the equations are linear. `make_heat_step` returns that solution,
@@ -21,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import Arithmetic, Number
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -33,8 +43,8 @@ if TYPE_CHECKING:
 # kept at least this far apart, which changes the result by a relative 4e-8.
 APART_SQUARED = 1e-6
 
-# `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w)`.
-HeatStep = Callable[[Number, Number, Number, Number, Number, Number],
+# `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w, heat_w, leakage_w_per_k)`.
+HeatStep = Callable[[Number, Number, Number, Number, Number, Number, Number, Number],
                     tuple[Number, Number, Number, Number]]
 # `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
 # leakage_w_per_k, command_w)`.
@@ -47,11 +57,14 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
     """
     Return one step of heater and coolant of the vehicle's `heat_path`.
 
-    `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w)` takes the heater's
-    power [W], coolant and battery temperature [deg C] at its start, and the constants within it:
-    the command [W], and all other heat of the battery [W]. It returns (mean electrical power [W], mean
-    heat into the battery [W], electrical power at the end [W], coolant temperature at the end
-    [deg C]). The heater's heat goes into battery and coolant, to rounding.
+    `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w, heat_w, leakage_w_per_k)`
+    takes the heater's power [W], coolant and battery temperature [deg C] at its start, and the constants within
+    it: the command [W], all other heat of the battery [W], and its parts beside Joule heat, as inputs of `model`.
+    It returns (mean electrical power [W], mean heat into the battery [W], electrical power at the end
+    [W], coolant temperature at the end [deg C]). The heater's heat goes into battery and coolant, to rounding.
+
+    With a shell the heat into the battery is the core's beyond all other heat, with which callers integrate it as
+    if it had no shell.
     """
     path = vehicle.heat_path
     exp = arithmetic.exp
@@ -73,8 +86,8 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
 
     if not path.has_coolant:
         def direct(power_w: Number, coolant_c: Number, temperature_c: Number, duration_s: Number,
-                   command_w: Number,
-                   other_heat_w: Number) -> tuple[Number, Number, Number, Number]:
+                   command_w: Number, other_heat_w: Number, heat_w: Number,
+                   leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
             mean_w, end_w = heater(power_w, duration_s, command_w)
             return mean_w, efficiency * mean_w, end_w, temperature_c
 
@@ -89,12 +102,19 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
 
     def through_coolant(
             power_w: Number, coolant_c: Number, temperature_c: Number, duration_s: Number,
-            command_w: Number, other_heat_w: Number) -> tuple[Number, Number, Number, Number]:
+            command_w: Number, other_heat_w: Number, heat_w: Number,
+            leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
         mean_w, end_w = heater(power_w, duration_s, command_w)
         excess_k = coolant_c - temperature_c
+        made_w, core_w = efficiency * command_w, other_heat_w
+        if path.is_shell:
+            outer_w = heat_w - leakage_w_per_k * temperature_c
+            joule_w = other_heat_w - outer_w
+            shell_w = outer_w - leakage_w_per_k * excess_k + path.shell_share * joule_w
+            made_w, core_w = made_w + shell_w, (1.0 - path.shell_share) * joule_w
         # Steady difference under the command, and the step's number of time constants.
-        settled_k = (efficiency * command_w / coolant_j_per_k
-                     - other_heat_w / battery_j_per_k) / rate_per_s
+        settled_k = (made_w / coolant_j_per_k
+                     - core_w / battery_j_per_k) / rate_per_s
         decays = duration_s * rate_per_s
         mean_excess_k = settled_k + (excess_k - settled_k) * ((1.0 - exp(-decays)) / decays)
         if lag_s > 0.0:
@@ -106,9 +126,13 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
             mean_excess_k = mean_excess_k + (
                 efficiency * (power_w - command_w) / coolant_j_per_k
                 * (lag_s * (1.0 - exp(-lags)) - both_s) / decays)
-        heat_w = conductance_w_per_k * mean_excess_k
-        return (mean_w, heat_w, end_w,
-                coolant_c + (efficiency * mean_w - heat_w) * duration_s / coolant_j_per_k)
+        passed_w = conductance_w_per_k * mean_excess_k
+        warming_w = efficiency * mean_w
+        arriving_w = passed_w
+        if path.is_shell:
+            warming_w, arriving_w = warming_w + shell_w, passed_w + core_w - other_heat_w
+        return (mean_w, arriving_w, end_w,
+                coolant_c + (warming_w - passed_w) * duration_s / coolant_j_per_k)
 
     return through_coolant
 
@@ -140,7 +164,8 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
         other_heat_w = heat_w if not path.has_coolant else battery_j_per_k * rates(
             soc, temperature_c, power_w + command_w, variance_w2, heat_w, leakage_w_per_k)[1]
         drawn_w, arriving_w, heater_end_w, coolant_end_c = heat_step(
-            heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w)
+            heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w, heat_w,
+            leakage_w_per_k)
         soc_end, end_c, mean_c, joule_w = integrate(
             soc, temperature_c, duration_s, power_w + drawn_w, variance_w2, heat_w + arriving_w,
             leakage_w_per_k)
@@ -151,12 +176,21 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
     return step
 
 
+def sensed_c(path: HeatPath, temperature_c: AnyNumber, excess_k: AnyNumber) -> AnyNumber:
+    """
+    Return the temperature at the sensor's place [deg C].
+
+    `temperature_c` is the battery's, with a shell the core's; `excess_k` is the shell's above that [K].
+    """
+    return temperature_c + path.shell_share * path.sensor_rise * excess_k
+
+
 def sensor_reading_c(path: HeatPath, reading_c: Number, start_c: Number, end_c: Number,
                      duration_s: Number, arithmetic: Arithmetic[Number]) -> Number:
     """
     Return the sensor reading [deg C] after a step in which the battery warms linearly.
 
-    `reading_c` is the previous reading, `start_c` and `end_c` are the battery's temperatures.
+    `reading_c` is the previous reading, `start_c` and `end_c` are the temperatures at the sensor's place.
     """
     if path.sensor_lag_s == 0.0:
         return end_c

@@ -31,6 +31,7 @@ from bev_preheat.vehicle.description import (
 )
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates
+from bev_preheat.vehicle.variants import with_shell
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -91,6 +92,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     problems += _keys_that_are_not_there(contents)
     path_of_heat = HeatPath(**_floats(contents.get('heat_path', {})))
     problems += heat_path_problems(path_of_heat)
+    if 'thermal' in contents:
+        problems += thermal_problems(contents['thermal'], battery['heat_capacity_j_per_k'], path_of_heat)
     gates = _heating_gates(contents.get('heating_gates', {}))
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     leakage = Leakage(**_floats(battery['leakage']))
@@ -130,7 +133,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
 
-    return Vehicle(
+    vehicle = Vehicle(
         name=contents['name'],
         battery=Battery(
             capacity_ah=float(battery['capacity_ah']),
@@ -153,6 +156,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         charging=charging,
         uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))),
         heating_gates=gates)
+    return with_shell(vehicle, **contents['thermal']) if 'thermal' in contents else vehicle
 
 
 def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
@@ -231,6 +235,19 @@ def heat_path_problems(path: HeatPath) -> Iterator[str]:
         yield (f'heat_path.coolant_conductance_w_per_k: {path.coolant_conductance_w_per_k:g} W/K '
                f'take {path.coolant_lag_s:.0f} s for the heat of '
                f'{path.coolant_heat_capacity_j_per_k:g} J/K; it must be at most '
+               f'{MOST_COOLANT_LAG_S:g} s')
+
+
+def thermal_problems(thermal: dict[str, FileData], pack_j_per_k: float, path: HeatPath) -> Iterator[str]:
+    """Yield a sentence for each implausible value of `thermal` from a file, for a pack [J/K] and a HeatPath."""
+    if path.has_coolant:
+        yield (f'heat_path.coolant_heat_capacity_j_per_k: {path.coolant_heat_capacity_j_per_k:g} J/K are not '
+               'allowed beside thermal, whose shell includes the coolant; leave out both values of the coolant')
+    share = thermal['shell_share']
+    least_w_per_k = share * (1.0 - share) * pack_j_per_k / MOST_COOLANT_LAG_S
+    if thermal['conductance_w_per_k'] < least_w_per_k:
+        yield (f'thermal.conductance_w_per_k: {thermal["conductance_w_per_k"]:g} W/K is not allowed; it must be '
+               f'at least {figure(least_w_per_k, 3)} W/K, for a time constant between shell and core of at most '
                f'{MOST_COOLANT_LAG_S:g} s')
 
 

@@ -116,7 +116,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     leakage = battery.leakage
     all_w, left_w = heater.maximum_power_w, max(
         heater.maximum_power_w - vehicle.defaults.cabin_heating_power_w, 0.0)
-    heat_capacity_kj = battery.heat_capacity_j_per_k / JOULES_PER_KJ
+    heat_capacity_kj = vehicle.pack_heat_capacity_j_per_k / JOULES_PER_KJ
     figures: dict[str, Any] = {
         'name': vehicle.name,
         'energy_kwh': energy_kwh,
@@ -128,8 +128,8 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'resistance_ohm': {at_c: resistance(0.5, at_c) for at_c in RESISTANCE_TEMPERATURES_C
                            if low_c <= at_c <= high_c},
         'one_hour_drop': resistance(0.5, warm_c) * battery.capacity_ah / nominal_v,
-        'time_constant_h': _time_constant_h(battery, 0.0),
-        'time_constant_at_100_kmh_h': _time_constant_h(battery, KMH_100_MPS),
+        'time_constant_h': _time_constant_h(vehicle, 0.0),
+        'time_constant_at_100_kmh_h': _time_constant_h(vehicle, KMH_100_MPS),
         'heater_power_kw': all_w / W_PER_KW,
         'heating_at_rest_k_per_10_min': warmed_by_k(
             vehicle, all_w, leakage.coefficient_w_per_k(0.0)),
@@ -163,7 +163,14 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
         parts.append('the heat of the heater arrives at once')
     if path.heater_lag_s > 0.0:
         parts.append(f'the heater follows its command with a time constant of {path.heater_lag_s:.0f} s')
-    if path.has_coolant:
+    if path.is_shell:
+        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
+        excess_k = (1.0 - path.shell_share) * heat_w / path.coolant_conductance_w_per_k
+        parts.append(
+            f'the shell, with {100.0 * path.shell_share:.0f} % of the heat capacity, gets {excess_k:.1f} K warmer '
+            f'than the core at full heater power, with a time constant of {path.coolant_lag_s:.0f} s; plans are '
+            'for the core')
+    elif path.has_coolant:
         heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         parts.append(
             f'the coolant passes its heat on with a time constant of {path.coolant_lag_s:.0f} s and gets '
@@ -200,7 +207,7 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
     Eq. (3) without Joule and drivetrain heat, in closed form: an exponential approach to the temperature at
     which the leakage equals the heat.
     """
-    capacity = vehicle.battery.heat_capacity_j_per_k
+    capacity = vehicle.pack_heat_capacity_j_per_k
     heat_w = vehicle.hvch.efficiency * heater_w
     initial_w = heat_w - leakage_w_per_k * (from_c - ambient_c)
     decays = leakage_w_per_k * duration_s / capacity
@@ -208,11 +215,11 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
     return initial_w * duration_s / capacity * (-math.expm1(-decays) / decays if decays else 1.0)
 
 
-def _time_constant_h(battery: Battery, speed_mps: float) -> float:
+def _time_constant_h(vehicle: Vehicle, speed_mps: float) -> float:
     """Return the thermal time constant [h]; infinite without leakage."""
-    leakage = battery.leakage.coefficient_w_per_k(speed_mps)
+    leakage = vehicle.battery.leakage.coefficient_w_per_k(speed_mps)
     return math.inf if leakage == 0.0 else (
-        battery.heat_capacity_j_per_k / leakage / S_PER_H)
+        vehicle.pack_heat_capacity_j_per_k / leakage / S_PER_H)
 
 
 def _most_charging_kw(battery: Battery, limit: Curve) -> float:

@@ -130,6 +130,9 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     That is temperature, state of charge, heat under way, sensor and local rise; `rates` are those of
     `make_drive_rates`, in which heat arrives at once. The lags are solved within the step (equations in
     vehicle.heat_path), because they may be shorter.
+
+    The temperature of a battery with a shell is the core's, and the heat under way that in the shell: all heat but
+    Joule heat, until it has arrived. `vehicle` has the heat capacity of both.
     """
     def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heater_power_w: AnyNumber,
              duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
@@ -137,13 +140,21 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
         made_k = duration_s * (
             car.warming * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
             * heater_power_w)
+        if vehicle.heat_path.is_shell:
+            made_k = duration_s * (temperature_rate - joule_w / vehicle.battery.heat_capacity_j_per_k)
         under_way_k = (car.under_way_k * car.heat_left
                        + made_k * car.heat_lag_s / duration_s * (1.0 - car.heat_left))
         warmer_k = duration_s * temperature_rate - (under_way_k - car.under_way_k)
-        behind_k = warmer_k * car.sensor_lag_s / duration_s
         end_c = car.temperature_c + warmer_k
-        sensor_c = end_c - behind_k + (
-            car.sensor_c - car.temperature_c + behind_k) * car.sensor_left
+        # The sensor's place, at the start and at the end.
+        start_c, place_c, risen_k = car.temperature_c, end_c, warmer_k
+        if vehicle.heat_path.is_shell:
+            rise = vehicle.heat_path.sensor_rise
+            start_c, place_c = start_c + rise * car.under_way_k, end_c + rise * under_way_k
+            risen_k = place_c - start_c
+        behind_k = risen_k * car.sensor_lag_s / duration_s
+        sensor_c = place_c - behind_k + (
+            car.sensor_c - start_c + behind_k) * car.sensor_left
         steady_k = 1e-3 * (car.joule_rise_k_per_kw * joule_w
                            + car.heater_rise_k_per_kw * (vehicle.hvch.efficiency * heater_power_w))
         local_k = steady_k + (car.local_k - steady_k) * car.local_left

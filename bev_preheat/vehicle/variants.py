@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicles made from another: corrected by factors, limited by the coldest cell, fed by the grid."""
+"""Vehicles made from another: corrected by factors, with a shell, limited by the coldest cell, fed by the grid."""
 
 from __future__ import annotations
 
@@ -43,10 +43,12 @@ class ScaledCurve:
 
 
 def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
-    """Return `vehicle` with the Corrections applied."""
-    battery, leakage = vehicle.battery, vehicle.battery.leakage
+    """Return `vehicle` with the Corrections applied; the heat capacity is that of both masses."""
+    battery, leakage, path = vehicle.battery, vehicle.battery.leakage, vehicle.heat_path
     return replace(
         vehicle,
+        heat_path=path if not path.is_shell else replace(
+            path, coolant_heat_capacity_j_per_k=path.coolant_heat_capacity_j_per_k * corrections.heat_capacity),
         battery=replace(
             battery,
             heat_capacity_j_per_k=battery.heat_capacity_j_per_k * corrections.heat_capacity,
@@ -60,16 +62,29 @@ def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
 @lru_cache(maxsize=KEPT_VEHICLES)
 def without_heat_path(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle whose heat arrives at once; the same object for the same vehicle."""
-    return replace(vehicle, heat_path=DIRECT)
+    return replace(vehicle, heat_path=DIRECT, battery=replace(
+        vehicle.battery, heat_capacity_j_per_k=vehicle.pack_heat_capacity_j_per_k))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant's capacity."""
+    """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant, or its shell."""
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
     return replace(corrected_vehicle(vehicle, Corrections(
         heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k / battery_j_per_k)),
-        heat_path=DIRECT)
+        heat_path=vehicle.heat_path if vehicle.heat_path.is_shell else DIRECT)
+
+
+def with_shell(vehicle: Vehicle, shell_share: float, conductance_w_per_k: float, sensor: str) -> Vehicle:
+    """Return a Vehicle of one mass with a shell; the other arguments are `thermal` of a vehicle file."""
+    battery = vehicle.battery
+    shell_j_per_k = shell_share * battery.heat_capacity_j_per_k
+    return replace(
+        vehicle, battery=replace(battery, heat_capacity_j_per_k=battery.heat_capacity_j_per_k - shell_j_per_k),
+        heat_path=replace(
+            vehicle.heat_path, coolant_heat_capacity_j_per_k=shell_j_per_k,
+            coolant_conductance_w_per_k=float(conductance_w_per_k), shell_share=float(shell_share),
+            sensor_rise={'core': 0.0, 'mean': 1.0, 'shell': 1.0 / shell_share}[sensor]))
 
 
 def limited_by_coldest_cell(vehicle: Vehicle, colder_by_k: float) -> Vehicle:

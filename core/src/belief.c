@@ -169,7 +169,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       find_lags(terms, x, duration_s, along, &own);
     }
     double end[MOVING];
-    bev_lagging_step(
+    (vehicle->shell_share > 0.0 ? bev_lagging_step_of_shell : bev_lagging_step)(
         vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
         x[BEV_LOCAL], own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.local_left, own.warming,
         x[BEV_JOULE_RISE], x[BEV_HEATER_RISE], own_rates[0], own_rates[1], own_rates[2], heater_w, duration_s,

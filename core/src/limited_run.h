@@ -37,7 +37,8 @@ static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
 static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s
       + (vehicle->coolant_heat_capacity_j_per_k > 0.0
-             ? vehicle->coolant_heat_capacity_j_per_k / vehicle->coolant_conductance_w_per_k
+             ? (1.0 - vehicle->shell_share)
+                 * (vehicle->coolant_heat_capacity_j_per_k / vehicle->coolant_conductance_w_per_k)
              : 0.0);
 }
 

@@ -85,7 +85,19 @@ static inline void bev_integrate(const bev_vehicle *vehicle, int32_t integrator,
 static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t saturating,
                                         const double states[4], const bev_inputs *inputs,
                                         double command_w, double result[8]) {
-  if (vehicle->coolant_heat_capacity_j_per_k > 0.0) {
+  if (vehicle->shell_share > 0.0) {
+    if (vehicle->heater_lag_s > 0.0) {
+      bev_heated_by_shell_with_lag(
+          vehicle, saturating, states[0], states[1], states[2], states[3], inputs->duration_s,
+          inputs->power_w, inputs->variance_w2, inputs->heat_w, inputs->leakage_w_per_k,
+          command_w, result);
+    } else {
+      bev_heated_by_shell(
+          vehicle, saturating, states[0], states[1], states[2], states[3], inputs->duration_s,
+          inputs->power_w, inputs->variance_w2, inputs->heat_w, inputs->leakage_w_per_k,
+          command_w, result);
+    }
+  } else if (vehicle->coolant_heat_capacity_j_per_k > 0.0) {
     if (vehicle->heater_lag_s > 0.0) {
       bev_heated_by_coolant_with_lag(
           vehicle, saturating, states[0], states[1], states[2], states[3], inputs->duration_s,

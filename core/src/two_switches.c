@@ -44,7 +44,9 @@ typedef struct {
 static double heat_lag_s(const bev_vehicle *vehicle) {
   const double coolant_j_per_k = vehicle->coolant_heat_capacity_j_per_k;
   return vehicle->heater_lag_s
-      + (coolant_j_per_k > 0.0 ? coolant_j_per_k / vehicle->coolant_conductance_w_per_k : 0.0);
+      + (coolant_j_per_k > 0.0 ? (1.0 - vehicle->shell_share)
+                 * (coolant_j_per_k / vehicle->coolant_conductance_w_per_k)
+                               : 0.0);
 }
 
 /* The run heated from an instant on until `off_s`; its excess over the target on arrival. */

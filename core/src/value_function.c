@@ -239,6 +239,15 @@ static void prepare(recursion *of) {
       of->late_share[k] =
           battery_j_per_k / both_j_per_k * -expm1(-after_s / of->lag_s) * mean_left;
     }
+    if (vehicle->shell_share > 0.0) {
+      /* All heat enters the shell, and leaks more than from the core. */
+      const double held = 1.0
+          / (1.0 + trip->leakage_w_per_k[k] * (1.0 - vehicle->shell_share)
+                 / vehicle->coolant_conductance_w_per_k);
+      of->kept_share[k] = held
+          * (of->kept_share[k] - exp(-(after_s + 0.5 * duration_s) / of->coolant_lag_s));
+      of->arriving_share[k] *= held;
+    }
   }
 }
 

@@ -10,7 +10,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
 
 # Curves of the first are formulas, with tables of limits; of the second, tables.
 CARS = ('reference', 'mid_size_lfp')
@@ -32,6 +32,9 @@ def draw(number, most_steps):
         heat_path=PATHS[int(random.integers(len(PATHS)))])
     steps = int(random.integers(3, most_steps + 1))
     power_w = random.uniform(0.0, 30e3) + random.uniform(0.0, 25e3) * random.standard_normal(steps)
+    if number % 7 == 0:
+        vehicle = replace(vehicle, heat_path=HeatPath(vehicle.heat_path.heater_lag_s))
+        vehicle = with_shell(vehicle, 0.25, 400.0, 'core')
     if random.random() < 0.5:
         # A climb, then a descent, at the limits of a cold battery and beyond.
         first, last = sorted(random.integers(0, steps, 2).tolist())

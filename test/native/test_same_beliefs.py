@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, TERMS
+from bev_preheat.estimation.belief import Belief, terms_of
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -23,10 +23,12 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.uncertain_car import DriveInputs
+from bev_preheat.vehicle.variants import with_shell
 
 VEHICLES = {'formulas': load_vehicle('reference'), 'tables': load_vehicle('small_car'),
             'logarithm': load_vehicle('mid_size_lfp'),
-            'coolant': replace(load_vehicle('large_suv'), heat_path=HeatPath(45.0, 15e3, 300.0, 30.0))}
+            'coolant': replace(load_vehicle('large_suv'), heat_path=HeatPath(45.0, 15e3, 300.0, 30.0)),
+            'shell': with_shell(load_vehicle('large_suv'), 0.2, 250.0, 'shell')}
 LIMIT_W = 5000.0
 
 
@@ -118,7 +120,7 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
     vehicle = VEHICLES['formulas']
     trip = make_trip(vehicle, load_route('reference', vehicle.defaults))
     count, native = len(trip.route), vehicle_in_core(vehicle)
-    course = (native, TERMS, vehicle.battery.leakage, np.ones((8, count)), np.ones(count),
+    course = (native, terms_of(vehicle.heat_path), vehicle.battery.leakage, np.ones((8, count)), np.ones(count),
               np.ones(count + 1), np.ones(count + 1))
     assert arrival_variance(*course, np.eye(SIZE)) > 0.0
     with pytest.raises(Declined):
@@ -129,9 +131,10 @@ def in_core(native, drive, low_c=-6.0, seen_w=0.0):
     """Follow a drive in the core, and take a reading from `low_c` [deg C] on."""
     vehicle = VEHICLES['formulas']
     noise = ReadingNoise(np.full(1, 0.1), np.full(1, 1e-6))
-    native.follow(vehicle_in_core(vehicle), TERMS, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
+    terms = terms_of(vehicle.heat_path)
+    native.follow(vehicle_in_core(vehicle), terms, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
                   vehicle.battery.leakage, [0.0] * 5, 0.0, (seen_w, 1e4, 1e6, 1e4))
-    native.take_reading(TERMS, noise, (low_c, 1.0), (0.69, 0.71), True)
+    native.take_reading(terms, noise, (low_c, 1.0), (0.69, 0.71), True)
 
 
 @pytest.mark.parametrize('spoil, how', [

@@ -35,7 +35,7 @@ def advance(path, state, duration_s, command_w, other_heat_w):
     """Return the state (power, coolant, battery) after a step, and the mean powers."""
     power_w, coolant_c, battery_c = state
     mean_w, heat_w, power_w, coolant_c = stepper(path)(
-        power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w)
+        power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w, 0.0, 0.0)
     battery_c += (heat_w + other_heat_w) * duration_s / BATTERY_J_PER_K
     return (power_w, coolant_c if path.has_coolant else battery_c, battery_c), mean_w, heat_w
 
@@ -136,7 +136,7 @@ def test_arrays_are_the_same_as_floats():
     path = HeatPath(30.0, 15e3, 300.0)
     random = np.random.default_rng(3)
     columns = [random.uniform(low, high, 20) for low, high in (
-        (0.0, 7e3), (-5.0, 40.0), (-5.0, 30.0), (1.0, 60.0), (0.0, 7e3), (-1e3, 3e3))]
+        (0.0, 7e3), (-5.0, 40.0), (-5.0, 30.0), (1.0, 60.0), (0.0, 7e3), (-1e3, 3e3), (-1e3, 3e3), (5.0, 60.0))]
     together = stepper(path, ARRAYS)(*columns)
     one_by_one = [stepper(path)(*row) for row in zip(*(column.tolist() for column in columns))]
     assert np.array(together).T == pytest.approx(np.array(one_by_one), rel=1e-12)

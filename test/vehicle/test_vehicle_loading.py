@@ -44,6 +44,7 @@ NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one
            'nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the cold')
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
+THERMAL = {'shell_share': 0.25, 'conductance_w_per_k': 300, 'sensor': 'shell'}
 ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29,
              'rolling_resistance': 0.011}
 
@@ -215,6 +216,17 @@ def test_drivetrain_heats_the_battery_with_a_share_of_its_power(tmp_path):
     assert drivetrain.heat_to_battery_w(30000.0) == pytest.approx(1944.0, rel=1e-14)
 
 
+def test_a_shell_includes_the_coolant(tmp_path):
+    contents = with_change('thermal', THERMAL)
+    car = load_vehicle(written(tmp_path, contents))
+    # A quarter of 222 kJ/K.
+    assert (car.battery.heat_capacity_j_per_k, car.heat_path.coolant_heat_capacity_j_per_k) == (166.5e3, 55.5e3)
+    contents['heat_path'] = {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 400}
+    assert problems_of(written(tmp_path, contents)) == [
+        'heat_path.coolant_heat_capacity_j_per_k: 15000 J/K are not allowed beside thermal, whose shell includes '
+        'the coolant; leave out both values of the coolant']
+
+
 @pytest.mark.parametrize('name', ['reference', 'small_car'])
 def test_shipped_vehicle_loads_under_its_own_name(name):
     assert load_vehicle(name).name == name
@@ -245,8 +257,8 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, heating_gates, heat_path, charging, defaults, road_load, '
-     'uncertainty, assumed'),
+     'known keys: name, battery, drivetrain, hvch, heating_gates, heat_path, thermal, charging, defaults, '
+     'road_load, uncertainty, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is not a key of this "
@@ -295,6 +307,16 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
      'must be at most 3600 s'),
+    # Two masses.
+    ('thermal', {**THERMAL, 'shell_share': 1.2}, 'thermal.shell_share: 1.2 is not allowed; it must be at least '
+     '0.01 and at most 0.9'),
+    ('thermal', {**THERMAL, 'conductance_w_per_k': -3}, 'thermal.conductance_w_per_k: -3 is not allowed; it must '
+     'be at least 1 and at most 100000'),
+    # 0.25 * 0.75 * 222000 / 3600
+    ('thermal', {**THERMAL, 'conductance_w_per_k': 11}, 'thermal.conductance_w_per_k: 11 W/K is not allowed; it '
+     'must be at least 11.6 W/K, for a time constant between shell and core of at most 3600 s'),
+    ('thermal', {**THERMAL, 'sensor': 'plate'}, "thermal.sensor: 'plate' is not one of shell, core, mean"),
+    ('thermal', {'shell_share': 0.2}, 'thermal: missing conductance_w_per_k, sensor'),
     # Deviations: per cent, too sure to be true, no number, a value that no log tells.
     ('uncertainty', {'leakage': 30}, 'uncertainty.leakage: 30 is not allowed; it must be at least 0.005 and at '
      'most 1'),

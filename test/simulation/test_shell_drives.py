@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated battery of shell and core: its balance, and drives with the sensor in each place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import make_route
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.variants import with_shell
+
+REFERENCE = load_vehicle('reference')
+START, TARGET_C = BatteryState(-2.0, 0.8), 10.0
+
+
+def route(minutes=25):
+    power_w = 14e3 + 8e3 * np.sin(np.arange(minutes))
+    return make_route({
+        'duration_s': np.full(minutes, 60.0), 'speed_mps': np.full(minutes, 22.0), 'propulsion_power_w': power_w,
+        'ambient_temperature_c': np.full(minutes, -9.0), 'cabin_heating_power_w': np.full(minutes, 900.0),
+        'auxiliary_power_w': np.full(minutes, 400.0)}, REFERENCE.defaults)
+
+
+def shell_car(sensor='shell', heat_path=HeatPath()):
+    return with_shell(replace(REFERENCE, heat_path=heat_path), 0.2, 350.0, sensor)
+
+
+@pytest.mark.parametrize('heat_path', [HeatPath(), HeatPath(heater_lag_s=45.0, sensor_lag_s=20.0)])
+def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
+    car = shell_car('core', heat_path)
+    plan = plan_preheating(car, route(), START, Goal(TARGET_C))
+    plant = VehiclePlant(car, route(), START)
+    for until_s, command_w in zip(plan.time_s[1:].tolist(), plan.hvch_battery_power_w.tolist()):
+        plant.advance(until_s, command_w)
+    energies, pack_j_per_k = plant.energy_wh, REFERENCE.battery.heat_capacity_j_per_k
+    stored_wh = pack_j_per_k * (0.8 * plant.temperature_c + 0.2 * plant.coolant_c - START.temperature_c) / 3600.0
+    assert stored_wh == pytest.approx(
+        energies.joule + energies.drivetrain_heat + energies.hvch_heat + energies.leakage, abs=1e-6)
+    assert plan.arrival_temperature_c == pytest.approx(TARGET_C, abs=0.01)
+    assert plant.temperature_c == pytest.approx(TARGET_C, abs=0.02)
+    assert plan.energy_wh.leakage == pytest.approx(energies.leakage, rel=0.01)
+    assert plan.energy_wh.hvch_heat == pytest.approx(energies.hvch_heat, rel=0.01)
+
+
+@pytest.mark.parametrize('sensor', ['shell', 'core', 'mean'])
+def test_the_core_arrives_warm_wherever_the_sensor_is(sensor):
+    car = shell_car(sensor)
+    drive = ImperfectCar(car, route(), START, Goal(TARGET_C), Imperfections(
+        Mismatch(heat_capacity=1.05, leakage=0.9, heater=0.95, propulsion_power=1.05),
+        sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5)), seed=3)
+    supervisor, hottest_k = Supervisor(car, Settings()), 0.0
+    for _ in moments(drive, supervisor, lambda: drive.plant.has_arrived):
+        hottest_k = max(hottest_k, drive.plant.coolant_c - drive.plant.temperature_c)
+    # The shell has been so much warmer that a battery of one mass would be misjudged.
+    assert hottest_k > 8.0
+    arrival_c = drive.plant.temperature_c
+    assert arrival_c == pytest.approx(TARGET_C, abs=1.0)
+    assert supervisor.state.decision.plan.arrival_temperature_c == pytest.approx(arrival_c, abs=1.0)
