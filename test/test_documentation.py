@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md',
          *sorted(path for path in (ROOT / 'docs').rglob('*.md'))]
 NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
-# test/nodes/test_files_tutorial.py runs it, and the nodes that it ends with.
+# test/nodes/test_tutorials.py runs it, and the nodes that it ends with.
 WITH_NODES = {'docs/tutorials/from_files.md'}
 # They take most of the time: whole drives, solvers, a hundred plans. The same commands run daily on shorter inputs
 # in test/recording, test/commands and test/interface.
@@ -110,7 +110,7 @@ def compare(line, comment):
 
 @pytest.mark.parametrize('page', PAGES, ids=name_of)
 def test_each_python_block_runs_somewhere(page):
-    # test/nodes/test_typed_by_hand.py and test_bus_tutorial.py run the tutorials for ROS.
+    # test/nodes/test_tutorials.py runs the tutorials for ROS.
     text = page.read_text()
     assert not re.search(r'^```(?:py|Python|ipython|pycon|{code-block} python)\b', text, re.MULTILINE), (
         'its name is python, and a script is a file beside the page')

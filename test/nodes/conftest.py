@@ -34,9 +34,9 @@ from bev_preheat.simulator.installed_drive import reserved_domain_id
 
 # Files of 8 s and more, processor time or waiting, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (
-    'test_demo', 'test_whole_car', 'test_nlp_checker', 'test_scenarios', 'test_lockstep',
+    'test_demo', 'test_whole_car', 'test_nlp_checker', 'test_scenarios', 'test_installed_drive',
     'test_dashboard_page', 'test_optimum', 'test_dashboard', 'test_target_choice', 'test_planner_over_dds',
-    'test_bus_gateway', 'test_wheel', 'test_managed', 'test_typed_by_hand', 'test_planner_node',
+    'test_bus_gateway', 'test_wheel', 'test_managed', 'test_tutorials', 'test_planner_node',
     'test_vehicle_simulator', 'test_monitor', 'test_prepare_action',
     'test_planning_commands', 'test_worker', 'test_exported_planner')]
 

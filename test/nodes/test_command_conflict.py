@@ -4,18 +4,14 @@
 from contextlib import contextmanager
 import signal
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from planner_car import heats, PlannerCar
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
-from bev_preheat.messages.fields import time_message
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STATE_PERIOD_S = 0.2
 # A planner counts as ended after a lease without commands: longer than any delay on a busy computer.
 LEASE_S = 5.0
 # The graph shows a killed node for some 20 s.
@@ -27,28 +23,11 @@ QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
 
 @contextmanager
 def feeding(bench, namespace=''):
-    """Publish battery states continuously, and a latched route that needs heat at once."""
-    def stamp():
-        return time_message(bench.now_ns)
-
-    route = RoutePlan(
-        route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
-        ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
-    route.header.stamp = stamp()
-    bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED).publish(route)
-    states = bench.publisher(BatteryState, f'{namespace}/battery_state')
-
-    def feed():
-        state = BatteryState(temperature=-7.0, percentage=0.8)
-        state.header.stamp = stamp()
-        states.publish(state)
-
-    with bench.repeating(feed, STATE_PERIOD_S):
-        yield
-
-
-def heats(command):
-    return command.battery_heating_power > 0.0
+    """Publish battery states continuously, and a latched route that needs heat at once; give the PlannerCar."""
+    car = PlannerCar(bench, namespace)
+    car.send_route()
+    with car.feeding():
+        yield car
 
 
 def is_in_conflict(command):
@@ -64,9 +43,8 @@ def errors_of(name, text, status_text='COMMAND_CONFLICT'):
 
 def in_conflict_until_one_is_gone(bench, end):
     """Start two planners that see each other; `end(the first)`."""
-    commands = bench.record(HvchCommand, 'hvch_command', 100)
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(bench):
+    with feeding(bench) as car:
+        commands, diagnostics = car.commands, car.diagnostics
         first = bench.start('planner', *QUICK, '-r', '__node:=front')
         commands.wait_for(heats, 'heat of the first')
         bench.start('planner', *QUICK, '-r', '__node:=rear')
@@ -100,9 +78,8 @@ def test_two_planners_stay_off_until_one_ends(rehearsal):
 
 
 def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
-    commands = rehearsal.record(HvchCommand, 'hvch_command', 100)
-    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(rehearsal):
+    with feeding(rehearsal) as car:
+        commands, diagnostics = car.commands, car.diagnostics
         rehearsal.start('planner', *QUICK)
         rehearsal.start('planner', *QUICK)
         diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
@@ -114,9 +91,8 @@ def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
 
 
 def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
-    commands = rehearsal.record(HvchCommand, 'hvch_command', 100)
-    plans = rehearsal.record(PreheatPlan, 'preheat_plan', 100)
-    with feeding(rehearsal):
+    with feeding(rehearsal) as car:
+        commands, plans = car.commands, car.plans
         planner = rehearsal.start('planner', *QUICK)
         commands.wait_for(heats)
         stranger = rehearsal.publisher(HvchCommand, 'hvch_command', 10)
@@ -142,8 +118,8 @@ def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
 
 
 def test_a_planner_that_is_switched_off_says_so_too(rehearsal):
-    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(rehearsal):
+    with feeding(rehearsal) as car:
+        diagnostics = car.diagnostics
         rehearsal.start('planner', *QUICK, '-r', '__node:=front')
         assert rehearsal.call(SetBool, '/front/enable', SetBool.Request(data=False)).success
         rehearsal.start('planner', *QUICK, '-r', '__node:=rear')
@@ -157,13 +133,10 @@ def test_a_planner_that_is_switched_off_says_so_too(rehearsal):
 
 
 def test_planners_of_two_cars_do_not_conflict(rehearsal):
-    first = rehearsal.record(HvchCommand, '/car1/hvch_command', 100)
-    second = rehearsal.record(HvchCommand, '/car2/hvch_command', 100)
-    with feeding(rehearsal, '/car1'), feeding(rehearsal, '/car2'):
-        for namespace in ('/car1', '/car2'):
-            rehearsal.start('planner', *QUICK, '-r', f'__ns:={namespace}')
-        first.wait_for(heats)
-        second.wait_for(heats)
+    with feeding(rehearsal, '/car1') as first, feeding(rehearsal, '/car2') as second:
+        for namespace, car in (('/car1', first), ('/car2', second)):
+            car.start(*QUICK, '-r', f'__ns:={namespace}')
+            car.wait_for_heat()
         first.clear()
         second.clear()
-        assert all(map(heats, first.wait_for_count(40) + second.wait_for_count(40)))
+        assert all(map(heats, first.commands.wait_for_count(40) + second.commands.wait_for_count(40)))

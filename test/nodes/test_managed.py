@@ -4,10 +4,9 @@
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from node_bench import repeating
+from planner_car import heats, set_parameters
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from test_command_conflict import feeding, heats, QUICK
+from test_command_conflict import feeding, QUICK
 from test_heater_controller import command, OFFERED
 
 from bev_preheat.planning.status import Status
@@ -41,9 +40,8 @@ def state(bench, node):
 
 
 def test_managed_planner_heats_only_when_active(bench):
-    commands = bench.record(HvchCommand, 'hvch_command', 100)
-    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
-    with feeding(bench):
+    with feeding(bench) as car:
+        commands, plans = car.commands, car.plans
         process = bench.start('planner', *QUICK, '-p', 'lifecycle:=true')
         commands.wait_for_count(5)
         assert state(bench, 'planner') == 'unconfigured'
@@ -83,8 +81,7 @@ def test_locked_parameters_cannot_be_changed(rehearsal, locked):
     planner = rehearsal.start('planner', '-p', f'locked:={str(locked).lower()}')
 
     def set_one(name, value):
-        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        return rehearsal.call(SetParameters, '/planner/set_parameters', request).results[0]
+        return set_parameters(rehearsal, '/planner', **{name: value})
 
     # The last one would let anybody who publishes /clock set the time of stamps and leases.
     for name, value in (('vehicle', 'small_car'), ('command_lease', 9.0), ('battery_state_timeout', 50.0),
@@ -102,11 +99,5 @@ def test_locked_parameters_cannot_be_changed(rehearsal, locked):
 
 def test_the_clock_of_a_node_whose_parameters_are_read_at_the_start_stays(bench):
     bench.start('heater_controller')
-    result = set_parameter(bench, 'heater_controller', 'use_sim_time', True)
+    result = set_parameters(bench, '/heater_controller', use_sim_time=True)
     assert not result.successful and 'read-only' in result.reason
-
-
-def set_parameter(bench, node, name, value):
-    """Return the result of setting a parameter."""
-    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-    return bench.call(SetParameters, f'/{node}/set_parameters', request).results[0]

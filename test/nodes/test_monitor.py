@@ -6,17 +6,12 @@ import subprocess
 import sys
 import time
 
-from node_bench import repeating
+from planner_car import PlannerCar
 import pytest
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from sensor_msgs.msg import BatteryState
 from terminal_process import CTRL_C, TerminalProcess
 
 from bev_preheat.commands.main import main
-from bev_preheat.messages.fields import time_message
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Process start, discovery and a first page, on a busy computer.
 LIMIT_S = 240.0
 
@@ -43,27 +38,11 @@ def monitor(domain_id):
 @pytest.fixture
 def heating(bench):
     """Let the installed planner heat, in the namespace /car, with a state every 0.2 s."""
-    commands = bench.record(HvchCommand, 'car/hvch_command')
-    states = bench.publisher(BatteryState, 'car/battery_state')
-    routes = bench.publisher(RoutePlan, 'car/route_plan', LATCHED)
-
-    def stamp():
-        return time_message(bench.node.get_clock().now().nanoseconds)
-
-    route = RoutePlan(route_id='home', segment_duration=[30.0] * 40, speed=[20.0],
-                      propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
-                      target_battery_temperature=25.0)
-    route.header.stamp = stamp()
-    routes.publish(route)
-    bench.start('planner', '-r', '__ns:=/car', '-p', 'battery_state_timeout:=60.0')
-
-    def feed():
-        state = BatteryState(temperature=-7.0, percentage=0.8)
-        state.header.stamp = stamp()
-        states.publish(state)
-
-    with repeating(feed, 0.2):
-        commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+    car = PlannerCar(bench, '/car')
+    car.send_route()
+    car.start('-r', '__ns:=/car', '-p', 'battery_state_timeout:=60.0')
+    with car.feeding():
+        car.wait_for_heat()
         yield
 
 

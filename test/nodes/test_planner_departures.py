@@ -7,15 +7,13 @@ import subprocess
 import sys
 from zoneinfo import ZoneInfo
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from planner_car import heats, PlannerCar, values_of
 import pytest
-from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.commands.program import FAILED
-from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 ZONE = ZoneInfo('Europe/Berlin')
 # A Thursday.
@@ -38,97 +36,84 @@ LIMIT_S = 240.0
 FIRST, SKIPPED_TO = 'work, Thu 2026-11-26 07:30 CET', 'work, Fri 2026-11-27 07:30 CET'
 
 
-class Car:
+class Car(PlannerCar):
     """A planner, and a cold battery at the grid."""
 
     def __init__(self, bench, folder):
-        self.bench = bench
-        self.commands = bench.record(HvchCommand, 'hvch_command')
-        self.plans = bench.record(PreheatPlan, 'preheat_plan')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._states = bench.publisher(BatteryState, 'battery_state')
+        super().__init__(bench)
         self.week, self.prices, self.memory = (
             folder / name for name in ('week.yaml', 'prices.yaml', 'state.json'))
         self.week.write_text(WEEK)
         self.prices.write_text(PRICES)
 
     def start(self, *arguments):
-        return self.bench.start(
-            'planner', '-p', f'departures:={self.week}', '-p', f'state_file:={self.memory}', *arguments)
+        return super().start('-p', f'departures:={self.week}', '-p', f'state_file:={self.memory}', *arguments)
 
-    def tell_state(self):
-        state = BatteryState(temperature=-5.0, percentage=0.7)
-        state.header.stamp = time_message(self.bench.now_ns)
-        self._states.publish(state)
-
-    def entry(self, condition=lambda values: True):
-        """Return (entry, values) of the latest entry on departures once `condition(values)` holds."""
-        def found():
-            for message in self.diagnostics.messages[-5:]:
-                for status in message.status:
-                    values = {item.key: item.value for item in status.values}
-                    if status.name == 'planner: departures' and condition(values):
-                        return status, values
-            return None
-
+    def departure(self, condition=lambda values: True):
+        """Return (entry, values) of the next entry on departures for which `condition(values)` holds."""
         self.diagnostics.clear()
-        return self.bench.wait_until(found, 'an entry on departures')
+        entry = self.entry('departures', lambda entry: condition(values_of(entry)))
+        return entry, values_of(entry)
+
+    def skip(self, skips=True):
+        """Return the response of the service."""
+        return self.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=skips))
 
     def heats(self, is_heating=True):
         self.commands.clear()
-        return self.commands.wait_for(lambda command: (command.battery_heating_power > 0.0) is is_heating)
+        return self.commands.wait_for(lambda command: heats(command) is is_heating)
 
 
 @pytest.fixture
 def car(rehearsal, tmp_path):
     car = Car(rehearsal, tmp_path)
-    with rehearsal.repeating(car.tell_state, 0.25):
+    with car.feeding(lambda: car.state(temperature=-5.0, percentage=0.7), 0.25):
         yield car
 
 
 def test_a_departure_is_prepared_skipped_and_skipped_after_a_restart(car):
-    car.bench.now_ns = READY_NS - 900 * NS_PER_S
+    car.at(READY_NS - 900 * NS_PER_S)
     first = car.start()
     assert car.heats()
-    status, values = car.entry(lambda values: values['state'] == 'preparing')
+    status, values = car.departure(lambda values: values['state'] == 'preparing')
     assert values['next departure'] == FIRST and status.level == DiagnosticStatus.OK
     assert values['next departure [s since 1970]'] == str(READY_NS // NS_PER_S)
     assert (values['target [degC]'], values['plugged in']) == ('20', 'true')
     # In quarter of an hour 25 K are too much for the heater; the plan says so and heats.
     assert car.plans.latest.route_id == '~/prepare_battery'
-    response = car.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=True))
+    response = car.skip()
     assert response.message == f'Skipped: {FIRST}; the next departure is {SKIPPED_TO}.'
     assert car.heats(is_heating=False)
-    car.entry(lambda values: values['skipped'] == FIRST and values['next departure'] == SKIPPED_TO)
+    car.departure(lambda values: values['skipped'] == FIRST and values['next departure'] == SKIPPED_TO)
     first.kill()
     car.commands.clear()
     car.start()
-    car.entry(lambda values: (values['skipped'], values['state']) == (FIRST, 'later'))
+    car.departure(lambda values: (values['skipped'], values['state']) == (FIRST, 'later'))
     assert not any(command.battery_heating_power for command in car.commands.wait_for_count(5))
-    response = car.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=False))
+    response = car.skip(False)
     assert response.success and f'The next departure is {FIRST}' in response.message
     assert car.heats()
 
 
 def test_with_prices_it_heats_in_the_cheap_hour_until_it_is_skipped(car):
     # 05:30 ... 06:30 is cheap; at 06:00 there is time left.
-    car.bench.now_ns = READY_NS - 5400 * NS_PER_S
+    car.at(READY_NS - 5400 * NS_PER_S)
     car.start('-p', f'grid_prices:={car.prices}')
     assert car.heats()
     car.plans.wait_for(lambda plan: 'in the cheapest hours' in plan.explanation, 'the sentence')
-    response = car.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=True))
+    response = car.skip()
     assert response.success and car.heats(is_heating=False)
 
 
 def test_a_file_that_cannot_be_used_is_an_error_and_nothing_is_heated(car):
     car.week.write_text(WEEK.replace('07:30', '7h30'))
     car.start()
-    status, values = car.entry()
+    status, values = car.departure()
     assert status.level == DiagnosticStatus.ERROR
     assert "departures[0].time: '7h30' is not allowed; it must be HH:MM" in status.message
     assert values['next departure'] == '' and values['state'] == 'none'
     assert car.heats(is_heating=False)
-    response = car.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=True))
+    response = car.skip()
     assert not response.success and 'no file that can be used' in response.message
 
 

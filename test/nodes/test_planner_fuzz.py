@@ -13,8 +13,8 @@ from math import inf, isfinite, nan
 import random
 
 from builtin_interfaces.msg import Time
+from planner_car import PlannerCar
 import pytest
-from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import nanoseconds
@@ -93,7 +93,7 @@ class Fuzz:
     @book.setter
     def book(self, book):
         self._book = book
-        self._planner.set_clock(book.now_ns)
+        self._planner.at(book.now_ns)
 
     # Inputs
 
@@ -288,7 +288,10 @@ class Fuzz:
 
 @pytest.fixture
 def fuzz(rehearsal):
-    return Fuzz(RehearsedPlanner(rehearsal, START_NS, commands_alone=True), SEED)
+    planner = PlannerCar(rehearsal, commands_alone=True)
+    planner.at(START_NS)
+    planner.start()
+    return Fuzz(planner, SEED)
 
 
 @pytest.mark.costly

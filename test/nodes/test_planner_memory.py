@@ -6,13 +6,11 @@ import json
 import os
 import shutil
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from planner_car import PlannerCar, values_of
 import pytest
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import BatteryState
 
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.messages.fields import time_message
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
 # As version 0.2.0 wrote it, cut off in the middle.
@@ -29,49 +27,34 @@ def theirs(tmp_path):
     assert path.read_bytes() == VEHICLE
 
 
-class Planner:
+class Planner(PlannerCar):
     """A planner with a battery, and its diagnostics of the state file."""
 
     def __init__(self, rehearsal, *arguments):
-        self._rehearsal = rehearsal
-        self._diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
-        self._states = rehearsal.publisher(BatteryState, 'battery_state')
-        self.process = rehearsal.start(
-            'planner', '-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', *arguments)
+        super().__init__(rehearsal)
+        self.start('-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', *arguments)
 
     def learn(self, vehicle='reference'):
         """Give battery states until this vehicle has an estimate that can be stored."""
-        def estimated():
-            state = BatteryState(temperature=-7.0, percentage=0.8)
-            state.header.stamp = time_message(self._rehearsal.now_ns)
-            self._states.publish(state)
-            return any(entry.name == 'planner: estimation' and entry.hardware_id == vehicle
-                       for array in self._diagnostics.messages for entry in array.status)
+        self.diagnostics.clear()
+        with self.feeding():
+            self.entry('estimation', lambda entry: entry.hardware_id == vehicle)
 
-        self._diagnostics.clear()
-        self._rehearsal.wait_until(estimated, f'an estimate of {vehicle}')
-
-    def set(self, **values):
+    def change(self, **values):
         """Set parameters; returns the reason of the refusal, empty without a refusal."""
-        result = self.process.node.set_parameters(
-            [Parameter(name, value=value) for name, value in values.items()])[-1]
+        result = self.set(**values)
         assert result.successful == (result.reason == '')
         return result.reason
 
     def says(self, level, text):
         """Return the values of the state file's entry once it has this level and message."""
-        def entry_of(array):
-            return next((entry for entry in array.status if entry.name == 'planner: state file'
-                         and entry.level == level and text in entry.message), None)
-
-        self._diagnostics.clear()
-        entry = entry_of(self._diagnostics.wait_for(entry_of, f'state file: {text}'))
-        return {item.key: item.value for item in entry.values}
+        self.diagnostics.clear()
+        return values_of(self.entry('state file', lambda entry: entry.level == level and text in entry.message))
 
     @property
     def entries(self):
         """Return the names of all entries so far."""
-        return {entry.name for array in self._diagnostics.messages for entry in array.status}
+        return {entry.name for array in self.diagnostics.messages for entry in array.status}
 
     def end(self):
         self.process.end()
@@ -123,7 +106,7 @@ def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, ma
     assert planner.says(ERROR, problem)['last write'] == 'nothing written yet'
     planner.learn()
     # At the change of the car, and at the end, it would be written.
-    assert planner.set(vehicle='small_car') == ''
+    assert planner.change(vehicle='small_car') == ''
     planner.says(ERROR, problem)
     planner.learn('small_car')
     planner.end()
@@ -136,10 +119,10 @@ def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
     mine = tmp_path / 'mine.json'
     planner = start('-p', f'state_file:={mine}')
     planner.learn()
-    assert planner.set(state_file=str(theirs)) == f'state_file: {theirs}: {NOT_OURS}'
+    assert planner.change(state_file=str(theirs)) == f'state_file: {theirs}: {NOT_OURS}'
     link = tmp_path / 'link'
     link.symlink_to(theirs)
-    assert planner.set(state_file=str(link)) == f'state_file: {link}: {NOT_OURS}'
+    assert planner.change(state_file=str(link)) == f'state_file: {link}: {NOT_OURS}'
     assert planner.says(OK, 'nothing written yet')['file'] == str(mine)
     planner.end()
     # The earlier value still holds.
@@ -153,9 +136,9 @@ def test_a_file_that_was_replaced_meanwhile_is_left_alone_and_told(start, theirs
     planner.learn()
     path.write_bytes(VEHICLE)
     # A car's factors are saved when another car replaces it; that is not refused.
-    assert planner.set(vehicle='small_car') == ''
+    assert planner.change(vehicle='small_car') == ''
     planner.says(ERROR, f'{path}: {NOT_OURS}')
-    assert planner.set(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
+    assert planner.change(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
     planner.learn('small_car')
     planner.end()
     assert path.read_bytes() == VEHICLE
@@ -171,11 +154,11 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     # Root may write into any folder, but not below a file.
     shutil.rmtree(folder)
     folder.write_text('in the way')
-    assert planner.set(vehicle='small_car') == ''
+    assert planner.change(vehicle='small_car') == ''
     planner.says(ERROR, f'{path}: cannot be a file: {os.strerror(errno.ENOTDIR)}')
     folder.unlink()
     planner.learn('small_car')
-    assert planner.set(vehicle='reference') == ''
+    assert planner.change(vehicle='reference') == ''
     assert planner.says(OK, ' s ago')['file'] == str(path)
     assert len(json.loads(path.read_text())['cars']) == 1
     # The file now keeps both.
@@ -191,7 +174,7 @@ def test_a_damaged_file_is_kept_aside(start, tmp_path):
     planner = start('-p', f'state_file:={path}')
     planner.says(WARN, f'{path}: is damaged: it cannot be read: ')
     planner.learn()
-    assert planner.set(vehicle='small_car') == ''
+    assert planner.change(vehicle='small_car') == ''
     aside = os.path.realpath(f'{path}.damaged')
     assert planner.says(OK, ' s ago')['damaged file kept as'] == aside
     planner.end()

@@ -2,7 +2,8 @@
 """
 The planner's node: its answers to valid, invalid, late and missing input, without DDS (test_planner_over_dds.py).
 
-Most tests start while it heats, so that 0 W is a reaction and not the initial state.
+Most tests start while it heats, so that 0 W is a reaction and not the initial state. What is a bad message, and
+which refused route ends the one before, are shown by test/messages.
 """
 
 from array import array
@@ -10,23 +11,20 @@ from math import isnan, nan
 import re
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
+from planner_car import heats, is_off_for, PlannerCar, stamped, values_of
 import pytest
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import BatteryState, Temperature
-from std_srvs.srv import SetBool
+from sensor_msgs.msg import Temperature
 
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes.planner_parameters import PARAMETERS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import RoutePlan, RouteProgress
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
 QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
          '-p', f'battery_state_timeout:={TIMEOUT_S}',
@@ -38,71 +36,24 @@ CABIN_W = 1600.0
 FULL_POWER_W = 7000.0 - CABIN_W
 
 
-def heats(command):
-    return command.battery_heating_power > 0.0
-
-
-def is_off_for(status):
-    return lambda command: (command.battery_heating_power, command.reason) == (0.0, int(status))
-
-
-class Car:
-    """The planner's environment: battery, route and position, and all that the planner says."""
+class Car(PlannerCar):
+    """A car whose cabin takes a part of the heater's power."""
 
     def __init__(self, rehearsal, *arguments):
-        self.rehearsal = rehearsal
-        self.commands = rehearsal.record(HvchCommand, 'hvch_command')
-        self.plans = rehearsal.record(PreheatPlan, 'preheat_plan')
+        super().__init__(rehearsal)
         self.temperatures = rehearsal.record(Temperature, 'predicted_arrival_temperature')
-        self.diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
-        self._states = rehearsal.publisher(BatteryState, 'battery_state')
-        self._routes = rehearsal.publisher(RoutePlan, 'route_plan', LATCHED)
-        self._positions = rehearsal.publisher(RouteProgress, 'route_progress')
-        self.process = rehearsal.start('planner', *QUICK, *arguments)
-
-    @property
-    def now_ns(self):
-        return self.rehearsal.now_ns
-
-    def state(self, age_s=0.0, **fields):
-        message = BatteryState(**{'temperature': -7.0, 'percentage': 0.8, **fields})
-        message.header.stamp = time_message(self.now_ns - round(age_s * NS_PER_S))
-        return message
+        self.start(*QUICK, *arguments)
 
     def route(self, age_s=0.0, **fields):
-        """Return a route of 20 min, too short to reach 25 degC from -7 degC: heats at once."""
-        message = RoutePlan(**{
-            'route_id': 'home', 'segment_duration': [30.0] * 40, 'speed': [20.0],
-            'propulsion_power': [20e3], 'ambient_temperature': [-7.0],
-            'cabin_heating_power': [CABIN_W], 'charging_planned': True,
-            'target_battery_temperature': 25.0, **fields})
-        message.header.stamp = time_message(self.now_ns - round(age_s * NS_PER_S))
-        return message
+        return super().route(age_s, **{'cabin_heating_power': [CABIN_W], **fields})
 
-    def send_state(self, message=None):
-        self._states.publish(message or self.state())
-
-    def send_route(self, message=None):
-        self._routes.publish(message or self.route())
-
-    def send_position(self, **fields):
-        message = RouteProgress(**{'route_id': 'home', **fields})
-        message.header.stamp = time_message(self.now_ns)
-        self._positions.publish(message)
-
-    def give_state(self, make_state=None):
+    def give_state(self, **fields):
         """Let time pass, and publish a battery state."""
-        self.rehearsal.advance(STATE_PERIOD_S)
-        self.send_state((make_state or self.state)())
+        self.bench.advance(STATE_PERIOD_S)
+        self.send_state(**fields)
 
-    def feeding(self, make_state=None):
-        """Publish battery states while time passes in the block."""
-        return self.rehearsal.repeating(lambda: self.send_state((make_state or self.state)()), STATE_PERIOD_S)
-
-    def heat(self):
-        """Give valid input until it heats as this route demands, and forget its earlier messages."""
-        self.send_route()
-        self.expect_heat()
+    def feeding(self, make_state=None, period_s=STATE_PERIOD_S):
+        return super().feeding(make_state, period_s)
 
     def expect_heat(self):
         """Give valid states until it heats, for 10 s or more after doubt; forget its earlier messages."""
@@ -111,22 +62,15 @@ class Car:
             self.commands.wait_for(
                 lambda command: command.battery_heating_power == pytest.approx(FULL_POWER_W), 'heat')
         assert (self.plans.latest.status, self.plans.latest.route_id) == (Status.TARGET_UNREACHABLE, 'home')
-        for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
-            recorder.clear()
+        self.clear()
 
-    def enable(self, on):
-        return self.rehearsal.call(SetBool, '/planner/enable', SetBool.Request(data=on))
-
-    def set_parameters(self, service=SetParameters, **values):
-        atomically = service is SetParametersAtomically
-        response = self.rehearsal.call(
-            service, f'/planner/set_parameters{"_atomically" if atomically else ""}',
-            service.Request(parameters=[Parameter(name, value=value).to_parameter_msg()
-                                        for name, value in values.items()]))
-        return response.result if atomically else response.results[0]
+    def statuses(self, count=10):
+        """Return the statuses of the next plans."""
+        self.plans.clear()
+        return {plan.status for plan in self.plans.wait_for_count(count)}
 
     def get_parameters(self, *names):
-        values = self.rehearsal.call(
+        values = self.bench.call(
             GetParameters, '/planner/get_parameters', GetParameters.Request(names=names)).values
         return [value.string_value if value.type == ParameterType.PARAMETER_STRING
                 else value.double_value for value in values]
@@ -141,7 +85,8 @@ def fresh_car(rehearsal):
 @pytest.fixture
 def car(fresh_car):
     """Return a car that heats."""
-    fresh_car.heat()
+    fresh_car.send_route()
+    fresh_car.expect_heat()
     return fresh_car
 
 
@@ -150,10 +95,9 @@ def car(fresh_car):
 def test_no_heat_before_both_inputs(fresh_car):
     car = fresh_car
     car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'off without a route')
-    array = car.diagnostics.wait_for()
-    assert (array.status[0].level, array.status[0].name, array.status[0].message) == (
-        DiagnosticStatus.WARN, 'planner: preheating',
-        'NO_ROUTE: No valid route plan has arrived yet.')
+    entry = car.entry('preheating')
+    assert (entry.level, entry.message) == (
+        DiagnosticStatus.WARN, 'NO_ROUTE: No valid route plan has arrived yet.')
     for _ in range(5):
         car.give_state()
     assert car.plans.latest.status == Status.NO_ROUTE
@@ -165,7 +109,7 @@ def test_no_heat_before_both_inputs(fresh_car):
 def test_no_heat_with_a_route_alone(fresh_car):
     car = fresh_car
     car.send_route()
-    car.rehearsal.advance(TIMEOUT_S)
+    car.bench.advance(TIMEOUT_S)
     assert is_off_for(Status.NO_BATTERY_STATE)(car.commands.latest)
     assert not any(map(heats, car.commands.messages))
     car.give_state()
@@ -183,63 +127,47 @@ def test_before_the_clock_runs_nothing_is_heated(rehearsal):
         (0.0, int(Status.INVALID_INPUT)), (0.0, int(Status.NO_BATTERY_STATE))}
     with rehearsal.repeating(
             lambda: clock.publish(Clock(clock=time_message(rehearsal.now_ns))), 0.5 * STATE_PERIOD_S):
-        car.heat()
+        car.send_route()
+        car.expect_heat()
 
 
 # Replanning
 
-def test_every_battery_state_is_planned_from(car):
+def test_every_battery_state_is_planned_from_and_the_prediction_published(car):
     for temperature_c in (-5.0, -3.0, -6.0):
-        car.give_state(lambda: car.state(temperature=temperature_c))
-        assert car.plans.latest.battery_temperature[0] == temperature_c
+        car.give_state(temperature=temperature_c)
+        plan, message = car.plans.latest, car.temperatures.latest
+        assert plan.battery_temperature[0] == temperature_c
+        assert (message.header.stamp, message.temperature) == (
+            plan.header.stamp, plan.predicted_arrival_temperature)
 
 
-def test_a_new_route_is_planned_at_once(car):
-    car.send_route(car.route(route_id='elsewhere'))
-    plan = car.plans.wait_for(lambda plan: plan.route_id == 'elsewhere')
-    assert plan.status == Status.TARGET_UNREACHABLE
+def test_a_new_route_is_planned_at_once_without_a_new_battery_state(car):
+    car.send_route(route_id='elsewhere')
+    assert (car.plans.latest.route_id, car.plans.latest.status) == ('elsewhere', Status.TARGET_UNREACHABLE)
+    car.send_route(charging_planned=False)
+    assert is_off_for(Status.NO_CHARGING_PLANNED)(car.commands.latest)
 
 
-def test_a_route_replaced_on_the_way_takes_effect_at_once(car):
-    # No new battery state: the answer is to the route.
-    car.send_route(car.route(charging_planned=False))
-    command = car.commands.wait_for(lambda command: not heats(command), 'off')
-    assert command.reason == Status.NO_CHARGING_PLANNED
-
-
-def test_the_predicted_temperature_is_that_of_the_plan(car):
-    car.give_state(lambda: car.state(temperature=-5.5))
-    plan, message = car.plans.latest, car.temperatures.latest
-    assert (message.header.stamp, message.temperature) == (plan.header.stamp, plan.predicted_arrival_temperature)
-
-
-def test_the_power_is_what_the_cabin_leaves(car):
-    car.give_state()
-    command = car.commands.latest
-    assert command.battery_heating_power == pytest.approx(FULL_POWER_W)
-
-
-def test_an_array_of_one_and_empty_ones_make_a_route(car):
-    car.send_route(car.route(route_id='short', cabin_heating_power=array('d')))
-    command = car.commands.wait_for(
-        lambda command: heats(command) and command.battery_heating_power != FULL_POWER_W)
+def test_an_empty_array_is_the_vehicles_own_value(car):
+    car.send_route(route_id='short', cabin_heating_power=array('d'))
     # config/vehicles/reference.yaml: 1978 W for the cabin.
-    assert command.battery_heating_power == pytest.approx(7000.0 - 1978.0)
+    assert car.commands.latest.battery_heating_power == pytest.approx(7000.0 - 1978.0)
 
 
 # Position of the vehicle
 
 def told(car, **fields):
     """Report the vehicle's position, give a state, and return the entry on it."""
-    car.send_position(**fields)
+    car.give(stamped(RouteProgress(**{'route_id': 'home', **fields}), car.now_ns))
     car.give_state()
-    car.rehearsal.advance(PERIOD_S)
-    return next(status for status in car.diagnostics.latest.status if status.name == 'planner: route progress')
+    car.diagnostics.clear()
+    return car.entry('route progress')
 
 
 def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone(car):
     # By its stamp the route has 15 min left; the vehicle has not left the start.
-    car.send_route(car.route(age_s=300.0))
+    car.give(car.route(age_s=300.0))
     assert told(car, distance=0.0, has_distance=True).message.endswith('min late')
     plan = car.plans.latest
     assert plan.delay == pytest.approx(300.0, abs=5.0)
@@ -289,6 +217,8 @@ def test_silence_of_the_battery_switches_off_within_the_timeout_and_it_heats_aga
     # No lease outlasts the battery state.
     assert max(nanoseconds(command.valid_until) for command in car.commands.messages
                if heats(command)) <= last_ns + round(TIMEOUT_S * NS_PER_S)
+    assert car.entry('preheating', lambda entry: entry.message.startswith('STALE_INPUT')).level == (
+        DiagnosticStatus.ERROR)
     car.expect_heat()
 
 
@@ -303,111 +233,56 @@ BAD_ROUTES = {
 
 @pytest.mark.parametrize('fields, text', BAD_ROUTES.values(), ids=BAD_ROUTES)
 def test_a_bad_route_switches_off_and_is_named(car, fields, text):
-    car.send_route(car.route(route_id='wrong', **fields))
+    car.send_route(route_id='wrong', **fields)
     car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
     car.plans.wait_for(lambda plan: text in plan.explanation, text)
 
 
-def test_a_bad_route_is_in_the_diagnostics_even_while_states_keep_coming(car):
-    with car.feeding():
-        car.send_route(car.route(speed=[-1.0]))
-        car.diagnostics.wait_for(
-            lambda array: array.status[0].level == DiagnosticStatus.ERROR
-            and 'route_plan refused: speed[0]: -1 is not allowed' in array.status[0].message)
-
-
-UPDATE = {'speed': [-1.0]}
-# Fields refused besides the speed, and whether the previous route continues.
-REFUSED_ROUTES = {
-    'update': ({}, True), 'later': ({'segment_duration': [31.0] * 40}, True),
-    'earlier': ({'segment_duration': [29.0] * 40}, False),
-    'other_id': ({'route_id': 'work'}, False), 'no_id': ({'route_id': ''}, False),
-    'cancelled': ({'charging_planned': False}, False),
-    'unreadable': ({'segment_duration': [nan]}, False),
-    'stop': ({'stop_after_segment': [20], 'stop_duration': [600.0]}, False)}
-
-
-@pytest.mark.parametrize('fields, goes_on', REFUSED_ROUTES.values(), ids=REFUSED_ROUTES)
-def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_off(
-        car, fields, goes_on):
-    # Otherwise the same route, stamped later, would arrive later.
+# All others that end the route before: test_route_intake.py.
+@pytest.mark.parametrize('route_id, goes_on', [('home', True), ('work', False)])
+def test_a_refused_route_stays_an_error_whether_the_one_before_goes_on_or_not(car, route_id, goes_on):
     first = car.route()
-    car.send_route(first)
-    refused = car.route(**{**UPDATE, **fields})
-    refused.header.stamp = first.header.stamp
+    car.give(first)
+    car.give(stamped(car.route(route_id=route_id, speed=[-1.0]), nanoseconds(first.header.stamp)))
+    assert car.plans.latest.status == Status.INVALID_INPUT
     with car.feeding():
-        car.plans.wait_for(lambda plan: plan.route_id == 'home')
-        car.send_route(refused)
-        car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-        # Some states later, if the previous route may continue.
-        car.plans.clear()
-        car.commands.clear()
-        car.diagnostics.clear()
+        car.clear()
         if goes_on:
             car.commands.wait_for(heats, 'heating by the route before')
-            status = 'TARGET_UNREACHABLE'
         else:
-            plans = car.plans.wait_for_count(10)
-            assert {(plan.status, plan.route_id) for plan in plans} == {(Status.INVALID_INPUT, '')}
-            # The command of before may arrive after the plan.
-            car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
-            car.commands.clear()
-            assert not any(map(heats, car.commands.wait_for_count(5)))
-            status = 'INVALID_INPUT'
-        # The diagnostics remain at ERROR and name the refused fields.
-        car.diagnostics.wait_for(lambda array: array.status[0].message.startswith(f'{status}: '))
+            # Nor does a parameter bring it back.
+            assert car.set(clock_tolerance=0.75).successful
+            assert car.statuses() == {Status.INVALID_INPUT}
+            assert is_off_for(Status.INVALID_INPUT)(car.commands.latest)
+        # The diagnostics remain at ERROR and name the refused field.
         car.diagnostics.wait_for_count(4)
         entries = [array.status[0] for array in car.diagnostics.messages]
-        assert {(entry.level, 'route_plan refused: ' in entry.message
-                 and 'speed[0]: -1 is not allowed' in entry.message) for entry in entries} == {
-            (DiagnosticStatus.ERROR, True)}
+        assert {(entry.level, 'route_plan refused: speed[0]: -1 is not allowed' in entry.message)
+                for entry in entries} == {(DiagnosticStatus.ERROR, True)}
         car.send_route()
-        car.diagnostics.wait_for(
-            lambda array: array.status[0].level == DiagnosticStatus.WARN
-            and array.status[0].message.startswith('TARGET_UNREACHABLE: '), 'a good route')
-
-
-def test_a_parameter_does_not_bring_a_route_back_that_was_called_off(car):
-    car.send_route(car.route(route_id='work', speed=[-1.0]))
-    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-    with car.feeding():
-        assert car.set_parameters(clock_tolerance=0.75).successful
-        car.plans.clear()
-        plans = car.plans.wait_for_count(10)
-    assert {plan.status for plan in plans} == {Status.INVALID_INPUT}
+        car.entry('preheating', lambda entry: entry.level == DiagnosticStatus.WARN
+                  and entry.message.startswith('TARGET_UNREACHABLE: '))
 
 
 # Cancellation
 
-def test_a_cancelled_trip_stays_off_while_states_keep_coming(car):
+def test_a_cancelled_trip_stays_off_while_states_and_parameters_keep_coming(car):
     with car.feeding():
-        car.send_route(RoutePlan())
-        car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
-        car.commands.wait_for(is_off_for(Status.NO_CHARGING_PLANNED), 'off')
-        for recorder in (car.plans, car.commands, car.diagnostics):
-            recorder.clear()
+        car.give(RoutePlan())
+        assert is_off_for(Status.NO_CHARGING_PLANNED)(car.commands.latest)
+        car.clear()
+        assert car.set(clock_tolerance=0.75).successful
         plans = car.plans.wait_for_count(10)
-        array = car.diagnostics.wait_for(
-            lambda array: array.status[0].message.startswith('NO_CHARGING_PLANNED:'))
+        entry = car.entry('preheating', lambda entry: entry.message.startswith('NO_CHARGING_PLANNED:'))
     assert {(plan.status, plan.explanation, plan.route_id) for plan in plans} == {
         (Status.NO_CHARGING_PLANNED,
          'The trip was cancelled: no heating until a new route plan arrives.', '')}
     assert not any(map(heats, car.commands.messages))
-    assert array.status[0].level == DiagnosticStatus.OK
-
-
-def test_a_parameter_does_not_bring_a_cancelled_trip_back(car):
-    car.send_route(RoutePlan())
-    car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
-    with car.feeding():
-        assert car.set_parameters(clock_tolerance=0.75).successful
-        car.plans.clear()
-        plans = car.plans.wait_for_count(10)
-    assert {plan.status for plan in plans} == {Status.NO_CHARGING_PLANNED}
+    assert entry.level == DiagnosticStatus.OK
 
 
 def test_a_route_that_begins_later_is_told_from_now(car):
-    car.send_route(car.route(age_s=-600.0, route_id='later'))
+    car.give(car.route(age_s=-600.0, route_id='later'))
     with car.feeding():
         plan = car.plans.wait_for(lambda plan: plan.route_id == 'later')
     assert re.match(r'The route begins in (10:00|9:5\d) min\. Heating all the way is not enough: '
@@ -419,26 +294,19 @@ def test_a_route_that_begins_later_is_told_from_now(car):
 def test_a_parameter_of_a_megabyte_is_refused_in_few_words(car):
     for value in ('x' * 1_000_000, f'/{"x" * 1_000_000}.yaml', '/x' * 500_000):
         for name in ('vehicle', 'method'):
-            result = car.set_parameters(**{name: value})
+            result = car.set(**{name: value})
             assert (result.successful, len(result.reason) < 1000) == (False, True), result.reason
 
 
-# Very long routes
-
-def fine_route(car, route_id):
-    """Return the route of 20 min in 100 000 segments."""
-    return car.route(route_id=route_id, segment_duration=array('d', [0.012]) * 100_000,
-                     **{name: array('d', [value]) * 100_000 for name, value in (
-                         ('speed', 20.0), ('propulsion_power', 20e3),
-                         ('ambient_temperature', -7.0), ('cabin_heating_power', CABIN_W))})
-
-
 def test_100_000_segments_again_and_again_are_planned_in_a_second_of_processor_time_each(car):
-    route = fine_route(car, '')
+    route = car.route(segment_duration=array('d', [0.012]) * 100_000,
+                      **{name: array('d', [value]) * 100_000 for name, value in (
+                          ('speed', 20.0), ('propulsion_power', 20e3), ('ambient_temperature', -7.0),
+                          ('cabin_heating_power', CABIN_W))})
     for number in range(3):
         route.route_id = f'fine {number}'
         before_s = time.thread_time()
-        car.send_route(route)
+        car.give(route)
         assert car.plans.latest.route_id == route.route_id
         # Commands come between the routes: none takes longer than the first.
         car.give_state()
@@ -456,8 +324,7 @@ def test_switched_off_it_stays_off_for_good_input_until_it_is_switched_on(car):
     car.send_route()
     with car.feeding():
         commands = car.commands.wait_for_count(10)
-    assert {(command.battery_heating_power, command.reason) for command in commands} == {
-        (0.0, int(Status.DISABLED))}
+    assert all(map(is_off_for(Status.DISABLED), commands))
     response = car.enable(True)
     assert (response.success, response.message) == (True, 'Preheating is switched on.')
     car.expect_heat()
@@ -478,51 +345,37 @@ def test_the_command_is_repeated_and_the_lease_moves_with_it(car):
 # Parameters
 
 def test_a_new_target_takes_effect_at_once(car):
-    car.send_route(car.route(target_battery_temperature=nan, route_id='no target'))
-    car.plans.wait_for(lambda plan: plan.route_id == 'no target')
-    assert car.set_parameters(target_battery_temperature=11.5).successful
-    car.plans.wait_for(lambda plan: plan.target_battery_temperature == 11.5)
+    car.send_route(target_battery_temperature=nan, route_id='no target')
+    assert car.set(target_battery_temperature=11.5).successful
+    assert car.plans.latest.target_battery_temperature == 11.5
 
 
-def test_a_new_vehicle_takes_effect_at_once(car):
-    assert car.set_parameters(vehicle='small_car').successful
+def test_a_new_vehicle_takes_effect_at_once_and_its_assumed_values_are_warned_of(car):
+    assert car.set(vehicle='mid_size_lfp').successful
     with car.feeding():
-        car.diagnostics.wait_for(lambda array: array.status[0].hardware_id == 'small_car')
-
-
-def test_a_new_vehicle_with_assumed_values_is_warned_of(car):
-    assert car.set_parameters(vehicle='mid_size_lfp').successful
-    with car.feeding():
-        array = car.diagnostics.wait_for(
-            lambda array: array.status[0].hardware_id == 'mid_size_lfp')
-    values = {value.key: value.value for value in array.status[0].values}
-    assert 'battery resistance' in values['assumed of the vehicle'].split(', ')
+        entry = car.entry('preheating', lambda entry: entry.hardware_id == 'mid_size_lfp')
+    assert 'battery resistance' in values_of(entry)['assumed of the vehicle'].split(', ')
     assert ('vehicle mid_size_lfp: 21 values are assumed, not measured; preheat vehicle check '
             in car.process.output())
 
 
-def test_a_new_period_takes_effect_at_once(car):
-    assert car.set_parameters(command_period=0.05).successful
+def test_a_new_period_and_a_new_timeout_take_effect_at_once(car):
+    assert car.set(command_period=0.05).successful
     car.commands.clear()
     stamps_s = [nanoseconds(command.header.stamp) / NS_PER_S
                 for command in car.commands.wait_for_count(12)[1:]]
     assert stamps_s[-1] - stamps_s[0] < 10 * 0.5 * PERIOD_S
+    assert car.set(battery_state_timeout=0.3).successful
+    plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
+    assert plan.explanation.endswith('less than 0.3 s are allowed.')
+    assert 'In effect now: battery_state_timeout = 0.3.' in car.process.output()
 
 
 def test_the_compiled_core_is_told_and_can_be_switched_off(car):
     assert re.search(r'with method \w+; native core used: \S+libbev_preheat_core\.so\.', car.process.output())
-    assert car.set_parameters(compiled_core=False).successful
+    assert car.set(compiled_core=False).successful
     with car.feeding():
-        car.diagnostics.wait_for(lambda array: any(
-            (item.key, item.value) == ('compiled core', 'not used: switched off')
-            for item in array.status[0].values))
-
-
-def test_a_new_timeout_takes_effect_at_once(car):
-    assert car.set_parameters(battery_state_timeout=0.3).successful
-    plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
-    assert plan.explanation.endswith('less than 0.3 s are allowed.')
-    assert 'In effect now: battery_state_timeout = 0.3.' in car.process.output()
+        car.entry('preheating', lambda entry: values_of(entry)['compiled core'] == 'not used: switched off')
 
 
 REFUSED = {
@@ -542,7 +395,7 @@ REFUSED = {
 def test_a_wrong_parameter_is_refused_with_the_reason(car, values, text):
     (name,) = values
     before = car.get_parameters(name)
-    result = car.set_parameters(**values)
+    result = car.set(**values)
     same = [a == b or (isnan(a) and isnan(b)) for a, b in zip(
         before, car.get_parameters(name))]
     assert (result.successful, same) == (False, [True])
@@ -552,7 +405,7 @@ def test_a_wrong_parameter_is_refused_with_the_reason(car, values, text):
 
 
 def test_a_whole_number_is_taken_for_a_double(car):
-    assert car.set_parameters(value_of_time=12).successful
+    assert car.set(value_of_time=12).successful
     assert car.get_parameters('value_of_time') == [12.0]
     assert 'In effect now: value_of_time = 12.0.' in car.process.output()
 
@@ -560,31 +413,25 @@ def test_a_whole_number_is_taken_for_a_double(car):
 def test_a_file_that_breaks_the_reader_is_refused(car, tmp_path):
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 1500)
-    assert not car.set_parameters(vehicle=str(path)).successful
+    assert not car.set(vehicle=str(path)).successful
     car.expect_heat()
 
 
-def test_several_parameters_hold_together(car):
+@pytest.mark.parametrize('values, fit', [
     # Either alone is refused: the lease must be longer than the period.
-    result = car.set_parameters(
-        SetParametersAtomically, command_period=0.7, command_lease=2.0)
-    assert (result.successful, car.get_parameters('command_period', 'command_lease')) == (
-        True, [0.7, 2.0])
-
-
-def test_several_parameters_fail_together(car):
-    result = car.set_parameters(
-        SetParametersAtomically, battery_state_timeout=3.0, command_period=0.9)
-    assert (result.successful,
-            car.get_parameters('battery_state_timeout', 'command_period')) == (
-        False, [TIMEOUT_S, PERIOD_S])
+    ({'command_period': 0.7, 'command_lease': 2.0}, True),
+    ({'battery_state_timeout': 3.0, 'command_period': 0.9}, False)])
+def test_several_parameters_hold_or_fail_together(car, values, fit):
+    before = car.get_parameters(*values)
+    assert car.set(SetParametersAtomically, **values).successful is fit
+    assert car.get_parameters(*values) == (list(values.values()) if fit else before)
 
 
 def test_each_number_is_described_with_its_unit_and_range(car):
-    names = [parameter.name for parameter in PARAMETERS if parameter.limits]
-    descriptors = car.rehearsal.call(DescribeParameters, '/planner/describe_parameters',
-                                     DescribeParameters.Request(names=names)).descriptors
-    for parameter, descriptor in zip((each for each in PARAMETERS if each.limits), descriptors, strict=True):
+    numbers = [parameter for parameter in PARAMETERS if parameter.limits]
+    descriptors = car.bench.call(DescribeParameters, '/planner/describe_parameters', DescribeParameters.Request(
+        names=[parameter.name for parameter in numbers])).descriptors
+    for parameter, descriptor in zip(numbers, descriptors, strict=True):
         assert len(descriptor.description) > 10 and (
             descriptor.description.endswith(f'[{parameter.unit}]') or not parameter.unit)
         assert descriptor.floating_point_range or ' ... ' in descriptor.additional_constraints
@@ -599,31 +446,16 @@ def test_a_wrong_parameter_at_the_start_is_one_line_and_2(call_main):
 
 # Diagnostics
 
-@pytest.mark.parametrize('fields, level, status', [
-    ({}, DiagnosticStatus.WARN, Status.TARGET_UNREACHABLE),
-    ({'target_battery_temperature': -20.0}, DiagnosticStatus.OK, Status.NOT_NEEDED),
-    ({'charging_planned': False}, DiagnosticStatus.OK, Status.NO_CHARGING_PLANNED),
-    ({'speed': [-1.0]}, DiagnosticStatus.ERROR, Status.INVALID_INPUT),
-], ids=['unreachable', 'not_needed', 'no_charging', 'invalid'])
-def test_level_of_the_diagnostics(car, fields, level, status):
-    car.send_route(car.route(**fields))
+def test_no_heat_that_is_not_needed_is_no_fault(car):
+    car.send_route(target_battery_temperature=-20.0)
     with car.feeding():
-        array = car.diagnostics.wait_for(
-            lambda array: array.status[0].message.startswith(status.name))
-    assert array.status[0].level == level
-
-
-def test_silence_of_the_battery_is_an_error_in_the_diagnostics(car):
-    array = car.diagnostics.wait_for(
-        lambda array: array.status[0].message.startswith('STALE_INPUT'))
-    assert array.status[0].level == DiagnosticStatus.ERROR
+        assert car.entry('preheating', lambda entry: entry.message.startswith('NOT_NEEDED')).level == (
+            DiagnosticStatus.OK)
 
 
 def test_diagnostics_tell_the_figures(car):
     with car.feeding(lambda: car.state(temperature=-6.5, percentage=0.75)):
-        array = car.diagnostics.wait_for(lambda array: any(
-            item.value == '-6.50' for item in array.status[0].values))
-    values = {item.key: item.value for item in array.status[0].values}
+        values = values_of(car.entry('preheating', lambda entry: '-6.50' in values_of(entry).values()))
     assert {key: values[key] for key in (
         'vehicle', 'route_id', 'enabled', 'command [W]', 'battery temperature [degC]',
         'state of charge [1]')} == {
@@ -635,9 +467,10 @@ def test_diagnostics_tell_the_figures(car):
 # The clock
 
 def test_a_clock_that_restarts_is_followed(car):
-    car.rehearsal.now_ns = 50 * NS_PER_S
+    car.at(50 * NS_PER_S)
     # The old route starts in the new future.
     car.give_state()
     assert not heats(car.commands.latest)
-    car.heat()
+    car.send_route()
+    car.expect_heat()
     assert car.commands.latest.header.stamp.sec < 200

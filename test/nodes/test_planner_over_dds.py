@@ -11,24 +11,20 @@ import signal
 import subprocess
 import sys
 
-from node_bench import repeating
+from planner_car import heats, LATCHED, PlannerCar
 import pytest
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
-from rclpy.parameter import Parameter
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rcl_interfaces.srv import DescribeParameters, GetParameters
+from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState
-from std_srvs.srv import SetBool
 
-from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSReliabilityPolicy.RELIABLE
 LEASE_S = 5.0
 QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}', '-p', 'battery_state_timeout:=60.0',
          '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
-STATE_PERIOD_S = 0.2
 FROZEN_SUBSCRIBER = """
 import rclpy
 from bev_preheat_msgs.msg import HvchCommand
@@ -39,52 +35,20 @@ rclpy.spin(node)
 """
 
 
-def heats(command):
-    return command.battery_heating_power > 0.0
-
-
-class Car:
+class Car(PlannerCar):
     """A battery and routes in real time."""
-
-    def __init__(self, bench, namespace='', battery_topic='battery_state'):
-        self.bench = bench
-        self.commands = bench.record(HvchCommand, f'{namespace}/hvch_command', 100)
-        self.plans = bench.record(PreheatPlan, f'{namespace}/preheat_plan', 100)
-        self.states = bench.publisher(BatteryState, f'{namespace}/{battery_topic}')
-        self.routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
-        self.process = None
-
-    def start(self, *arguments):
-        self.process = self.bench.start('planner', *QUICK, *arguments)
-
-    def stamp(self):
-        return time_message(self.bench.node.get_clock().now().nanoseconds)
-
-    def send_state(self):
-        message = BatteryState(temperature=-7.0, percentage=0.8)
-        message.header.stamp = self.stamp()
-        self.states.publish(message)
-
-    def send_route(self, route_id='home'):
-        """Publish a route of 20 min, too short to reach 25 degC from -7 degC: heats at once."""
-        message = RoutePlan(
-            route_id=route_id, segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
-            ambient_temperature=[-7.0], charging_planned=True, target_battery_temperature=25.0)
-        message.header.stamp = self.stamp()
-        self.routes.publish(message)
 
     def heat(self):
         """Wait until it heats, and forget its earlier messages."""
         self.send_route()
-        self.commands.clear()
-        self.commands.wait_for(heats, 'heat')
+        self.wait_for_heat()
         self.plans.clear()
 
 
 @pytest.fixture(scope='module')
 def shared(module_bench):
     shared = Car(module_bench)
-    with repeating(shared.send_state, STATE_PERIOD_S):
+    with shared.feeding():
         yield shared
 
 
@@ -92,7 +56,7 @@ def shared(module_bench):
 def last_drive(shared):
     """Return the car that tests share, heating; its planner may end."""
     if shared.process is None or shared.process.exit_status is not None:
-        shared.start()
+        shared.start(*QUICK)
     shared.heat()
     return shared
 
@@ -132,10 +96,10 @@ def test_its_commands_are_repeated_in_real_time(car):
 
 @pytest.mark.deep
 def test_bytes_that_are_no_message_do_no_harm(car):
-    car.states.publish(b'\x00\x01\x00\x00' + b'\xff' * 60)
+    car.publishers[BatteryState].publish(b'\x00\x01\x00\x00' + b'\xff' * 60)
     car.heat()
     # An unreadable route may have been a cancellation of the trip.
-    car.routes.publish(b'\x00\x01\x00\x00\x01')
+    car.publishers[RoutePlan].publish(b'\x00\x01\x00\x00\x01')
     car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
                        and 'route_plan refused: the message cannot be read' in plan.explanation)
     car.heat()
@@ -144,19 +108,14 @@ def test_bytes_that_are_no_message_do_no_harm(car):
 def test_its_services_answer(car):
     call = car.bench.call
     names = ['value_of_time']
-
-    def set_to(value):
-        return call(SetParameters, '/planner/set_parameters', SetParameters.Request(parameters=[
-            Parameter(names[0], value=value).to_parameter_msg()])).results[0]
-
-    assert set_to(12.0).successful
-    assert 'value_of_time' in set_to(-1.0).reason
+    assert car.set(value_of_time=12.0).successful
+    assert 'value_of_time' in car.set(value_of_time=-1.0).reason
     assert call(GetParameters, '/planner/get_parameters', GetParameters.Request(names=names)
                 ).values[0].double_value == 12.0
     assert call(DescribeParameters, '/planner/describe_parameters', DescribeParameters.Request(names=names)
                 ).descriptors[0].description.endswith('[per h]')
     for is_on, condition in ((False, lambda command: command.reason == Status.DISABLED), (True, heats)):
-        assert call(SetBool, '/planner/enable', SetBool.Request(data=is_on)).success
+        assert car.enable(is_on).success
         car.commands.wait_for(condition, f'the answer to {is_on}')
 
 
@@ -195,10 +154,10 @@ def test_a_listener_that_hangs_does_not_keep_it_from_ending(last_drive):
 
 def test_two_cars_have_topics_of_their_own(bench):
     # The first has other names for everything.
-    first, second = Car(bench, '/car1', 'bms/state'), Car(bench, '/car2')
-    first.start('-r', '__ns:=/car1', '-r', 'battery_state:=bms/state')
-    second.start('-r', '__ns:=/car2')
-    with repeating(first.send_state, STATE_PERIOD_S):
+    first, second = Car(bench, '/car1', battery_topic='bms/state'), Car(bench, '/car2')
+    first.start(*QUICK, '-r', '__ns:=/car1', '-r', 'battery_state:=bms/state')
+    second.start(*QUICK, '-r', '__ns:=/car2')
+    with first.feeding():
         first.heat()
         second.commands.wait_for_count(5)
         assert not any(map(heats, second.commands.messages))

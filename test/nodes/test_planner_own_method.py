@@ -3,26 +3,22 @@
 
 import os
 
-from builtin_interfaces.msg import Time
 import installed_packages
 from node_bench import repeating
+from planner_car import PlannerCar, route_at, state_at
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, SetParameters
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rehearsed_planner import RehearsedPlanner
+from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import BatteryState
 
+from bev_preheat.messages.fields import time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning import installed_methods
 from bev_preheat.planning.installed_methods import InstalledMethod
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Messages lost on a best-effort topic are sent again after this real time.
 RESEND_S = 0.2
-START_S, STEPS, STEP_S = 1_700_000_000, 60, 30.0
+START_NS, STEPS, STEP_S = 1_700_000_000 * NS_PER_S, 60, 30.0
 BROKEN = """
 def negative(situation):
     return -situation.heater_limit_w
@@ -31,22 +27,12 @@ def negative(situation):
 
 def route():
     """Return a route of 30 min to a fast charger."""
-    message = RoutePlan(
-        route_id='home', segment_duration=[STEP_S] * STEPS, speed=[20.0], propulsion_power=[20e3],
-        ambient_temperature=[-7.0], cabin_heating_power=[1600.0], charging_planned=True,
-        target_battery_temperature=12.0)
-    message.header.stamp = Time(sec=START_S)
-    return message
+    return route_at(START_NS, segment_duration=[STEP_S] * STEPS, cabin_heating_power=[1600.0],
+                    target_battery_temperature=12.0)
 
 
-def battery_state(second):
-    message = BatteryState(temperature=-7.0, percentage=0.8)
-    message.header.stamp = Time(sec=START_S + second)
-    return message
-
-
-def string(name, value):
-    return Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value))
+def instant_ns(second):
+    return START_NS + second * NS_PER_S
 
 
 def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench, tmp_path, monkeypatch):
@@ -54,20 +40,18 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     (tmp_path / 'broken_method.py').write_text(BROKEN)
     installed_packages.write_metadata(tmp_path, 'broken-method', {'negative': 'broken_method:negative'})
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(tmp_path), os.environ.get('PYTHONPATH', '')]))
-    commands = bench.record(HvchCommand, 'hvch_command')
-    plans = bench.record(PreheatPlan, 'preheat_plan', LATCHED)
-    clock, states = bench.publisher(Clock, '/clock'), bench.publisher(BatteryState, 'battery_state')
-    routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-    bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'estimation:=false', '-p', 'method:=last_20_minutes')
-    for sender in (clock, states, routes):
+    car, clock = PlannerCar(bench), bench.publisher(Clock, '/clock')
+    commands, plans = car.commands, car.plans
+    car.start('-p', 'use_sim_time:=true', '-p', 'estimation:=false', '-p', 'method:=last_20_minutes')
+    for sender in (clock, *car.publishers.values()):
         sender.wait_for_subscription()
-    routes.publish(route())
+    car.give(route())
 
     def after(second, condition):
         """Return the first command that meets a condition after a battery state."""
         def ask():
-            clock.publish(Clock(clock=Time(sec=START_S + second)))
-            states.publish(battery_state(second))
+            clock.publish(Clock(clock=time_message(instant_ns(second))))
+            car.give(state_at(instant_ns(second)))
         with repeating(ask, RESEND_S):
             return commands.wait_for(condition)
 
@@ -83,13 +67,11 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     described = bench.call(DescribeParameters, '/planner/describe_parameters',
                            DescribeParameters.Request(names=['method'])).descriptors[0]
     assert 'a method of an installed package' in described.additional_constraints
-    refused, = bench.call(SetParameters, '/planner/set_parameters', SetParameters.Request(
-        parameters=[string('method', 'last_25_minutes')])).results
+    refused = car.set(method='last_25_minutes')
     assert not refused.successful
     assert refused.reason == ("method: 'last_25_minutes' is not one of value_function, optimal_switch, paper, "
                               'last_10_minutes, last_20_minutes, last_30_minutes, negative')
-    taken, = bench.call(SetParameters, '/planner/set_parameters', SetParameters.Request(
-        parameters=[string('method', 'negative')])).results
+    taken = car.set(method='negative')
     assert taken.successful, taken.reason
     off = after(607, lambda command: command.reason == int(Status.INVALID_INPUT))
     assert off.battery_heating_power == 0.0
@@ -100,13 +82,15 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
 
 @pytest.fixture
 def planner(rehearsal):
-    return RehearsedPlanner(rehearsal, START_S * 1_000_000_000)
+    planner = PlannerCar(rehearsal)
+    planner.at(START_NS)
+    planner.start()
+    return planner
 
 
 def after_state(planner, second):
-    planner.set_clock((START_S + second) * 1_000_000_000)
-    planner.give(battery_state(second))
-    return planner.commands.latest.battery_heating_power, Status(planner.commands.latest.reason)
+    command = planner.after_state(instant_ns(second))
+    return command.battery_heating_power, Status(command.reason)
 
 
 def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it_works(planner, monkeypatch):

@@ -2,79 +2,51 @@
 """A planner is killed while heating and restarted: the commands that the heater receives."""
 
 import json
+import math
 import signal
 
-from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import poll_until
+from planner_car import heats, LATCHED, PlannerCar, values_of
 import pytest
-from rclpy.parameter import Parameter
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
-from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.flight_file import read_flight
 from bev_preheat.recording.recordings import open_recording, Planner, Sources
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LEASE_S = 0.8
-STATE_PERIOD_S = 0.2
 
 
-def entry_of(array, name):
-    """Return the planner's entry of that name in a DiagnosticArray, None if absent."""
-    return next((entry for entry in array.status if entry.name == f'planner: {name}'), None)
-
-
-class Car:
-    """A battery that is published continuously, and a latched route that needs heat at once."""
+class Car(PlannerCar):
+    """A car with a latched route, whose planners have short leases."""
 
     def __init__(self, bench):
-        self._bench = bench
-        self.commands = bench.record(HvchCommand, 'hvch_command')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._states = bench.publisher(BatteryState, 'battery_state')
-        self._routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-        self.send_route('home')
+        super().__init__(bench)
+        self.send_route()
 
-    def send_route(self, name):
-        route = RoutePlan(
-            route_id=name, segment_duration=[30.0] * 40, speed=[20.0],
-            propulsion_power=[20e3], ambient_temperature=[-7.0], charging_planned=True,
-            target_battery_temperature=25.0)
-        route.header.stamp = self.stamp()
-        self._routes.publish(route)
+    def start(self, *arguments):
+        return super().start('-p', 'command_period:=0.2', '-p', 'battery_state_timeout:=60.0',
+                             '-p', f'command_lease:={LEASE_S}', *arguments)
 
-    def end_navigation(self):
-        self._routes.destroy()
-
-    def stamp(self):
-        return time_message(self._bench.now_ns)
-
-    def send_state(self):
-        state = BatteryState(temperature=-7.0, percentage=0.8)
-        state.header.stamp = self.stamp()
-        self._states.publish(state)
-
-    def start_planner(self, *arguments):
-        return self._bench.start('planner', '-p', 'command_period:=0.2',
-                                 '-p', 'battery_state_timeout:=60.0',
-                                 '-p', f'command_lease:={LEASE_S}', *arguments)
+    def wait_for(self, reason):
+        """Wait for the next command with a reason."""
+        return self.commands.wait_for(lambda command: command.reason == reason)
 
     def wait_for_heat(self):
-        return self.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+        """Return the first command that heats, received already or to come."""
+        return self.commands.wait_for(heats, 'heat')
 
 
 @pytest.fixture
 def car(rehearsal):
     """Return a Car of a planner in this process."""
     car = Car(rehearsal)
-    with rehearsal.repeating(car.send_state, STATE_PERIOD_S):
+    with car.feeding():
         yield car
 
 
@@ -82,13 +54,13 @@ def car(rehearsal):
 def real_car(bench):
     """Return a Car of installed planners over DDS."""
     car = Car(bench)
-    with bench.repeating(car.send_state, STATE_PERIOD_S):
+    with car.feeding():
         yield car
 
 
 def test_what_was_learned_and_last_seen_outlives_the_process(car, tmp_path):
     memory = tmp_path / 'learned.json'
-    first = car.start_planner('-p', f'state_file:={memory}')
+    first = car.start('-p', f'state_file:={memory}')
     car.wait_for_heat()
     first.end()
     contents = json.loads(memory.read_text())
@@ -97,15 +69,13 @@ def test_what_was_learned_and_last_seen_outlives_the_process(car, tmp_path):
     # It takes the heat of some seconds to exceed the sensor's noise.
     assert (seen['temperature_c'], seen['soc']) == (
         pytest.approx(-7.0, abs=0.5), pytest.approx(0.8, abs=0.01))
-    assert 0 <= nanoseconds(car.stamp()) - seen['stamp_ns'] < 60 * NS_PER_S
+    assert 0 <= car.now_ns - seen['stamp_ns'] < 60 * NS_PER_S
     car_entry['log_factors']['heat_capacity'] = 0.125
     memory.write_text(json.dumps(contents))
     car.diagnostics.clear()
-    second = car.start_planner('-p', f'state_file:={memory}')
-    array = car.diagnostics.wait_for(lambda array: entry_of(array, 'estimation'))
-    values = {item.key: item.value for item in entry_of(array, 'estimation').values}
+    second = car.start('-p', f'state_file:={memory}')
     # exp(0.125)
-    assert values['heat capacity / vehicle file [1]'].startswith('1.133 ')
+    assert values_of(car.entry('estimation'))['heat capacity / vehicle file [1]'].startswith('1.133 ')
     assert 'the estimation begins with the learned factors' in second.output()
 
 
@@ -121,14 +91,14 @@ def has_recorded_heat(folder):
 
 @pytest.mark.needs('mcap')
 def test_a_killed_planner_leaves_a_recording_that_is_reproduced(real_car, tmp_path):
-    first = real_car.start_planner('-p', f'flight_recorder:={tmp_path}')
+    first = real_car.start('-p', f'flight_recorder:={tmp_path}')
     real_car.wait_for_heat()
     # The recorder's thread writes some time later.
     poll_until(lambda: has_recorded_heat(tmp_path), 'heat in the recording')
     kill(first)
     # A second planner's life in the same folder.
     real_car.commands.clear()
-    second = real_car.start_planner('-p', f'flight_recorder:={tmp_path}')
+    second = real_car.start('-p', f'flight_recorder:={tmp_path}')
     real_car.wait_for_heat()
     second.send_signal(signal.SIGTERM)
     assert second.wait() == 0
@@ -138,6 +108,30 @@ def test_a_killed_planner_leaves_a_recording_that_is_reproduced(real_car, tmp_pa
         assert replayed.comparison.is_reproduced and replayed.comparison.commands > 2
         assert replayed.course.heating
     assert [given.step.call for given in read_flight(tmp_path).given][-1] == 'stop'
+
+
+@pytest.mark.needs('mcap')
+def test_whatever_the_node_got_the_step_without_ros_says_the_same(rehearsal, car, tmp_path):
+    """Refusals, an opt-out, silence, a cancellation, parameters, and a clock that is set back."""
+    process = car.start('-p', f'flight_recorder:={tmp_path}')
+    car.wait_for_heat()
+    for happening in (
+            lambda: car.send_route(speed=[-1.0]), lambda: car.send_route(route_id='work', speed=[-1.0]),
+            lambda: car.send_route(route_id='work'), lambda: car.send_state(temperature=math.nan),
+            lambda: car.enable(False),
+            lambda: car.enable(True), lambda: car.give(RoutePlan()),
+            lambda: car.send_route(target_battery_temperature=math.nan),
+            lambda: car.set(target_battery_temperature=21.0), lambda: car.set(battery_state_timeout=0.1),
+            lambda: car.set(vehicle='small_car'), lambda: car.at(car.now_ns - 3600 * NS_PER_S),
+            lambda: car.send_route(route_id='again')):
+        happening()
+        rehearsal.advance(4.0)
+    process.end()
+    statuses = {plan.status for plan in car.plans.messages}
+    assert statuses >= {PreheatPlan.TARGET_UNREACHABLE, PreheatPlan.INVALID_INPUT, PreheatPlan.DISABLED,
+                        PreheatPlan.NO_CHARGING_PLANNED, PreheatPlan.STALE_INPUT}
+    replayed = replay(read_flight(tmp_path))
+    assert replayed.comparison.is_reproduced and replayed.comparison.commands > 200, replayed.comparison
 
 
 @pytest.mark.needs('mcap')
@@ -153,7 +147,7 @@ def test_a_recording_of_the_topics_is_reproduced(rehearsal, car, tmp_path):
 
     subscriptions = [record(BatteryState, 'battery_state', 10), record(RoutePlan, 'route_plan', LATCHED),
                      record(HvchCommand, 'hvch_command', 10)]
-    car.start_planner()
+    car.start()
     car.wait_for_heat()
     car.commands.wait_for_count(20)
     for subscription in subscriptions:
@@ -179,68 +173,68 @@ def kill(process):
 
 
 @pytest.mark.deep
-def test_an_opt_out_outlives_a_killed_process(bench, real_car, tmp_path):
+def test_an_opt_out_outlives_a_killed_process(real_car, tmp_path):
     memory = tmp_path / 'state.json'
-    first = real_car.start_planner('-p', f'state_file:={memory}')
+    first = real_car.start('-p', f'state_file:={memory}')
     real_car.wait_for_heat()
-    bench.call(SetBool, '/planner/enable', SetBool.Request(data=False))
-    real_car.commands.wait_for(lambda command: command.reason == HvchCommand.DISABLED)
+    real_car.enable(False)
+    real_car.wait_for(HvchCommand.DISABLED)
     kill(first)
     real_car.commands.clear()
-    second = real_car.start_planner('-p', f'state_file:={memory}')
-    real_car.commands.wait_for(lambda command: command.reason == HvchCommand.DISABLED)
+    second = real_car.start('-p', f'state_file:={memory}')
+    real_car.wait_for(HvchCommand.DISABLED)
     assert 'Preheating is switched off, as it was before the restart.' in second.output()
     assert not any(command.battery_heating_power for command in real_car.commands.messages)
-    bench.call(SetBool, '/planner/enable', SetBool.Request(data=True))
+    real_car.enable(True)
     real_car.wait_for_heat()
     kill(second)
     # The remainder of the lease is all the heat that it leaves.
-    killed_ns = nanoseconds(real_car.stamp())
+    killed_ns = real_car.now_ns
     assert max(nanoseconds(command.valid_until) for command in real_car.commands.messages) <= (
         killed_ns + round(LEASE_S * NS_PER_S))
     real_car.commands.clear()
-    real_car.start_planner('-p', f'state_file:={memory}')
+    real_car.start('-p', f'state_file:={memory}')
     real_car.wait_for_heat()
 
 
 def test_a_cancelled_trip_outlives_a_killed_process(rehearsal, car, tmp_path):
     """The navigation latches its route; a button in the car, another node, cancels it."""
     memory = tmp_path / 'state.json'
-    first = car.start_planner('-p', f'state_file:={memory}')
+    first = car.start('-p', f'state_file:={memory}')
     car.wait_for_heat()
     button = rehearsal.publisher(RoutePlan, 'route_plan', 1)
     button.wait_for_subscription()
     button.publish(RoutePlan())
-    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_CHARGING_PLANNED)
+    car.wait_for(HvchCommand.NO_CHARGING_PLANNED)
     assert json.loads(memory.read_text())['driver']['cancelled_trip']
     first.kill()
     car.commands.clear()
-    car.start_planner('-p', f'state_file:={memory}')
-    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_CHARGING_PLANNED)
+    car.start('-p', f'state_file:={memory}')
+    car.wait_for(HvchCommand.NO_CHARGING_PLANNED)
     assert not any(command.battery_heating_power for command in car.commands.messages)
-    car.send_route('work')
+    car.send_route(route_id='work')
     car.wait_for_heat()
 
 
 def test_a_killed_planner_goes_on_with_the_trip_that_nobody_sends_again(car, tmp_path):
     """The navigation has gone; only the planner's own state knows the route."""
     memory = tmp_path / 'state.json'
-    first = car.start_planner('-p', f'state_file:={memory}')
+    first = car.start('-p', f'state_file:={memory}')
     car.wait_for_heat()
     first.kill()
-    car.end_navigation()
+    car.publishers[RoutePlan].destroy()
     car.commands.clear()
-    second = car.start_planner('-p', f'state_file:={memory}')
+    second = car.start('-p', f'state_file:={memory}')
     car.wait_for_heat()
     assert 'the planner goes on from its state of ' in second.output()
     # Another parameter reads the route again, which the planner knows as a message.
-    second.node.set_parameters([Parameter('planning_step', value=15.0)])
+    assert car.set(planning_step=15.0).successful
     car.commands.clear()
     car.wait_for_heat()
     second.end()
     # The driver's button counts as before.
     car.commands.clear()
-    third = car.start_planner('-p', f'state_file:={memory}', '-p', 'planning_step:=15.0')
+    third = car.start('-p', f'state_file:={memory}', '-p', 'planning_step:=15.0')
     car.wait_for_heat()
     third.end()
 
@@ -248,10 +242,10 @@ def test_a_killed_planner_goes_on_with_the_trip_that_nobody_sends_again(car, tmp
 @pytest.mark.parametrize('change', ['parameter', 'vehicle', 'damaged', 'edited', 'other file'])
 def test_a_state_of_other_circumstances_is_not_gone_on_from(car, tmp_path, change):
     memory = tmp_path / 'state.json'
-    first = car.start_planner('-p', f'state_file:={memory}')
+    first = car.start('-p', f'state_file:={memory}')
     car.wait_for_heat()
     first.end()
-    car.end_navigation()
+    car.publishers[RoutePlan].destroy()
     running, more = memory.with_name('state.json.running'), []
     if change == 'parameter':
         more = ['-p', 'command_lease:=0.9']
@@ -264,8 +258,8 @@ def test_a_state_of_other_circumstances_is_not_gone_on_from(car, tmp_path, chang
     else:
         running.write_text('my notes')
     car.commands.clear()
-    second = car.start_planner('-p', f'state_file:={memory}', *more)
-    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_ROUTE)
+    second = car.start('-p', f'state_file:={memory}', *more)
+    car.wait_for(HvchCommand.NO_ROUTE)
     assert not any(command.battery_heating_power for command in car.commands.messages)
     second.end()
     assert 'goes on from its state' not in second.output()

@@ -5,15 +5,14 @@ from array import array
 import re
 
 from node_bench import poll_until
+from planner_car import LATCHED, route_at
 import psutil
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bev_preheat.messages.fields import time_message
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # The quality of service of `ros2 topic pub`.
 VOLATILE = QoSProfile(depth=1)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -28,16 +27,7 @@ LEASE_S = 2.5
 
 
 def route(bench, route_id='home', **fields):
-    message = RoutePlan(**{
-        'route_id': route_id, 'segment_duration': [30.0] * 40, 'speed': [20.0],
-        'propulsion_power': [20e3], 'ambient_temperature': [-7.0], 'charging_planned': True,
-        'target_battery_temperature': 25.0, **fields})
-    message.header.stamp = now(bench)
-    return message
-
-
-def now(bench):
-    return time_message(bench.node.get_clock().now().nanoseconds)
+    return route_at(bench.now_ns, route_id=route_id, **fields)
 
 
 def long_route(bench, route_id, segments):

@@ -5,7 +5,7 @@ Scenarios: failures are detected, and the drive meets its expectations.
 Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
 for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios, and a
 short one with the nodes together; `make test` drives short scenarios without ROS, one each for car, heater,
-traffic and sensors. Daily, test_lockstep.py drives the nodes as a scenario does, through a drop-out.
+traffic and sensors. Daily, test_installed_drive.py drives the nodes as a scenario does, through a drop-out.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layouts for Foxglove and PlotJuggler show topics that the flight recorder writes, and fields that they have."""
+"""The shipped layouts show topics that the flight recorder writes; the analyzers cover all entries of a car."""
 
 import json
 from pathlib import Path
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+import yaml
 
 from bev_preheat.nodes.flight_recording import TYPES
 
-LAYOUTS = Path(__file__).parents[2] / 'config' / 'layouts'
+CONFIG = Path(__file__).parents[2] / 'config'
+LAYOUTS = CONFIG / 'layouts'
 NUMBERS = {'float', 'double', 'uint8', 'int32', 'boolean'}
 
 
@@ -58,3 +60,34 @@ def test_every_panel_has_a_place_and_every_place_a_panel():
 def test_both_layouts_show_the_same_curves():
     assert set(plotjuggler_paths()) <= {*foxglove_paths('Plot'), *foxglove_paths('StateTransitions')}
     assert set(foxglove_paths('Plot')) <= set(plotjuggler_paths())
+
+
+# Analyzers
+
+ANALYZERS = {name: node for name, node in yaml.safe_load(
+    (CONFIG / 'analyzers.yaml').read_text(encoding='utf-8'))['/**']['ros__parameters'].items()
+    if isinstance(node, dict)}
+
+
+# The simulator is no part of a car, and the dashboard has no entries of its own.
+EXECUTABLES = sorted({path.name.partition('.')[0] for path in (CONFIG / 'sros2').iterdir()}
+                     - {'vehicle_simulator', 'dashboard'})
+
+
+def test_executables_are_found():
+    assert {'planner', 'heater_controller', 'bus_gateway'} <= set(EXECUTABLES)
+
+
+@pytest.mark.parametrize('executable', EXECUTABLES)
+@pytest.mark.parametrize('namespace', ['', 'car_7/'])
+def test_each_node_has_one_analyzer(executable, namespace):
+    entry = f'{namespace}{executable}: setup'
+    assert sum(any(part in entry for part in analyzer['contains']) for analyzer in ANALYZERS.values()) == 1
+
+
+def test_analyzers_are_complete_and_wait_longer_than_an_entry_is_repeated():
+    for analyzer in ANALYZERS.values():
+        assert analyzer['type'] == 'diagnostic_aggregator/GenericAnalyzer'
+        assert analyzer['path']
+        # Every node publishes its entries once a second.
+        assert analyzer['timeout'] > 2.0

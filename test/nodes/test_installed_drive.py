@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives in lockstep over DDS: the same on an idle and on a busy computer, or an error."""
+"""Drives in lockstep over DDS, the same on an idle and on a busy computer, or an error; private ROS domains."""
 
 from contextlib import contextmanager, nullcontext
 import signal
+import socket
 import subprocess
 import sys
 
+import domain_coordinator
 from mcap.reader import make_reader
 from node_bench import Bench
 import pytest
@@ -15,7 +17,8 @@ from spinning import spun_node
 import yaml
 
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulator.installed_drive import drive_with_nodes
+from bev_preheat.simulator import installed_drive
+from bev_preheat.simulator.installed_drive import drive_with_nodes, reserved_domain_id
 from bev_preheat.simulator.recorded_scenario import drive_recorded
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
@@ -120,3 +123,47 @@ def test_a_planner_on_another_clock_is_refused(bench):
     simulator = connected_simulator(bench)
     assert simulator.wait() == 2
     assert '/tester does not follow /clock: start it with use_sim_time:=true' in simulator.output()
+
+
+# Private ROS domains
+
+def test_reserved_domains_differ(monkeypatch):
+    monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(91, 101))
+    with reserved_domain_id() as first, reserved_domain_id() as second:
+        assert first != second
+        assert {first, second} <= set(range(91, 101))
+
+
+# DDSI-RTPS 9.6.1.1: the first participant's port is 10 above the domain's, each next port 2 higher.
+# Earlier participants of a domain may have ended.
+@pytest.mark.parametrize('participants_before', [0, 1, 6, 30])
+def test_domain_in_which_somebody_takes_part_is_left_alone(monkeypatch, participants_before):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        with reserved_domain_id() as taken:
+            participant.bind(('127.0.0.1', 7400 + 250 * taken + 10 + 2 * participants_before))
+        monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(taken, taken + 1))
+        with pytest.raises(RuntimeError, match='are all in use'), reserved_domain_id():
+            pass
+
+
+def test_domain_is_free_again_afterwards(monkeypatch):
+    with reserved_domain_id() as domain_id:
+        monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
+    with reserved_domain_id() as again:
+        assert again == domain_id
+
+
+def test_an_error_of_the_block_is_told_as_it_is(monkeypatch):
+    with pytest.raises(FileNotFoundError, match='route'), reserved_domain_id() as domain_id:
+        raise FileNotFoundError('route')
+    monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
+    with reserved_domain_id() as again:
+        assert again == domain_id
+
+
+def test_those_who_reserve_by_the_convention_of_ros_are_respected(monkeypatch):
+    with reserved_domain_id() as domain_id:
+        monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
+    with domain_coordinator.domain_id(lambda: domain_id):
+        with pytest.raises(RuntimeError, match='are all in use'), reserved_domain_id():
+            pass

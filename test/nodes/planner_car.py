@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A planner, a cold battery and a route that needs heat at once, in a Rehearsal or over DDS."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
+
+from bev_preheat.messages.fields import time_message
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+STATE_PERIOD_S = 0.2
+TOPICS = {BatteryState: ('battery_state', 1), RoutePlan: ('route_plan', LATCHED),
+          RouteProgress: ('route_progress', 1)}
+
+
+def stamped(message, instant_ns):
+    """Return a message with the stamp of an instant [ns]."""
+    message.header.stamp = time_message(round(instant_ns))
+    return message
+
+
+def state_at(instant_ns, **fields):
+    """Return a BatteryState."""
+    return stamped(BatteryState(**{'temperature': -7.0, 'percentage': 0.8, **fields}), instant_ns)
+
+
+def route_at(instant_ns, **fields):
+    """Return a RoutePlan of 20 min, too short to reach 25 degC from -7 degC: heats at once."""
+    return stamped(RoutePlan(**{
+        'route_id': 'home', 'segment_duration': [30.0] * 40, 'speed': [20.0], 'propulsion_power': [20e3],
+        'ambient_temperature': [-7.0], 'charging_planned': True, 'target_battery_temperature': 25.0, **fields}),
+        instant_ns)
+
+
+def heats(command):
+    """Return whether a command heats."""
+    return command.battery_heating_power > 0.0
+
+
+def is_off_for(status):
+    """Return a condition: a command is 0 W for a reason."""
+    return lambda command: (command.battery_heating_power, command.reason) == (0.0, int(status))
+
+
+def set_parameters(bench, node, service=SetParameters, **values):
+    """Set parameters of a node by its service; return the result of the first, or that of all atomically."""
+    atomically = service is SetParametersAtomically
+    response = bench.call(service, f'{node}/set_parameters{"_atomically" if atomically else ""}', service.Request(
+        parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]))
+    return response.result if atomically else response.results[0]
+
+
+class PlannerCar:
+    """The inputs of a planner, and all that it says; `process` is the latest that was started."""
+
+    def __init__(self, bench, namespace='', commands_alone=False, battery_topic='battery_state'):
+        """Start without a planner; `commands_alone` saves the time of recording plans and diagnostics."""
+        self.bench, self.process, self._namespace = bench, None, namespace
+        self.commands = bench.record(HvchCommand, f'{namespace}/hvch_command', 100)
+        if not commands_alone:
+            self.plans = bench.record(PreheatPlan, f'{namespace}/preheat_plan', 100)
+            self.diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+        self.publishers = {
+            kind: bench.publisher(kind, f'{namespace}/{battery_topic if kind is BatteryState else topic}', qos)
+            for kind, (topic, qos) in TOPICS.items()}
+
+    @property
+    def now_ns(self):
+        """Return the time [ns]."""
+        return self.bench.now_ns
+
+    def start(self, *arguments):
+        """Start a planner; return its process."""
+        self.process = self.bench.start('planner', *arguments)
+        return self.process
+
+    def state(self, age_s=0.0, **fields):
+        """Return a battery state of an age."""
+        return state_at(self.now_ns - age_s * NS_PER_S, **fields)
+
+    def route(self, age_s=0.0, **fields):
+        """Return a route that began a time ago."""
+        return route_at(self.now_ns - age_s * NS_PER_S, **fields)
+
+    def give(self, message):
+        """Publish an input."""
+        self.publishers[type(message)].publish(message)
+
+    def send_state(self, **fields):
+        """Publish the battery's state of now."""
+        self.give(self.state(**fields))
+
+    def send_route(self, **fields):
+        """Publish a route that begins now."""
+        self.give(self.route(**fields))
+
+    def feeding(self, make_state=None, period_s=STATE_PERIOD_S):
+        """Publish battery states while time passes in the block."""
+        return self.bench.repeating(lambda: self.give((make_state or self.state)()), period_s)
+
+    def clear(self):
+        """Forget all messages so far."""
+        for recorder in (self.commands, self.plans, self.diagnostics):
+            recorder.clear()
+
+    def wait_for_heat(self):
+        """Return the next command that heats."""
+        self.commands.clear()
+        return self.commands.wait_for(heats, 'heat')
+
+    def entry(self, name, condition=lambda entry: True):
+        """Return the latest entry of the planner's diagnostics with a name, once a condition holds."""
+        def found(array):
+            return next((each for each in array.status
+                         if each.name == f'planner: {name}' and condition(each)), None)
+        return found(self.diagnostics.wait_for(found, f'an entry {name}'))
+
+    def enable(self, is_on):
+        """Call ~/enable."""
+        return self.bench.call(SetBool, f'{self._namespace}/planner/enable', SetBool.Request(data=is_on))
+
+    def set(self, service=SetParameters, **values):
+        """Set parameters; return the result."""
+        return set_parameters(self.bench, f'{self._namespace}/planner', service, **values)
+
+    # In a rehearsal
+
+    def at(self, now_ns):
+        """Set the time [ns]; no timer fires."""
+        self.bench.now_ns = round(now_ns)
+
+    def after_state(self, now_ns, **fields):
+        """Set the time [ns], publish a state of then, and return the command that answers."""
+        self.at(now_ns)
+        self.send_state(**fields)
+        return self.commands.latest
+
+    def repeat(self):
+        """Let every timer fire."""
+        self.bench.fire_all()
+
+
+def values_of(entry):
+    """Return the figures of an entry in the diagnostics by name."""
+    return {item.key: item.value for item in entry.values}
