@@ -22,7 +22,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'optimum', help='solve the nonlinear program for a route',
-        description='The optimum of problem (9) for this route, by FATROP or, if that fails, by IPOPT.')
+        description='The optimum of problem (9) for this route, by IPOPT.')
     add_situation_arguments(parser)
     add_no_limits_argument(parser)
     add_output_arguments(parser)
@@ -65,7 +65,7 @@ def run(arguments: Namespace) -> int:
 def optimum_lines(optimum: Optimum) -> list[str]:
     """Return the solver's result, as lines of text."""
     lines = [f'{optimum.plan.status.name}: {optimum.plan.explanation}',
-             f'{optimum.solver or "Solver"}: {optimum.solver_status}, {optimum.iterations} iterations, '
+             f'Solver: {optimum.solver_status}, {optimum.iterations} iterations, '
              f'{1e3 * optimum.solve_time_s:.0f} ms.']
     if optimum.infeasible:
         lines.append('Infeasible; best possible result: '

@@ -20,15 +20,13 @@ from bev_preheat.nodes.optimality_report import (
     as_driven,
     case_of_plan,
     case_of_state,
-    part_ahead,
     report_message,
     report_sentence,
     says_the_same,
 )
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
-from bev_preheat.nonlinear_program.protocol import Failure, SolverAnswer
-from bev_preheat.nonlinear_program.solver_process import MOST_NICE, SolverProcess
+from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
@@ -88,7 +86,7 @@ class NlpCheckerNode(InboxNode):
         super().__init__(PROGRAM)
         self._solver = self._solver_of(self.inbox.vehicle)
         # Loading the solver takes longer than solving; the first check must not wait for it.
-        self._solver.prepare()
+        self._solver.start()
         self._measurements: deque[Measurement] = deque(maxlen=STATES_KEPT)
         self._plan: PreheatPlan | None = None
         # Instants are time.monotonic(), except for the last check's, which is in the node's time.
@@ -96,11 +94,10 @@ class NlpCheckerNode(InboxNode):
         self._ready_since_s: float | None = None
         self._case: CheckedCase | None = None
         self._report: OptimalityReport | None = None
-        self._solver_name = ''
         self._last_check_ns: int | None = None
         # Of the latest accepted route; None: none yet.
         self._route_id: str | None = None
-        self._counts = {'reports': 0, 'failures': 0, 'superseded': 0, 'programs built': 0}
+        self._counts = {'reports': 0, 'failures': 0, 'superseded': 0}
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._report_publisher = self.create_publisher(
@@ -135,19 +132,15 @@ class NlpCheckerNode(InboxNode):
             if self._is_due(self.now_ns()):
                 self._want(is_urgent=False)
         else:
-            self._prepare_solver()
+            self._start_solver()
             before, mission = self._route_id, self.inbox.mission
             self._route_id = mission.route_id if mission else None
             # Forecasts for a known route may arrive faster than the solver works.
             self._want(is_urgent=before != self._route_id)
         self._begin_if_possible()
 
-    def _prepare_solver(self) -> None:
-        mission = self.inbox.mission
-        route = None
-        if mission is not None:
-            _, _, route = part_ahead(as_driven(mission, self._plan), self.now_ns())
-        self._solver.prepare(route)
+    def _start_solver(self) -> None:
+        self._solver.start()
         self._poll_timer.reset()
 
     @guarded
@@ -250,7 +243,7 @@ class NlpCheckerNode(InboxNode):
     def _on_poll(self) -> None:
         self._poll_solver()
         self._begin_if_possible()
-        if not (self._solver.is_busy or self._solver.is_preparing
+        if not (self._solver.is_busy or self._solver.is_starting
                 or self._ready_since_s is not None):
             self._poll_timer.cancel()
 
@@ -267,10 +260,8 @@ class NlpCheckerNode(InboxNode):
             self.problems.pop('solver', None)
         if was_busy and self._case is not None:
             self._report = report_message(self._case, outcome)
-            self._solver_name = outcome.solver if isinstance(outcome, SolverAnswer) else ''
             self._report_publisher.publish(self._report)
             self._counts['reports'] += 1
-            self._counts['programs built'] += getattr(outcome, 'programs_built', 0)
             self.get_logger().info(report_sentence(self._report))
         self.publish_diagnostics()
 
@@ -281,17 +272,14 @@ class NlpCheckerNode(InboxNode):
         solver, problems = self._solver, list(self.problems.values())
         values = {
             'state': 'solving' if solver.is_solving else
-                     'starting the solver' if solver.is_busy else
                      'waiting for a plan' if self._ready_since_s is not None else
-                     'preparing the solver' if solver.is_preparing else 'idle',
+                     'starting the solver' if solver.is_busy or solver.is_starting else 'idle',
             'route_id': self.inbox.mission.route_id if self.inbox.mission else '',
             'checked route_id': self._case.route_id if self._case else '',
             'solver process': str(solver.process_id or 'none'),
-            'solver prepared for [steps]': str(solver.prepared_steps or 'none'),
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
-            values['last report: answered by'] = self._solver_name or 'none'
         return [entry(self.get_fully_qualified_name(), 'optimality check', self.hardware,
                       WARN if problems else OK, ' '.join(problems) or 'OK', values)]
 
@@ -310,14 +298,13 @@ class NlpCheckerNode(InboxNode):
             self.hardware = vehicle.name
             self._solver.close()
             self._solver = self._solver_of(vehicle)
-            self._solver.prepare()
-            self._poll_timer.reset()
+            self._start_solver()
         if self.inbox.latest_mission is not None and not changed.keys().isdisjoint(('vehicle', 'planning_step')):
             inbox = self.inbox
             revised = Reconfigured(inbox.vehicle, inbox.settings, self.routes.read_again(
                 inbox, inbox.vehicle, inbox.settings))
             if self.accepts(revised):
-                self._prepare_solver()
+                self._start_solver()
                 self._want(is_urgent=True)
                 self._begin_if_possible()
 

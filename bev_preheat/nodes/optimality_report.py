@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.nonlinear_program.protocol import Question, SolverAnswer
+from bev_preheat.nonlinear_program.solver_process import Question, SolverAnswer
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.comparison import difference
 from bev_preheat.planning.planner import is_method
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from bev_preheat.control.inputs import Leg, Measurement, Mission
-    from bev_preheat.nonlinear_program.protocol import Failure
+    from bev_preheat.nonlinear_program.solver_process import Failure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One call of the solver: bounds and parameters of a program, its start, and its result."""
+"""One call of IPOPT: bounds and parameters of a program, its start, and its result."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.nonlinear_program.drive_step import RESERVES
-from bev_preheat.nonlinear_program.program import build_program, Give, NonlinearProgram, ProgramSolution
-from bev_preheat.nonlinear_program.program_solvers import FATROP, has_fatrop, IPOPT
-from bev_preheat.nonlinear_program.symbols import FACTORS
+from bev_preheat.nonlinear_program.drive_steps import drive_parameters
+from bev_preheat.nonlinear_program.program import build_program, Give
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -26,15 +24,12 @@ from bev_preheat.vehicle.variants import Corrections
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.nonlinear_program.layout import Values
+    from bev_preheat.nonlinear_program.blocks import Values
+    from bev_preheat.nonlinear_program.program import NonlinearProgram
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.schedule import Schedule
 
 SUCCESS = 'Solve_Succeeded'
-# Set up within 0.2 s; 10 000 steps would take 17 s.
-MOST_STEPS_OF_FATROP = 1000
-# Largest violation of a scaled bound or constraint by an answer, and largest excess of its cost over the start's.
-SOUND = 1e-7
 
 
 @dataclass(frozen=True)
@@ -57,65 +52,32 @@ class Problem:
 @dataclass(frozen=True)
 class Attempt:
     """
-    The solvers' result for a program: final variables (scaled), one solver's status, and the effort of all.
+    IPOPT's result for a program: the variables by name, in SI units, its status, and the effort of all starts.
 
-    `solver` is the successful solver, or the last that failed. `energy` is the program's, in its scale;
-    `target_multiplier` is its increase per kelvin of the target.
+    `energy` is the program's, in its scale; `target_multiplier` is its increase per kelvin of the target.
     """
 
-    program: NonlinearProgram
-    variables: FloatArray
+    values: dict[str, FloatArray]
     energy: float
     target_multiplier: float
-    solver: str
     status: str
     iterations: int
     time_s: float
 
-    @property
-    def solution(self) -> ProgramSolution:
-        """The solution given by the variables."""
-        return self.program.solution(self.variables)
-
-    @property
-    def values(self) -> Values:
-        """The variables by name, in SI units."""
-        return self.program.variables.unpack(self.variables)
-
 
 def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
-            starts: Sequence[Values] = (), solvers: Sequence[str] | None = None) -> Attempt:
-    """
-    Return the best Attempt at a program, from each of the given starts or, cold, from the trip unheated.
-
-    `solvers` are tried in order until one succeeds; None: FATROP, if available, and IPOPT.
-    """
+            starts: Sequence[Values] = ()) -> Attempt:
+    """Return the best Attempt at a program, from each of the given starts or, cold, from the trip unheated."""
     program = build_program(problem.vehicle, len(problem.trip.route), limited, give)
     runs: list[Attempt] = []
-    for solver in available_solvers(problem.trip, give) if solvers is None else solvers:
-        for start in starts or [unheated_start(problem)]:
-            runs.append(_run(problem, program, solver, program.variables.pack(start)))
-            if solver == IPOPT and runs[-1].status != SUCCESS:
-                # IPOPT is slow to prove infeasibility, so it is not retried from other starts.
-                break
-        if any(run.status == SUCCESS for run in runs):
+    for start in starts or [unheated_start(problem)]:
+        runs.append(_run(problem, program, program.variables.pack(start)))
+        if runs[-1].status != SUCCESS:
+            # IPOPT is slow to prove infeasibility, so it is not retried from other starts.
             break
-    found = [run for run in runs if run.status == SUCCESS]
-    best = min(found, key=lambda run: run.energy) if found else runs[-1]
+    best = min((run for run in runs if run.status == SUCCESS), key=lambda run: run.energy, default=runs[-1])
     return replace(best, iterations=sum(run.iterations for run in runs),
                    time_s=sum(run.time_s for run in runs))
-
-
-def available_solvers(trip: Trip, give: Give = Give.NOTHING) -> tuple[str, ...]:
-    """
-    Return the solvers for a program of a trip, in order of preference.
-
-    FATROP relaxes bounds slightly, which the prices of slacks turn into watt-hours, and its setup time in CasADi
-    grows with the square of the number of steps.
-    """
-    if has_fatrop() and give is Give.NOTHING and len(trip.route) <= MOST_STEPS_OF_FATROP:
-        return FATROP, IPOPT
-    return (IPOPT,)
 
 
 def driven_start(schedule: Schedule) -> Values:
@@ -140,52 +102,22 @@ def heated_start(problem: Problem) -> Values:
         problem.trip, problem.state, problem.trip.heater_limit_w))
 
 
-def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArray) -> Attempt:
-    """Return the Attempt of one solver."""
-    solver = program.solver(name)
-    variables, constraints = program.variables, program.constraints
-    bounds = [variables.pack(values) for values in _variable_bounds(problem, program)]
-    bounds_g = [constraints.pack(values) for values in constraint_bounds(problem)]
-    parameters = parameters_of(problem)
+def _run(problem: Problem, program: NonlinearProgram, guess: FloatArray) -> Attempt:
+    """Return the Attempt from one start."""
+    bounds, bounds_g = _variable_bounds(problem, program), _constraint_bounds(problem, program)
     started = perf_counter()
     warnings = StringIO()
     # If interrupted, CasADi warns of the KeyboardInterrupt that it raises.
     with redirect_stderr(warnings):
-        result = solver(x0=guess, lbx=bounds[0], ubx=bounds[1], lbg=bounds_g[0], ubg=bounds_g[1],
-                        p=parameters)
+        result = program.solver(x0=guess, lbx=bounds[0], ubx=bounds[1], lbg=bounds_g[0], ubg=bounds_g[1],
+                                p=_parameters_of(problem))
     time_s = perf_counter() - started
     if warnings.getvalue():
         print(warnings.getvalue(), end='', file=sys.stderr)
-    statistics = solver.stats()
-    found, energy = np.asarray(result['x']).ravel(), float(result['f'])
-    status = statistics['return_status']
-    if name == FATROP:
-        # FATROP's status is a number.
-        status = f'FATROP ended with {status}'
-        if statistics['success'] and is_sound(program, parameters, guess, found, bounds, bounds_g):
-            status, found = SUCCESS, np.clip(found, *bounds)
-    multiplier = constraints.unpack(np.asarray(result['lam_g']).ravel())['target'][0]
-    return Attempt(program, found, energy, -float(multiplier), name, status,
-                   int(statistics['iter_count']), time_s)
-
-
-def is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArray, found: FloatArray,
-             bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
-    """Return whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
-    def costs(variables: FloatArray) -> float:
-        """Return the energy; inf if a bound or constraint is violated."""
-        energy, values = program.staged.problem(variables, parameters)
-        beyond = max(_beyond(variables, *bounds), _beyond(np.asarray(values).ravel(), *bounds_g))
-        # NaN counts as a violation.
-        return float(energy) if beyond <= SOUND else np.inf
-
-    energy = costs(found)
-    return bool(np.isfinite(energy) and energy <= costs(guess) + SOUND)
-
-
-def _beyond(values: FloatArray, low: FloatArray, high: FloatArray) -> float:
-    """Return the largest violation of the bounds; NaN if a value is NaN."""
-    return float(np.max(np.maximum(low - values, values - high)))
+    statistics = program.solver.stats()
+    multiplier = program.constraints.unpack(np.asarray(result['lam_g']).ravel())['target'][0]
+    return Attempt(program.values(np.asarray(result['x']).ravel()), float(result['f']), -float(multiplier),
+                   statistics['return_status'], int(statistics['iter_count']), time_s)
 
 
 def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -198,61 +130,44 @@ def _ranges(problem: Problem) -> tuple[tuple[float, float], tuple[float, float]]
             (coldest_c, warmest_c + problem.beyond_range_k))
 
 
-def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Values, Values]:
-    """Return the lower and upper bounds of the variables; a range with slack is not a bound."""
+def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper bounds of the variables (scaled); a range with slack is not a bound."""
     trip, state, give = problem.trip, problem.state, program.give
     (lowest_soc, highest_soc), (coldest_c, warmest_c) = _ranges(problem)
     if give:
         lowest_soc = -np.inf
     if give is Give.RANGES:
         highest_soc = warmest_c = np.inf
-
-    def from_start(start: float, later: float) -> FloatArray:
-        return np.append(start, np.full(len(trip.route), later))
-
-    slacks = ('deficit_k', 'deficit_soc', 'deficit_w', 'soc_above', 'k_above')
-    low: Values = {
-        'soc': from_start(state.soc, lowest_soc),
-        'temperature': from_start(state.temperature_c, coldest_c),
-        'heater_power': from_start(state.heater_power_w, -np.inf),
-        'coolant_excess': from_start(state.coolant_excess_k, -np.inf),
-        'heater': 0.0, 'brake': 0.0, **dict.fromkeys(slacks, 0.0)}
-    high: Values = {
-        'soc': from_start(state.soc, highest_soc),
-        'temperature': from_start(state.temperature_c, warmest_c),
-        'heater_power': from_start(state.heater_power_w, np.inf),
-        'coolant_excess': from_start(state.coolant_excess_k, np.inf),
-        'heater': trip.heater_limit_w,
-        'brake': np.maximum(-trip.route.propulsion_power_w, 0.0),
-        **dict.fromkeys(slacks, np.inf)}
-    return low, high
+    low, high = state_bounds(trip, state, (lowest_soc, highest_soc), (coldest_c, warmest_c))
+    return program.variables.pack(low, otherwise=0.0), program.variables.pack(high, otherwise=np.inf)
 
 
-def constraint_bounds(problem: Problem) -> tuple[Values, Values]:
-    """Return the lower and upper bounds of the constraints."""
+def state_bounds(trip: Trip, state: BatteryState, soc_range: tuple[float, float],
+                 temperature_range_c: tuple[float, float]) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Return the lower bounds of the states of a drive, and the upper bounds of states and controls."""
+    def from_start(low_soc: float, low_c: float, others: float) -> dict[str, FloatArray]:
+        return {name: np.append(start, np.full(len(trip.route), later)) for name, start, later in (
+            ('soc', state.soc, low_soc), ('temperature', state.temperature_c, low_c),
+            ('heater_power', state.heater_power_w, others), ('coolant_excess', state.coolant_excess_k, others))}
+
+    low, high = (from_start(soc_range[end], temperature_range_c[end], others) for end, others in (
+        (0, -np.inf), (1, np.inf)))
+    return low, {**high, 'heater': trip.heater_limit_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
+
+
+def _constraint_bounds(problem: Problem, program: NonlinearProgram) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper bounds of the constraints (scaled): defects are 0, margins at least 0."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
-    reserves = [reserve.name for reserve in RESERVES]
-    low: Values = {
-        'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
-        'coolant_excess_defect': 0.0, **dict.fromkeys(reserves, 0.0),
-        'lowest_soc': lowest_soc, 'highest_soc': -np.inf, 'highest_temperature': -np.inf,
-        'target': 0.0, 'final_soc': 0.0}
-    high: Values = {
-        'soc_defect': 0.0, 'temperature_defect': 0.0, 'heater_power_defect': 0.0,
-        'coolant_excess_defect': 0.0, **dict.fromkeys(reserves, np.inf),
-        'lowest_soc': np.inf, 'highest_soc': highest_soc, 'highest_temperature': warmest_c,
-        'target': np.inf, 'final_soc': np.inf}
-    return low, high
+    defects = {name: 0.0 for name in program.constraints.names if name.endswith('_defect')}
+    return (program.constraints.pack({'lowest_soc': lowest_soc, 'highest_soc': -np.inf,
+                                      'highest_temperature': -np.inf}, otherwise=0.0),
+            program.constraints.pack({**defects, 'highest_soc': highest_soc,
+                                      'highest_temperature': warmest_c}, otherwise=np.inf))
 
 
-def parameters_of(problem: Problem) -> FloatArray:
+def _parameters_of(problem: Problem) -> FloatArray:
     """Return the program's parameters, in its order."""
     trip, goal = problem.trip, problem.goal
     coldest_c = trip.vehicle.battery.temperature_range_c[0]
-    target_c = goal.target_temperature_c if goal.charging_planned else coldest_c
-    return np.concatenate([
-        np.vstack([trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2,
-                   trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
-        [target_c, reserve_soc(trip.vehicle, goal)],
-        [getattr(problem.corrections, factor) for factor in FACTORS],
-        [trip.vehicle.hvch.efficiency]])
+    return np.append(drive_parameters(trip, problem.corrections), [
+        goal.target_temperature_c if goal.charging_planned else coldest_c, reserve_soc(trip.vehicle, goal)])

@@ -26,16 +26,17 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_limit import HeatingLimit
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
+from bev_preheat.nonlinear_program.attempt import state_bounds
 from bev_preheat.nonlinear_program.blocks import Blocks
 from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can_heat
-from bev_preheat.nonlinear_program.drive_step import RESERVES
-from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
+from bev_preheat.nonlinear_program.drive_steps import add_drive_steps, drive_parameters, RESERVES
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.model import hottest_c
+from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.target_worth import Prices
-    from bev_preheat.nonlinear_program.layout import Layout, Values
-    from bev_preheat.nonlinear_program.program_solvers import ByName
+    from bev_preheat.nonlinear_program.blocks import Values
+    from bev_preheat.nonlinear_program.program import ByName
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -128,7 +129,7 @@ class ChargingProgram:
         self._heating = ChargerHeating(vehicle, stop, prices)
         unheated = plan_without_heating(self._trip, state)
         self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
-        variables, constraints = Blocks(), Blocks()
+        variables, constraints = self._variables, self._constraints = Blocks(), Blocks()
         drive = add_drive_steps(
             vehicle, len(self._trip.route), self._limited, variables, constraints)
         session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
@@ -136,8 +137,6 @@ class ChargingProgram:
                 + prices.time_per_h * session.duration_s / S_PER_H)
         # Scales the cost to about 1 in any currency.
         self._cost_scale = max(prices.energy_per_kwh * 30.0 + prices.time_per_h * 0.5, 1e-6)
-        self._variables: Layout = variables.layout()
-        self._constraints: Layout = constraints.layout()
         self._solver = casadi.nlpsol('charging_optimum', 'ipopt', {
             'x': variables.vector(), 'p': drive.parameters, 'f': cost / self._cost_scale,
             'g': constraints.vector()}, SOLVER_OPTIONS)
@@ -147,18 +146,10 @@ class ChargingProgram:
         drive = self._charged(start)
         guess = self._guess(drive)
         low, high = self._bounds()
-        reserves = {reserve.name for reserve in RESERVES}
-        above = {block.name: np.inf if block.name in reserves else 0.0
-                 for block in self._constraints.blocks}
-        vehicle = self._trip.vehicle
         result = self._solver(
-            x0=self._variables.pack(guess), lbx=self._variables.pack(low),
-            ubx=self._variables.pack(high), lbg=np.zeros(self._constraints.size),
-            ubg=self._constraints.pack(above), p=np.concatenate([
-                np.vstack([self._trip.route.duration_s, self._trip.idle_power_w,
-                           self._trip.power_variance_w2, self._trip.idle_heat_w,
-                           self._trip.leakage_w_per_k]).ravel(order='F'),
-                [1.0, 1.0, vehicle.hvch.efficiency]]))
+            x0=self._variables.pack(guess), lbx=low, ubx=high, lbg=0.0,
+            ubg=self._constraints.pack(dict.fromkeys(RESERVES, np.inf), otherwise=0.0),
+            p=drive_parameters(self._trip, Corrections()))
         statistics = self._solver.stats()
         status = statistics['return_status']
         driven = None
@@ -223,37 +214,20 @@ class ChargingProgram:
                 'charging_heater_power': along(heating_w), 'charging_heater': along(heating_w),
                 'charging_coolant_excess': excess_k}
 
-    def _bounds(self) -> tuple[Values, Values]:
-        """Return the lower and upper bounds of the variables."""
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lower and upper bounds of the variables (scaled)."""
         trip, state, battery = self._trip, self._state, self._trip.vehicle.battery
-        steps, (coldest_c, warmest_c) = len(trip.route), battery.temperature_range_c
         lowest_soc, highest_soc = battery.soc_range
-
-        def from_start(start: float, later: float) -> FloatArray:
-            return np.append(start, np.full(steps, later))
-
-        low_soc = from_start(state.soc, min(lowest_soc, state.soc))
-        low_soc[-1] = reserve_soc(trip.vehicle, self._goal)
+        low, high = state_bounds(trip, state, (min(lowest_soc, state.soc), max(highest_soc, state.soc)),
+                                 battery.temperature_range_c)
+        low['soc'][-1] = reserve_soc(trip.vehicle, self._goal)
         departure = np.append(np.full(self._steps - 1, -np.inf), self._stop.departure_soc)
-        low: Values = {
-            'soc': low_soc, 'temperature': from_start(state.temperature_c, coldest_c),
-            'heater_power': from_start(state.heater_power_w, -np.inf),
-            'coolant_excess': from_start(state.coolant_excess_k, -np.inf),
-            'heater': 0.0, 'brake': 0.0, 'charging_time': 0.0, 'charging_soc': departure,
-            'charging_temperature': coldest_c, 'charging_heater_power': -np.inf, 'charging_heater': 0.0,
-            'charging_coolant_excess': -np.inf}
-        high: Values = {
-            'soc': from_start(state.soc, max(highest_soc, state.soc)),
-            'temperature': from_start(state.temperature_c, warmest_c),
-            'heater_power': from_start(state.heater_power_w, np.inf),
-            'coolant_excess': from_start(state.coolant_excess_k, np.inf),
-            'heater': trip.heater_limit_w,
-            'brake': np.maximum(-trip.route.propulsion_power_w, 0.0),
-            'charging_time': np.inf, 'charging_soc': np.abs(departure),
-            'charging_temperature': hottest_c(trip.vehicle), 'charging_heater_power': np.inf,
-            'charging_heater': heater_power_of(trip.vehicle, self._stop),
-            'charging_coolant_excess': np.inf}
-        return low, high
+        return (self._variables.pack({
+            **low, 'charging_soc': departure, 'charging_temperature': battery.temperature_range_c[0],
+            'charging_heater_power': -np.inf, 'charging_coolant_excess': -np.inf}, otherwise=0.0),
+            self._variables.pack({
+                **high, 'charging_soc': np.abs(departure), 'charging_temperature': hottest_c(trip.vehicle),
+                'charging_heater': heater_power_of(trip.vehicle, self._stop)}, otherwise=np.inf))
 
 
 def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,

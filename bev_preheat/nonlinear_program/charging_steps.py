@@ -24,7 +24,7 @@ from bev_preheat.charging.equations import (
     supply_of,
 )
 from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
-from bev_preheat.nonlinear_program.drive_step import SOC_SCALE
+from bev_preheat.nonlinear_program.drive_steps import SOC_SCALE
 from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger

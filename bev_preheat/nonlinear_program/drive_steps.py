@@ -1,49 +1,198 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of a drive in a program without stages: rows of variables and their constraints."""
+"""The steps of a drive in a nonlinear program: rows of variables and their constraints."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import casadi
+import numpy as np
 
-from bev_preheat.nonlinear_program.drive_step import (
-    CORRECTIONS,
-    drive_controls,
-    drive_states,
-    drive_step,
-    RESERVES,
-    ROUTE_INPUTS,
+from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
+from bev_preheat.nonlinear_program.symbols import (
+    FACTORS,
+    symbolic_curve,
+    symbolic_heated_step,
+    symbolic_rates,
+    symbolic_step,
 )
+from bev_preheat.vehicle.model import heat_with_brake_w
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bev_preheat.nonlinear_program.blocks import Blocks
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle import Vehicle
+    from bev_preheat.vehicle.variants import Corrections
+
+# Scales that bring variables and constraints near 1.
+SOC_SCALE = 0.01
+ENERGY_SCALE_J = 1e6
+
+# Margins to the power limits (9i) at the start and at the end of a step.
+RESERVES = ('discharge', 'charge', 'discharge_at_end', 'charge_at_end')
+# Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
+ROUTE_INPUTS = 5
+# FACTORS and the heater's efficiency are inputs, so that a car whose factors are being learned needs no new
+# program.
+CORRECTIONS = len(FACTORS) + 1
+
+
+class Quantity(NamedTuple):
+    """A variable of each step; `scale` is the SI value that is 1 in the program."""
+
+    name: str
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)
 class DriveSteps:
-    """N steps of a drive: `parameters` are the ROUTE_INPUTS of each step, then the CORRECTIONS."""
+    """
+    N steps of a drive: their `energy`, from the cells and of a heater with lag after arrival (scaled).
+
+    `parameters` are the ROUTE_INPUTS of each step, then the CORRECTIONS.
+    """
 
     vehicle: Vehicle
     parameters: casadi.MX
+    energy: casadi.MX
 
 
-def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Blocks,
-                    constraints: Blocks) -> DriveSteps:
-    """Add the steps of a drive, with defects and power limits, to a program, and return them."""
+def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
+    """
+    Return the states of a drive.
+
+    Quantities without a lag are not states, because such variables would have no freedom.
+    """
+    path = vehicle.heat_path
+    states = [Quantity('soc', SOC_SCALE), Quantity('temperature')]
+    if path.heater_lag_s > 0.0:
+        states.append(Quantity('heater_power', POWER_SCALE_W))
+    if path.has_coolant:
+        states.append(Quantity('coolant_excess'))
+    return tuple(states)
+
+
+def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Blocks, constraints: Blocks,
+                    deficit_w: casadi.MX | float = 0.0) -> DriveSteps:
+    """
+    Add the steps of a drive, with defects and power limits, to a program, and return them.
+
+    `deficit_w`: how much of the discharge power may be missing in each step (scaled).
+    """
     states = drive_states(vehicle)
     rows = [variables.variable(state.name, steps + 1, state.scale) for state in states]
-    controls = [variables.variable(control.name, steps, control.scale)
-                for control in drive_controls(limited)]
+    controls = [variables.variable(control.name, steps, control.scale) for control in _controls(limited)]
     route = casadi.MX.sym('route', ROUTE_INPUTS, steps)
     corrections = casadi.MX.sym('corrections', CORRECTIONS)
-    ends, _, reserves = drive_step(vehicle, limited).map(steps)(
-        casadi.vertcat(*(row[:-1] for row in rows), *controls), route, corrections)
+    ends, energy, reserves = along_rows(_drive_step(vehicle, limited), [
+        casadi.vertcat(*(row[:-1] for row in rows), *controls), route, corrections], steps)
+    energy = casadi.sum2(energy)
     for number, (state, row) in enumerate(zip(states, rows)):
         constraints.add(f'{state.name}_defect', ends[number, :] - row[1:], state.scale)
+        if state.name == 'heater_power':
+            energy += vehicle.heat_path.heater_lag_s * state.scale * row[-1] / ENERGY_SCALE_J
     if limited:
         for number, reserve in enumerate(RESERVES):
-            constraints.add(reserve.name, reserves[number, :], reserve.scale)
-    return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections))
+            margin = reserves[number, :]
+            constraints.add(reserve, margin + deficit_w if reserve.startswith('discharge') else margin,
+                            POWER_SCALE_W)
+    return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections), energy)
+
+
+def drive_parameters(trip: Trip, corrections: Corrections) -> FloatArray:
+    """Return the values of `DriveSteps.parameters` for the trip of a car with corrections."""
+    return np.concatenate([
+        np.vstack([trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2,
+                   trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
+        [getattr(corrections, factor) for factor in FACTORS], [trip.vehicle.hvch.efficiency]])
+
+
+def along_rows(function: casadi.Function, arguments: Sequence[casadi.MX],
+               columns: int) -> list[casadi.MX]:
+    """
+    Return the outputs of a Function of SX for each column of its arguments, one column each.
+
+    Its inputs and outputs are columns without structural zeros. An argument with one column is used for all
+    columns. One operation serves all columns, so a program is solved ten times as fast as with `Function.map`.
+    """
+    rows = [casadi.vertsplit(argument) for argument in arguments]
+    work: dict[int, casadi.MX] = {}
+    outputs = [[casadi.MX(0.0)] * function.nnz_out(number) for number in range(function.n_out())]
+    for number in range(function.n_instructions()):
+        operation = function.instruction_id(number)
+        into, operands = function.instruction_output(number), function.instruction_input(number)
+        if operation == casadi.OP_INPUT:
+            work[into[0]] = rows[operands[0]][operands[1]]
+        elif operation == casadi.OP_OUTPUT:
+            outputs[into[0]][into[1]] = work[operands[0]]
+        elif operation == casadi.OP_CONST:
+            work[into[0]] = casadi.MX(function.instruction_constant(number))
+        elif len(operands) == 1:
+            work[into[0]] = casadi.MX.unary(operation, work[operands[0]])
+        else:
+            left, right = operands
+            work[into[0]] = casadi.MX.binary(operation, work[left], work[right])
+    return [casadi.vertcat(casadi.MX(0, columns), *(
+        value if value.shape[1] == columns else casadi.repmat(value, 1, columns)
+        for value in output)) for output in outputs]
+
+
+def _controls(limited: bool) -> tuple[Quantity, ...]:
+    """Return the controls of each step; the brake only with power limits, without which it has no effect."""
+    heater, brake = Quantity('heater', POWER_SCALE_W), Quantity('brake', POWER_SCALE_W)
+    return (heater, brake) if limited else (heater,)
+
+
+def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
+    """
+    Return one step of a drive as a CasADi Function.
+
+    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS. Outputs: the
+    states at the end; the energy from the cells (scaled); the RESERVES (scaled; only if `limited`).
+    Derivatives: with respect to states and controls only.
+    """
+    states = drive_states(vehicle)
+    quantities = (*states, *_controls(limited))
+    variables = casadi.SX.sym('variables', len(quantities))
+    route = casadi.SX.sym('route', ROUTE_INPUTS)
+    corrections = casadi.SX.sym('corrections', CORRECTIONS)
+    duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = casadi.vertsplit(route)
+    *factors, efficiency = casadi.vertsplit(corrections)
+    in_si = {quantity.name: quantity.scale * value for quantity, value in zip(
+        quantities, casadi.vertsplit(variables))}
+    nothing = casadi.SX(0.0)
+    soc, temperature_c = in_si['soc'], in_si['temperature']
+    heater_w, brake_w = in_si['heater'], in_si.get('brake', nothing)
+    heat_w = heat_with_brake_w(vehicle, idle_heat_w, brake_w)
+    ends = {}
+    if vehicle.heat_path.is_direct:
+        drawn_w, heat_w = heater_w, heat_w + efficiency * heater_w
+        ends['soc'], ends['temperature'], _, joule_w = symbolic_step(vehicle)(
+            soc, temperature_c, duration_s, idle_power_w + brake_w + drawn_w, variance_w2, heat_w,
+            leakage_w_per_k, *factors)
+    else:
+        (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,
+         drawn_w, _) = symbolic_heated_step(vehicle)(
+            soc, temperature_c, in_si.get('heater_power', nothing),
+            in_si.get('coolant_excess', nothing), duration_s, idle_power_w + brake_w, variance_w2,
+            heat_w, leakage_w_per_k, heater_w, *factors, efficiency)
+    power_w = idle_power_w + brake_w + drawn_w
+    reserves = []
+    if limited:
+        rates = symbolic_rates(vehicle)
+        most_w, least_w = (symbolic_curve(curve) for curve in (
+            vehicle.battery.discharge_power_limit, vehicle.battery.charge_power_limit))
+        for state in (soc, temperature_c), (ends['soc'], ends['temperature']):
+            battery_w = power_w + rates(
+                *state, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
+            reserves += [most_w(*state) - battery_w, battery_w - least_w(*state)]
+    outputs = casadi.cse([
+        casadi.vertcat(*(ends[state.name] / state.scale for state in states)),
+        duration_s * (power_w + joule_w) / ENERGY_SCALE_J,
+        casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W])
+    return casadi.Function('drive_step', [variables, route, corrections], outputs,
+                           {'is_diff_in': [True, False, False]})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solves the nonlinear program for a situation; the result is a Plan with the solver's status."""
+"""Solves the nonlinear program: a Plan with the solver's status, and the constraints that cannot be kept."""
 
 from __future__ import annotations
 
@@ -13,21 +13,13 @@ import numpy as np
 from bev_preheat.nonlinear_program.attempt import (
     Attempt,
     attempt,
-    available_solvers,
     heated_start,
     Problem,
     SUCCESS,
     unheated_start,
 )
-from bev_preheat.nonlinear_program.deficits import (
-    CHARGE,
-    find_deficits,
-    SLACK_SOC_TOLERANCE,
-    StepDeficit,
-    TOLERANCE_W,
-)
-from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J
-from bev_preheat.nonlinear_program.program import build_program, Give
+from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J
+from bev_preheat.nonlinear_program.program import Give
 from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
@@ -44,9 +36,10 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from typing import Any
 
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route import Route
 
 METHOD = 'nlp'
@@ -55,6 +48,18 @@ AS_DESCRIBED = Corrections()
 NOT_SOLVED = 'not solved: the charge is not enough for the trip'
 # A battery this close to its highest temperature is held there by the bound.
 NEAR_HIGHEST_K = 1e-3
+# Constraints that may have a deficit.
+TARGET = 'target temperature'
+ARRIVAL_SOC = 'state of charge on arrival'
+LOWEST_SOC = 'lowest state of charge'
+DISCHARGE_POWER = 'discharge power'
+HIGHEST_SOC = 'highest state of charge'
+HIGHEST_TEMPERATURE = 'highest battery temperature'
+CHARGE = 'charge'
+# Slacks below these are rounding.
+TOLERANCE_K = 1e-5
+SLACK_SOC_TOLERANCE = 1e-7
+TOLERANCE_W = 1e-2
 
 
 class SolverFailure(RuntimeError):
@@ -62,20 +67,28 @@ class SolverFailure(RuntimeError):
 
 
 @dataclass(frozen=True)
+class StepDeficit:
+    """A constraint that cannot be kept, and by how much; `text` describes it."""
+
+    constraint: str
+    amount: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Optimum:
     """
     The optimum, or the best possible result.
 
-    `solver` is the solver that found `plan`, FATROP or IPOPT; '' if none was asked.
-    `solver_status` is its status for the program itself; only 'Solve_Succeeded' is an optimum.
+    `solver_status` is IPOPT's status for the program itself; only 'Solve_Succeeded' is an optimum.
     `deficit` holds the constraints that cannot be kept; it is empty if and only if `plan` is the optimum.
-    `solve_time_s` is the solvers' time, from all starts, without the setup of programs.
+    `solve_time_s` is IPOPT's time, from all starts, without the setup of programs.
     `marginal_cost_wh_per_k` is the multiplier of the target: the cost of one more kelvin on arrival
     (NaN if the target does not bind or cannot be met).
     """
 
     plan: Plan
-    solver: str
     solver_status: str
     iterations: int
     solve_time_s: float
@@ -89,7 +102,7 @@ class Optimum:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the optimum as `preheat optimum --json` writes it."""
-        return {**self.plan.as_dictionary(), 'solver': self.solver, 'solver_status': self.solver_status,
+        return {**self.plan.as_dictionary(), 'solver_status': self.solver_status,
                 'solve_time_s': self.solve_time_s, 'iterations': self.iterations,
                 'infeasible': list(self.infeasible),
                 'marginal_cost_wh_per_k': self.marginal_cost_wh_per_k}
@@ -123,8 +136,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     # An optimum may lie at a corner of a map, where IPOPT does not converge.
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     if limited and limits_hold(trip, unheated):
-        # If it fails, the program with limits usually fails too; one solver is enough to tell.
-        run = attempt(problem, limited=False, solvers=available_solvers(trip)[:1])
+        run = attempt(problem, limited=False)
         if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
             return _optimum(trip, goal, [run], (), started)
     starts = [unheated_start(problem), *([heated_start(problem)] if limited else [])]
@@ -140,14 +152,14 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
             raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
                                 f'{runs[1].status} and {runs[2].status} with relaxed constraints')
         runs.append(run)
-    deficit = tuple(find_deficits(trip, run.solution))
+    deficit = tuple(_find_deficits(trip, run.values))
     if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
         # Delivering the drive takes precedence over the range, as in plans: the car's cooling handles the heat.
         warmer = attempt(
             replace(problem, beyond_range_k=HOTTEST_BEYOND_RANGE_K), limited, give, [run.values])
         if warmer.status == SUCCESS and _undelivered_w(warmer) <= TOLERANCE_W:
             runs.append(warmer)
-            deficit = tuple(find_deficits(trip, warmer.solution))
+            deficit = tuple(_find_deficits(trip, warmer.values))
         else:
             runs.insert(1, warmer)
     if give and not deficit:
@@ -165,12 +177,12 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
 
 def _is_held_cool(trip: Trip, run: Attempt) -> bool:
     """Return whether the battery reaches the highest temperature of its range."""
-    return bool(run.solution.temperature_c.max() > trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
+    return bool(run.values['temperature'].max() > trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
 
 
 def _undelivered_w(run: Attempt) -> float:
     """Return the power that the battery cannot deliver in the worst step [W]."""
-    return float(run.solution.slacks.discharge_w.max())
+    return float(run.values['deficit_w'].max())
 
 
 def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:
@@ -181,20 +193,8 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
         CHARGE, plan.stranding.deficit_wh, 'Wh',
         f'charge: {plan.stranding.deficit_wh / 1e3:.2f} kWh short; the battery will be '
         f'empty at {plan.stranding.at_s:.0f} s')
-    return Optimum(plan=plan, solver='', solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
+    return Optimum(plan=plan, solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    deficit=(deficit,), marginal_cost_wh_per_k=math.nan)
-
-
-def prepare_programs(vehicle: Vehicle, route: Route) -> None:
-    """
-    Build and cache the programs that `solve_optimum` solves first for this route.
-
-    They serve all routes with the same number of steps, and the vehicle with any corrections.
-    """
-    trip = make_trip(vehicle, route)
-    for limited in False, True:
-        build_program(vehicle, len(trip.route), limited, Give.NOTHING).solver(
-            available_solvers(trip)[0])
 
 
 def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
@@ -213,7 +213,6 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[Ste
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH
     return Optimum(
         plan=finish_plan(trip, goal, schedule, METHOD, started),
-        solver=run.solver,
         solver_status=runs[0].status,
         iterations=sum(run.iterations for run in runs),
         solve_time_s=sum(run.time_s for run in runs),
@@ -221,18 +220,53 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[Ste
         marginal_cost_wh_per_k=marginal_cost)
 
 
+def _find_deficits(trip: Trip, found: dict[str, FloatArray]) -> Iterator[StepDeficit]:
+    """Yield the deficits of a solution."""
+    # Demands at the first instant have no deficit.
+    soc, short_soc, above_soc = found['soc'], found['deficit_soc'][1:], found['soc_above'][1:]
+    target_k, short_w = float(found['deficit_k'][0]), found['deficit_w']
+    if target_k > TOLERANCE_K:
+        yield StepDeficit(TARGET, target_k, 'K', f'target temperature: missed by {target_k:.2f} K')
+    if short_soc[-1] > SLACK_SOC_TOLERANCE:
+        percent = 100.0 * float(short_soc[-1])
+        yield StepDeficit(ARRIVAL_SOC, percent, '%',
+                          f'state of charge on arrival: {percent:.2f} % short')
+    at = int(np.argmax(short_soc))
+    # A battery that is emptiest on arrival has been reported above.
+    if short_soc[at] > SLACK_SOC_TOLERANCE and soc[at + 1] < soc[-1]:
+        percent = 100.0 * float(short_soc[at])
+        yield StepDeficit(LOWEST_SOC, percent, '%',
+                          f'state of charge: {percent:.2f} % below its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')
+    at = int(np.argmax(short_w))
+    if short_w[at] > TOLERANCE_W:
+        deficit_w = float(short_w[at])
+        yield StepDeficit(DISCHARGE_POWER, deficit_w, 'W',
+                          f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
+                          f'{trip.time_s[at]:.0f} s')
+    at = int(np.argmax(above_soc))
+    if above_soc[at] > SLACK_SOC_TOLERANCE:
+        percent = 100.0 * float(above_soc[at])
+        yield StepDeficit(HIGHEST_SOC, percent, '%',
+                          f'state of charge: {percent:.2f} % above its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')
+    # Without a slack, too, because the range may be relaxed.
+    beyond_k = found['temperature'][1:] - trip.vehicle.battery.temperature_range_c[1]
+    at = int(np.argmax(beyond_k))
+    if beyond_k[at] > TOLERANCE_K:
+        above_k = float(beyond_k[at])
+        yield StepDeficit(HIGHEST_TEMPERATURE, above_k, 'K',
+                          f'battery temperature: {above_k:.2f} K above its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')
+
+
 def _schedule(trip: Trip, run: Attempt) -> Schedule:
-    solution = run.solution
+    found = run.values
     # After scaling back, a power at its bound may exceed the bound by the last bit.
-    heater_w = np.clip(solution.heater_w, 0.0, trip.heater_limit_w)
-    brake_w = np.clip(solution.brake_w, 0.0, np.maximum(-trip.route.propulsion_power_w, 0.0))
+    heater_w = np.clip(found['heater'], 0.0, trip.heater_limit_w)
+    brake_w = np.clip(found['brake'], 0.0, np.maximum(-trip.route.propulsion_power_w, 0.0))
     if not trip.vehicle.heat_path.is_direct:
-        # Without a lag the heater follows its command; without coolant there is no excess.
-        states = (solution.soc, solution.temperature_c,
-                  np.append(heater_w[:1], heater_w) if solution.heater_power_w is None
-                  else solution.heater_power_w,
-                  np.zeros(len(heater_w) + 1) if solution.coolant_excess_k is None
-                  else solution.coolant_excess_k)
+        states = found['soc'], found['temperature'], found['heater_power'], found['coolant_excess']
         return along_states(trip, states, heater_w, brake_w, switched_on_s(trip, heater_w))
-    return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, solution.soc,
-                    solution.temperature_c, make_runge_kutta_4)
+    return Schedule(switched_on_s(trip, heater_w), heater_w, brake_w, found['soc'], found['temperature'],
+                    make_runge_kutta_4)

@@ -3,36 +3,35 @@
 Solves the nonlinear program in a separate process, which may be killed at any time.
 
 `SolverProcess` is the asking side. It never waits: each call of `poll` exchanges over a socket whatever is
-possible at the moment. It does not load CasADi. The process behind it (see `worker`) starts on request to
-prepare, or else with the first question, and stays for the next.
+possible at the moment. It does not load CasADi. The process behind it (see `worker`) starts on request, or else
+with the first question, and stays for the next.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import os
+import pickle
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from bev_preheat.nonlinear_program.protocol import (
-    CHUNK_BYTES,
-    Failure,
-    framed,
-    Preparation,
-    Prepared,
-    SolverAnswer,
-    unframed,
-)
+from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Any
 
-    from bev_preheat.nonlinear_program.protocol import Question, Thing
-    from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
+
+    # Any pickled object: a Vehicle, READY, or one of the classes below.
+    Thing = Any
 
 # Loading Python, NumPy and CasADi takes a second, or a minute at the lowest priority on a busy computer; beyond
 # this limit something is wrong.
@@ -45,6 +44,71 @@ PROGRAM = ('import os; os.nice({niceness}); from bev_preheat.nonlinear_program.a
            'serve({descriptor}, {niceness})')
 # The lowest priority: solving uses only idle computing time.
 MOST_NICE = 19
+# Sent first by a process that waits for questions.
+READY = 'ready'
+# Precedes each pickled object: its length in bytes.
+HEADER = struct.Struct('!Q')
+CHUNK_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Question:
+    """
+    A situation: the route from now on, the battery's state at its start, and the goal.
+
+    `method` is the name of a planning method whose plan is also requested; '': none.
+    `model_factors` correct vehicle and route, in the order of PreheatPlan.msg; (): no correction.
+    """
+
+    route: Route
+    state: BatteryState
+    goal: Goal
+    method: str = ''
+    model_factors: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class SolverAnswer:
+    """
+    The solver's result; the fields are those of `solve.Optimum`.
+
+    `is_optimal`: `optimal_plan` keeps all constraints and is the optimum; otherwise it is the best possible
+    plan, and `infeasible` names the constraints that cannot be kept. `method_plan` is the plan of the
+    question's method.
+    """
+
+    optimal_plan: Plan
+    solver_status: str
+    is_optimal: bool
+    infeasible: tuple[str, ...]
+    solve_time_s: float
+    method_plan: Plan | None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The reason for a missing solution, and the time spent [s]."""
+
+    explanation: str
+    elapsed_s: float
+
+
+def framed(thing: Thing) -> bytes:
+    """Return the encoding of an object on the socket."""
+    pickled = pickle.dumps(thing)
+    return HEADER.pack(len(pickled)) + pickled
+
+
+def unframed(received: bytearray) -> Thing:
+    """Take the first object from a bytearray; None if it is incomplete."""
+    if len(received) < HEADER.size:
+        return None
+    end = HEADER.size + HEADER.unpack_from(received)[0]
+    if len(received) < end:
+        return None
+    thing = pickle.loads(received[HEADER.size:end])
+    del received[:end]
+    return thing
 
 
 class SolverProcess:
@@ -59,8 +123,6 @@ class SolverProcess:
     _question: Question | None
     _time_limit_s: float | None
     _start_problem: str | None
-    _route_to_prepare: Route | None
-    _prepared_steps: int | None
 
     def __init__(self, vehicle: Vehicle, start_limit_s: float = SOLVER_START_LIMIT_S,
                  niceness: int = MOST_NICE) -> None:
@@ -86,35 +148,21 @@ class SolverProcess:
         return self._solves
 
     @property
-    def is_preparing(self) -> bool:
-        """Whether the process is starting, or getting ready for a route."""
-        return self._process is not None and (
-            not self._is_ready or self._prepares or self._route_to_prepare is not None)
-
-    @property
-    def prepared_steps(self) -> int | None:
-        """Number of steps of the route that the process prepared last; None without one."""
-        return self._prepared_steps
+    def is_starting(self) -> bool:
+        """Whether the process is starting."""
+        return self._process is not None and not self._is_ready
 
     @property
     def process_id(self) -> int | None:
         """Id of the solver's process, or None."""
         return self._process.pid if self._process else None
 
-    def prepare(self, route: Route | None = None) -> None:
-        """
-        Start the process if necessary, and let it prepare for a Route, if given.
-
-        The answer to the next question reports any problem.
-        """
+    def start(self) -> None:
+        """Start the process unless it runs; the answer to the next question reports any problem."""
         if self._process is not None and self._process.poll() is not None:
             self._kill()
-        if route is not None:
-            self._route_to_prepare = route
         if self._process is None:
             self._start()
-        elif self._is_ready:
-            self._hand_over_preparation()
 
     def ask(self, question: Question, time_limit_s: float) -> None:
         """
@@ -148,12 +196,9 @@ class SolverProcess:
                 self._question = self._time_limit_s = None
                 self._solves = False
                 return message
-            if isinstance(message, Prepared):
-                self._prepares, self._prepared_steps = False, message.steps
             self._is_ready = True
             if self._question is not None:
                 self._hand_over()
-            self._hand_over_preparation()
         return self._loss(self._process)
 
     def close(self) -> None:
@@ -167,8 +212,7 @@ class SolverProcess:
 
     def _forget(self) -> None:
         self._question = self._time_limit_s = self._start_problem = None
-        self._route_to_prepare = self._prepared_steps = None
-        self._is_ready = self._solves = self._prepares = False
+        self._is_ready = self._solves = False
         self._to_send, self._received = bytearray(), bytearray()
         self._since_s = monotonic()
 
@@ -209,14 +253,6 @@ class SolverProcess:
         self._to_send += framed(self._question)
         self._question, self._solves = None, True
         self._since_s = monotonic()
-        self._send()
-
-    def _hand_over_preparation(self) -> None:
-        # One at a time, so that requests do not pile up if the process hangs.
-        if self._route_to_prepare is None or self._prepares:
-            return
-        self._to_send += framed(Preparation(self._route_to_prepare))
-        self._route_to_prepare, self._prepares = None, True
         self._send()
 
     def _exchange(self) -> Iterator[Thing]:

@@ -17,12 +17,10 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nonlinear_program.protocol import (
+from bev_preheat.nonlinear_program.solver_process import (
     CHUNK_BYTES,
     Failure,
     framed,
-    Preparation,
-    Prepared,
     READY,
     SolverAnswer,
     unframed,
@@ -33,8 +31,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.nonlinear_program.protocol import Question, Thing
-    from bev_preheat.route import Route
+    from bev_preheat.nonlinear_program.solver_process import Question, Thing
     from bev_preheat.vehicle import Vehicle
 
 
@@ -52,11 +49,7 @@ def serve(descriptor: int, niceness: int) -> None:
             connection.sendall(framed(answer))
         except OSError:
             return
-        message = messages.get()
-        if isinstance(message, Preparation):
-            answer = _prepare(vehicle, message.route)
-        else:
-            answer = _answer(vehicle, message)
+        answer = _answer(vehicle, messages.get())
 
 
 def _give_way(niceness: int) -> None:
@@ -99,16 +92,6 @@ def _warm_up(vehicle: Vehicle) -> None:
         pass
 
 
-def _prepare(vehicle: Vehicle, route: Route) -> Prepared:
-    """Build the programs for a Route; return the Prepared."""
-    try:
-        from bev_preheat.nonlinear_program.solve import prepare_programs
-        prepare_programs(vehicle, route)
-    except Exception:
-        return Prepared(None)
-    return Prepared(len(route))
-
-
 def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
     """Return the SolverAnswer or the Failure for a Question."""
     started_s = monotonic()
@@ -119,9 +102,7 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
     situation = route, question.state, question.goal
     try:
         from bev_preheat.nonlinear_program.attempt import SUCCESS
-        from bev_preheat.nonlinear_program.program import programs_built
         from bev_preheat.nonlinear_program.solve import solve_optimum
-        built_before = programs_built()
         method_plan = plan_preheating(corrected_vehicle(vehicle, corrections), *situation,
                                       question.method) if question.method else None
         optimum = solve_optimum(vehicle, *situation, corrections=corrections)
@@ -131,10 +112,8 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
         return Failure(f'{type(error).__name__}: {error}', monotonic() - started_s)
     return SolverAnswer(
         optimal_plan=optimum.plan,
-        solver=optimum.solver,
         solver_status=optimum.solver_status,
         is_optimal=optimum.solver_status == SUCCESS,
         infeasible=optimum.infeasible,
         solve_time_s=optimum.solve_time_s,
-        method_plan=method_plan,
-        programs_built=programs_built() - built_before)
+        method_plan=method_plan)

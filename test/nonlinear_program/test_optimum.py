@@ -14,21 +14,24 @@ import pytest
 import short_stretches
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nonlinear_program import program, program_solvers, solve
-from bev_preheat.nonlinear_program.attempt import SUCCESS
-from bev_preheat.nonlinear_program.deficits import (
+from bev_preheat.nonlinear_program import program, solve
+from bev_preheat.nonlinear_program.attempt import attempt, heated_start, Problem, SUCCESS, unheated_start
+from bev_preheat.nonlinear_program.solve import (
     ARRIVAL_SOC,
     CHARGE,
     DISCHARGE_POWER,
     HIGHEST_SOC,
     HIGHEST_TEMPERATURE,
     LOWEST_SOC,
+    NOT_SOLVED,
+    solve_optimum,
+    SolverFailure,
     TARGET,
 )
-from bev_preheat.nonlinear_program.solve import NOT_SOLVED, prepare_programs, solve_optimum, SolverFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -527,9 +530,9 @@ def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program
                               heater_efficiency=0.88)
     corrected = solve_optimum(corrected_vehicle(vehicle, corrections), route, state, goal)
     solve_optimum(vehicle, route, state, goal)
-    built = program.programs_built()
+    built = program.build_program.cache_info().misses
     optimum = solve_optimum(vehicle, route, state, goal, corrections=corrections)
-    assert program.programs_built() == built
+    assert program.build_program.cache_info().misses == built
     assert optimum.solver_status == SUCCESS
     assert optimum.plan.energy_wh.battery_total == pytest.approx(
         corrected.plan.energy_wh.battery_total, abs=1e-4)
@@ -537,19 +540,8 @@ def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program
                                corrected.plan.battery_temperature_c, atol=1e-4)
 
 
-def test_prepared_programs_are_used():
-    vehicle, (route, state, goal) = fresh_vehicle(), short_trip()
-    prepare_programs(vehicle, route)
-    built = program.programs_built()
-    solve_optimum(vehicle, route, state, goal)
-    assert program.programs_built() == built
-    solve_optimum(vehicle, route.after(75.0), state, goal)
-    assert program.programs_built() == built + 1
-
-
 def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
-    monkeypatch.setitem(program_solvers.IPOPT_OPTIONS, 'ipopt.max_iter', 2)
-    monkeypatch.setitem(program_solvers.FATROP_OPTIONS, 'fatrop.max_iter', 2)
+    monkeypatch.setitem(program.IPOPT_OPTIONS, 'ipopt.max_iter', 2)
     with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
         solve_optimum(fresh_vehicle(), *short_trip())
 
@@ -563,9 +555,9 @@ def failing_runs(monkeypatch):
     """
     limit, attempt = {'runs': 0}, solve.attempt
 
-    def failing(*arguments, **options):
-        result = attempt(*arguments, **options)
-        if result.program.give is program.Give.NOTHING and limit['runs'] > 0:
+    def failing(problem, limited, give=program.Give.NOTHING, starts=()):
+        result = attempt(problem, limited, give, starts)
+        if give is program.Give.NOTHING and limit['runs'] > 0:
             limit['runs'] -= 1
             return replace(result, status='Restoration_Failed')
         return result
@@ -589,6 +581,28 @@ def test_failure_on_a_trip_that_can_be_kept_is_no_optimum(failing_runs):
     failing_runs['runs'] = 4
     with pytest.raises(SolverFailure, match='Restoration_Failed'):
         solve_optimum(*TRIPS['uneven'])
+
+
+def starts_of(goal):
+    """Return the Problem of the descent with a goal, and its two starts."""
+    vehicle, route, state, _ = TRIPS['descent']
+    problem = Problem(vehicle, Corrections(), make_trip(vehicle, route), state, goal)
+    return problem, [unheated_start(problem), heated_start(problem)]
+
+
+def test_of_two_starts_the_better_result_counts_and_the_effort_of_both():
+    problem, starts = starts_of(TRIPS['descent'][3])
+    apart = [attempt(problem, True, starts=[start]) for start in starts]
+    both = attempt(problem, True, starts=starts)
+    assert (both.status, both.energy) == (SUCCESS, min(run.energy for run in apart))
+    assert both.iterations == sum(run.iterations for run in apart)
+
+
+def test_a_trip_without_a_solution_is_not_tried_from_another_start():
+    problem, starts = starts_of(Goal(59.0))
+    alone = attempt(problem, True, starts=starts[:1])
+    assert alone.status != SUCCESS
+    assert attempt(problem, True, starts=starts).iterations == alone.iterations
 
 
 def test_marginal_cost_is_what_one_more_kelvin_costs():
@@ -624,7 +638,7 @@ def test_dictionary_has_the_solver_in_it():
     optimum = solution_of('reference')
     dictionary = optimum.as_dictionary()
     assert {key: dictionary[key] for key in (
-        'method', 'solver', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
-            'method': 'nlp', 'solver': optimum.solver, 'solver_status': SUCCESS,
+        'method', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
+            'method': 'nlp', 'solver_status': SUCCESS,
             'solve_time_s': optimum.solve_time_s,
             'iterations': optimum.iterations, 'infeasible': []}

@@ -7,6 +7,7 @@ import casadi
 import numpy as np
 import pytest
 
+from bev_preheat.nonlinear_program.drive_steps import along_rows
 from bev_preheat.nonlinear_program.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle import load_vehicle
@@ -142,3 +143,16 @@ def test_derivatives_are_those_of_the_expressions(vehicle):
                               - outputs(casadi.DM(point - to_side))).ravel() / (2.0 * shift)
         np.testing.assert_allclose(jacobian[:, column], difference, rtol=1e-4, atol=1e-9)
         assert np.abs(jacobian[:, column]).max() > 0.0
+
+
+def test_a_function_along_rows_is_the_function_of_each_column():
+    x, y = casadi.SX.sym('x', 2), casadi.SX.sym('y')
+    function = casadi.Function('function', [x, y], [
+        casadi.vertcat(casadi.fmax(x[0], x[1]) / y, casadi.sqrt(x[0]) - 3.0, 0.25), x[1]**2])
+    columns, same = np.random.default_rng(3).uniform(0.5, 4.0, (2, 5)), 1.7
+    rows = casadi.MX.sym('rows', 2, 5)
+    found = casadi.Function('rows', [rows], along_rows(function, [rows, casadi.MX(same)], 5))(columns)
+    for number, (a, b) in enumerate(columns.T):
+        np.testing.assert_allclose(found[0].full()[:, number],
+                                   [max(a, b) / same, np.sqrt(a) - 3.0, 0.25], rtol=1e-15)
+        assert found[1].full()[0, number] == pytest.approx(b * b, rel=1e-15)

@@ -12,13 +12,13 @@ import numpy as np
 import psutil
 import pytest
 
-from bev_preheat.nonlinear_program.protocol import Failure, Question, SolverAnswer
 from bev_preheat.nonlinear_program.solve import solve_optimum
-from bev_preheat.nonlinear_program.solver_process import SolverProcess
+from bev_preheat.nonlinear_program.solver_process import Failure, Question, SolverAnswer, SolverProcess
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 pytestmark = pytest.mark.costly
 
@@ -38,8 +38,7 @@ BLOCKED_S = 20.0
 # Asks, prints the solving process, and is killed before it gets the answer.
 OWNER = """
 import sys, time
-from bev_preheat.nonlinear_program.protocol import Question
-from bev_preheat.nonlinear_program.solver_process import SolverProcess
+from bev_preheat.nonlinear_program.solver_process import Question, SolverProcess
 sys.path.insert(0, sys.argv[1])
 from test_worker import LONG_QUESTION, VEHICLE
 solver = SolverProcess(VEHICLE, niceness=0)
@@ -87,7 +86,7 @@ def lasting():
 @pytest.fixture
 def solver(lasting):
     """The SolverProcess that tests share, because a process takes a while to start."""
-    assert not lasting.is_busy and not lasting.is_preparing
+    assert not lasting.is_busy and not lasting.is_starting
     return lasting
 
 
@@ -155,7 +154,7 @@ def test_names_what_cannot_be_kept(solver):
 @pytest.mark.deep
 def test_the_process_gives_way_to_all_others():
     solver = SolverProcess(VEHICLE)
-    solver.prepare()
+    solver.start()
     try:
         wait_until(lambda: psutil.Process(solver.process_id).nice() == 19, 'the lowest priority')
         oom_score = Path(f'/proc/{solver.process_id}/oom_score_adj')
@@ -254,89 +253,44 @@ def test_says_so_when_no_process_can_be_started(new_solver, monkeypatch):
     assert isinstance(answer_of(new_solver), SolverAnswer)
 
 
-def let_it_prepare(solver, route=None):
-    """Let the process prepare, and return once it is ready."""
-    solver.prepare(route)
-    assert solver.is_preparing
-    wait_until(lambda: solver.poll() or not solver.is_preparing, 'the end of the preparation')
+def let_it_start(solver):
+    """Start the process, and return once it waits for questions."""
+    solver.start()
+    assert solver.is_starting
+    wait_until(lambda: solver.poll() or not solver.is_starting, 'the start')
     assert not solver.is_busy
 
 
 @pytest.mark.parametrize('factors', [pytest.param((), marks=pytest.mark.deep), (0.93, 1.21, 1.34, 0.88, 1.07)])
-def test_a_prepared_process_answers_its_first_question_without_building(new_solver, factors):
-    let_it_prepare(new_solver, ROUTE)
-    assert new_solver.prepared_steps == len(ROUTE)
-    prepared = new_solver.process_id
+def test_a_process_that_was_started_answers_with_the_factors_that_it_is_told(new_solver, factors):
+    let_it_start(new_solver)
+    started = new_solver.process_id
     new_solver.ask(Question(ROUTE.after(17.0), STATE, GOAL, '', factors), PATIENCE_S)
-    solution = answer_of(new_solver)
-    assert solution.is_optimal
-    assert solution.programs_built == 0
-    assert new_solver.process_id == prepared
-
-
-# Programs that were prepared are not built: above, daily.
-@pytest.mark.deep
-def test_what_was_not_prepared_is_built_once(new_solver):
-    let_it_prepare(new_solver)
-    assert new_solver.prepared_steps is None
-    for expected in (1, 0):
-        new_solver.ask(QUESTION, PATIENCE_S)
-        assert answer_of(new_solver).programs_built == expected
-
-
-# A question after the preparation: above, daily.
-@pytest.mark.deep
-def test_a_question_does_not_wait_until_all_is_prepared(new_solver):
-    new_solver.prepare(ROUTE)
-    new_solver.ask(Question(ROUTE.after(200.0), STATE, GOAL), PATIENCE_S)
-    assert len(answer_of(new_solver).optimal_plan.time_s) == len(ROUTE.after(200.0)) + 1
-    wait_until(lambda: new_solver.poll() or new_solver.prepared_steps == len(ROUTE),
-               'the preparation')
-
-
-# A question to a process that hangs does not wait: above, daily.
-@pytest.mark.deep
-def test_preparations_do_not_pile_up_before_a_process_that_hangs(new_solver):
-    let_it_prepare(new_solver)
-    hanging = psutil.Process(new_solver.process_id)
-    hanging.suspend()
-    long_route = load_route('reference', VEHICLE.defaults).resampled(0.05)
-    before_bytes = psutil.Process().memory_info().rss
-    for _ in range(100):
-        started_s = time.monotonic()
-        new_solver.prepare(long_route)
-        assert new_solver.poll() is None
-        assert time.monotonic() - started_s < BLOCKED_S
-    # One of these routes is 4 MB.
-    assert psutil.Process().memory_info().rss - before_bytes < 60e6
-    new_solver.prepare(ROUTE)
-    new_solver.close()
-
-
-@pytest.mark.deep
-def test_the_last_route_is_the_one_prepared(new_solver):
-    for duration_s in (0.0, 100.0, 300.0):
-        new_solver.prepare(ROUTE.after(duration_s))
-    wait_until(lambda: new_solver.poll() or not new_solver.is_preparing,
-               'the end of the preparation')
-    assert new_solver.prepared_steps == len(ROUTE.after(300.0))
+    plan = answer_of(new_solver).optimal_plan
+    assert new_solver.process_id == started
+    vehicle, route = VEHICLE, ROUTE.after(17.0)
+    if factors:
+        vehicle = corrected_vehicle(vehicle, Corrections(*factors[:4]))
+        route = route.with_propulsion(factors[4])
+    here = solve_optimum(vehicle, route, STATE, GOAL).plan
+    assert plan.energy_wh.battery_total == pytest.approx(here.energy_wh.battery_total, abs=1e-3)
 
 
 # Another process is started for a question above, daily.
 @pytest.mark.deep
-def test_preparing_starts_another_process_where_the_last_has_ended(new_solver):
-    let_it_prepare(new_solver)
+def test_another_process_is_started_where_the_last_has_ended(new_solver):
+    let_it_start(new_solver)
     first = new_solver.process_id
     os.kill(first, signal.SIGKILL)
     wait_until(lambda: is_gone(first), 'the end of the process')
-    let_it_prepare(new_solver, ROUTE)
+    let_it_start(new_solver)
     assert new_solver.process_id != first
 
 
-def test_says_so_when_no_process_can_be_started_to_prepare(new_solver, monkeypatch):
+def test_says_so_when_no_process_can_be_started_before_the_first_question(new_solver, monkeypatch):
     monkeypatch.setattr(sys, 'executable', '/nowhere/python')
-    new_solver.prepare(ROUTE)
-    assert not new_solver.is_preparing
+    new_solver.start()
+    assert not new_solver.is_starting
     assert '/nowhere/python' in answer_of(new_solver).explanation
     assert new_solver.poll() is None
 
@@ -365,8 +319,7 @@ def test_says_so_when_its_process_is_ended_while_idle(solver):
 def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch):
     (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
     monkeypatch.syspath_prepend(tmp_path)
-    let_it_prepare(new_solver, ROUTE)
-    assert new_solver.prepared_steps is None
+    let_it_start(new_solver)
     new_solver.ask(QUESTION, PATIENCE_S)
     failure = answer_of(new_solver)
     assert failure.explanation == "ModuleNotFoundError: No module named 'casadi'"

@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.charging.prospect import ChargingProspect
 from bev_preheat.nonlinear_program import solve
-from bev_preheat.nonlinear_program.deficits import (
+from bev_preheat.nonlinear_program.solve import (
     ARRIVAL_SOC,
     DISCHARGE_POWER,
     HIGHEST_TEMPERATURE,

@@ -187,7 +187,7 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
 
 
 def _outcome(optimum: Optimum) -> tuple[str, str]:
-    from bev_preheat.nonlinear_program.deficits import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
+    from bev_preheat.nonlinear_program.solve import ARRIVAL_SOC, HIGHEST_TEMPERATURE, TARGET
     if optimum.deficit:
         deficit = {item.constraint for item in optimum.deficit} - {HIGHEST_TEMPERATURE}
         outcome = (BEYOND_RANGE if not deficit else UNREACHABLE if deficit == {TARGET} else
