@@ -33,9 +33,9 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.commands.output import ENERGY_ROWS
 from bev_preheat.commands.parser import OneLineParser
 from bev_preheat.commands.terminal import print_figures, progress_bar, result_console
-from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.fields import Figure, nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
@@ -106,25 +106,25 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
               for path in (recording_beside(output), *log_files(output.stem, output.parent))]
     check_outputs([OutputFile('--output', output, PICTURE_SUFFIXES, make_folder=True), *others],
                   [vehicle_file(parsed.vehicle), route_file(parsed.route)])
-    with tempfile.TemporaryDirectory() as folder:
-        scenario = _scenario(parsed, Path(folder, 'demo.yaml'))
+    folder = tempfile.TemporaryDirectory()
+    path = Path(folder.name, 'demo.yaml')
+    scenario = _scenario(parsed, path)
     for warning in scenario.warnings:
         say(f'demo: warning: {warning}')
-    return lambda: _run(parsed)
+
+    def run() -> int:
+        with folder:
+            return _run(parsed, scenario, path)
+    return run
 
 
 def _check_charger(parsed: Namespace) -> None:
-    low_w, high_w = CHARGER_RANGE_W
-    if parsed.charger_power is not None and not low_w <= parsed.charger_power <= high_w:
-        raise InvalidInput(f'--charger-power: {figure_beyond(parsed.charger_power, low_w, high_w)} is not '
-                           f'allowed; it must be {figure(low_w)} ... {figure(high_w)} W')
-    if parsed.departure_soc is None:
-        return
-    if parsed.charger_power is None:
+    if parsed.departure_soc is not None and parsed.charger_power is None:
         raise InvalidInput('--departure-soc: needs --charger-power')
-    if not 0.0 < parsed.departure_soc <= 1.0:
-        raise InvalidInput(f'--departure-soc: {parsed.departure_soc:g} is not allowed; it must be above 0 '
-                           'and at most 1')
+    for option, value, allowed in (('--charger-power', parsed.charger_power, Figure(*CHARGER_RANGE_W, 'W')),
+                                   ('--departure-soc', parsed.departure_soc, Figure(0.0, 1.0))):
+        if value is not None and (problem := allowed.problem(option, value)):
+            raise InvalidInput(problem)
 
 
 def _scenario(parsed: Namespace, path: Path) -> Scenario:
@@ -151,10 +151,10 @@ def _from_anywhere(name_or_file: str) -> str:
     return os.path.abspath(path) if os.path.isfile(path) and ('/' in path or Path(path).suffix) else name_or_file
 
 
-def _run(parsed: Namespace) -> int:
+def _run(parsed: Namespace, scenario: Scenario, path: Path) -> int:
     console = result_console()
     try:
-        good, sentence = _drive(parsed, console)
+        good, sentence = _drive(parsed, scenario, path, console)
     except (ScenarioFailed, InvalidInput) as error:
         good, sentence = False, str(error)
     except OSError as error:
@@ -170,23 +170,19 @@ def _run(parsed: Namespace) -> int:
     return 0 if good else 1
 
 
-def _drive(parsed: Namespace, console: ResultConsole) -> tuple[bool, str]:
-    """Drive, draw and sum up; return (whether it succeeded, a sentence)."""
+def _drive(parsed: Namespace, scenario: Scenario, path: Path, console: ResultConsole) -> tuple[bool, str]:
+    """Drive the Scenario of a file, draw and sum up; return (whether it succeeded, a sentence)."""
     output = parsed.output
     output.parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        path = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'demo.yaml')
-        scenario = _scenario(parsed, path)
         domain_id = int(os.environ.get('ROS_DOMAIN_ID') or stack.enter_context(reserved_domain_id()))
         console.say(f'Vehicle {parsed.vehicle} on route {parsed.route}, in lockstep, ROS domain {domain_id}.')
-        show = stack.enter_context(ExitStack())
-        bar = show.enter_context(progress_bar(TextColumn('{task.description}'), BarColumn()))
-        lines = _Lines(console, scenario.route.total_duration_s)
-        task = bar.add_task('starting', total=1.0)
+        bar = stack.enter_context(progress_bar(TextColumn('{task.description}'), BarColumn()))
+        task, lines = bar.add_task('starting', total=scenario.route.total_duration_s), _Lines(console)
 
         def observe(drive: ObservedDrive) -> None:
             lines.show(drive)
-            bar.update(task, description=lines.now(drive), completed=lines.share(drive))
+            bar.update(task, description=_now(drive), completed=drive.states[-1][0] if drive.states else 0.0)
 
         drive = drive_with_nodes(scenario, str(path), output.parent, recording_beside(output),
                                  domain_id, observe, heater_status=True)
@@ -207,9 +203,8 @@ def _drive(parsed: Namespace, console: ResultConsole) -> tuple[bool, str]:
 class _Lines:
     """A line for each change of status, and one every few simulated minutes."""
 
-    def __init__(self, console: ResultConsole, duration_s: float) -> None:
-        self._console, self._duration_s = console, duration_s
-        self._next_s = 0.0
+    def __init__(self, console: ResultConsole) -> None:
+        self._console, self._next_s = console, 0.0
         self._status: Status | None = None
 
     def show(self, drive: ObservedDrive) -> None:
@@ -222,19 +217,16 @@ class _Lines:
             return
         self._status = status
         self._next_s = (time_s // PLAIN_LINE_PERIOD_S + 1.0) * PLAIN_LINE_PERIOD_S
-        self._console.say(f'{duration_text(time_s):>11}  {self.now(drive)}')
+        self._console.say(f'{duration_text(time_s):>11}  {_now(drive)}')
 
-    def now(self, drive: ObservedDrive) -> str:
-        """Return the latest state, command and prediction in one line."""
-        if not (drive.states and drive.record.commands and drive.predictions):
-            return 'waiting for the simulated vehicle and the planner'
-        _, temperature_c, soc = drive.states[-1]
-        return (f'battery {temperature_c:5.1f} degC  state of charge {100.0 * soc:.1f} %  heater '
-                f'{drive.record.commands[-1][1]:4.0f} W  arrival at {drive.predictions[-1][1]:.1f} degC')
 
-    def share(self, drive: ObservedDrive) -> float:
-        """Return the driven share of the route."""
-        return drive.states[-1][0] / self._duration_s if drive.states else 0.0
+def _now(drive: ObservedDrive) -> str:
+    """Return the latest state, command and prediction in one line."""
+    if not (drive.states and drive.record.commands and drive.predictions):
+        return 'waiting for the simulated vehicle and the planner'
+    _, temperature_c, soc = drive.states[-1]
+    return (f'battery {temperature_c:5.1f} degC  state of charge {100.0 * soc:.1f} %  heater '
+            f'{drive.record.commands[-1][1]:4.0f} W  arrival at {drive.predictions[-1][1]:.1f} degC')
 
 
 def summary_rows(drive: ObservedDrive) -> list[tuple[str, str, str]]:

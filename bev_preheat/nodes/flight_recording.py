@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from datetime import datetime, UTC
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
@@ -67,20 +68,6 @@ class Setup(NamedTuple):
 
     parameters: dict[str, Any]
     vehicle_contents: bytes
-
-
-class _Noted(NamedTuple):
-    """A step as it is handed over: what FlightRecorder.note was given, and the Setup that held then."""
-
-    state: State
-    now_ns: int
-    events: tuple[Event, ...]
-    message: Any
-    command: Command | None
-    status: Status | None
-    call: str
-    what: str
-    setup: Setup
 
 
 class Planner(NamedTuple):
@@ -164,7 +151,7 @@ class FlightRecorder:
                 self._topics[ROUTE_PLAN], now_ns, route)
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
-                lambda: self._head(now_ns), entries_of=self._entries)
+                lambda: self._head(now_ns), entries_of=lambda group: group() if callable(group) else group)
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
         self.tell()
@@ -196,17 +183,15 @@ class FlightRecorder:
 
         The command is recorded with the step's instant as its stamp, as it is published.
         """
-        writer, decision = self._writer, output.decision
-        if writer is None:
-            return
-        writer.put_group(_Noted(state, now_ns, events, message, output.command,
-                                None if decision is None else decision.status, call, what, self._setup))
+        if self._writer is not None:
+            decision = output.decision
+            self._writer.put_group(partial(
+                self._entries, state, now_ns, events, message, output.command,
+                None if decision is None else decision.status, call, what, self._setup))
 
-    def _entries(self, group: _Noted | tuple[Entry, ...]) -> Iterable[Entry]:
+    def _entries(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, command: Command | None,
+                 status: Status | None, call: str, what: str, setup: Setup) -> Iterable[Entry]:
         """Return the entries of a step; called by the writing thread."""
-        if not isinstance(group, _Noted):
-            return group
-        state, now_ns, events, message, command, status, call, what, setup = group
         values = [_values(event, message is not None, self._goals, setup) for event in events]
         step = Entry(STEP_CHANNEL, now_ns, RecordedStep(
             now_ns, call, tuple(values), what, command_values(command), status))

@@ -205,11 +205,6 @@ class HeaterExecution:
              'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}'})
 
 
-def no_obstacle(now: Instant) -> Verdict:
-    """Return the Verdict of a car without conditions of its own."""
-    return SERVED
-
-
 
 
 class CanHeater:

@@ -63,9 +63,8 @@ def reserved_domain_id() -> Iterator[int]:
     Other callers of this function and of `domain_coordinator.domain_id()` respect the reservation; other
     programs may still pick the same. Raises RuntimeError if none is left.
     """
-    candidates = list(DOMAIN_IDS)
     # Not the module's seeded generator: two test runs with one seed would compete for domains.
-    random.SystemRandom().shuffle(candidates)
+    candidates = iter(random.SystemRandom().sample(DOMAIN_IDS, len(DOMAIN_IDS)))
     reservation = domain_coordinator.domain_id(lambda: _next_unused(candidates))
     domain_id = reservation.__enter__()
     try:
@@ -75,19 +74,13 @@ def reserved_domain_id() -> Iterator[int]:
         reservation.__exit__(None, None, None)
 
 
-def _next_unused(candidates: list[int]) -> int:
-    """Remove candidates until one has no running participant, and return that one."""
-    while candidates:
-        domain_id = candidates.pop()
-        if _is_unused(domain_id):
+def _next_unused(candidates: Iterator[int]) -> int:
+    """Return the next candidate that has no running participant."""
+    for domain_id in candidates:
+        # The first participant may be gone while a later one still runs.
+        if all(_is_free(FIRST_PORT + PORTS_PER_DOMAIN * domain_id + port) for port in PARTICIPANT_PORTS):
             return domain_id
     raise RuntimeError(f'ROS domains {DOMAIN_IDS[0]} ... {DOMAIN_IDS[-1]} are all in use')
-
-
-def _is_unused(domain_id: int) -> bool:
-    # The first participant may be gone while a later one still runs.
-    first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
-    return all(_is_free(first_port + port) for port in PARTICIPANT_PORTS)
 
 
 def _is_free(port: int) -> bool:

@@ -152,7 +152,7 @@ def test_refused_parameter_is_told(tmp_path, capsys):
     (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2000000 W'),
     (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power'),
     (['--charger-power', '5e4', '--departure-soc', '80'],
-     '--departure-soc: 80 is not allowed; it must be above 0 and at most 1')])
+     '--departure-soc: 80 is not allowed; it must be 0 ... 1')])
 def test_a_bad_charger_is_refused_before_the_drive(tmp_path, capsys, arguments, problem):
     assert main([*arguments, '--output', str(tmp_path / 'demo.png')]) == 2
     assert capsys.readouterr().err == f'demo: error: {problem}\n'

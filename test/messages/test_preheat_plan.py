@@ -2,22 +2,27 @@
 """Plans and commands in messages: figures, instants, unknown values; the numbers of enumerations."""
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from operator import attrgetter
 from pathlib import Path
 import re
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
+from stepwise import Stepwise
 
 from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetSource
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.heater import command_message
-from bev_preheat.messages.preheat_plan import plan_message, temperature_message
+from bev_preheat.messages.planner_diagnostics import planner_diagnostics
+from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
 from bev_preheat.planning.outcome import Stranding
@@ -27,10 +32,12 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
 EAST = Mission('east', (Leg(None),))
+START_S = 1_700_000_000
+STATE = BatteryState(6.0, 0.4375)
 MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
 
 
@@ -162,6 +169,98 @@ def test_end_of_heating(decision, changed, end_s):
     plan = replace(decision.plan, **changed)
     message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     assert nanoseconds(message.heating_end) == round(end_s * NS_PER_S)
+
+
+def test_later_legs_in_the_plan(decision):
+    plan = decision.plan
+    waits = replace(plan, heating_start_s=777.0)
+    idles = replace(plan, heating_start_s=None)
+    # At a stop no plan exists for now, but some for later.
+    for now in (Decision(Status.WAITING, '', plan, 50 * NS_PER_S), Decision(Status.CHARGING, '')):
+        message = plan_message(
+            now, EAST, 99 * NS_PER_S,
+            (Decision(Status.WAITING, '', waits, 5000 * NS_PER_S),
+             Decision(Status.NOT_NEEDED, '', idles, 9000 * NS_PER_S),
+             Decision(Status.INVALID_INPUT, 'No.')))
+        expected = {
+            'later_arrival': [Time(sec=5000 + 1200), Time(sec=9000 + 1200), Time()],
+            'later_heating_start': [Time(sec=5000 + 777), Time(), Time()],
+            'later_status': [Status.WAITING, Status.NOT_NEEDED, Status.INVALID_INPUT],
+            'later_predicted_arrival_temperature': pytest.approx(
+                [plan.arrival_temperature_c] * 2 + [nan], nan_ok=True),
+            'later_predicted_arrival_soc': pytest.approx([plan.arrival_soc] * 2 + [nan], nan_ok=True)}
+        assert set(expected) == {
+            name for name in PreheatPlan.get_fields_and_field_types() if name.startswith('later_')}
+        alone = plan_message(now, EAST, 99 * NS_PER_S)
+        for name, values in expected.items():
+            assert list(getattr(message, name)) == values, name
+            assert len(getattr(alone, name)) == 0, name
+
+
+# Texts of plans
+
+def charger_route(**changed):
+    """Return a RoutePlan of 30 min to a charger."""
+    message = RoutePlan(**{
+        'route_id': 'far', 'segment_duration': [60.0] * 30, 'speed': [25.0], 'propulsion_power': [15e3],
+        'ambient_temperature': [-8.0], 'charging_planned': True, 'charger_power': 150e3,
+        'charging_departure_soc': 0.75, **changed})
+    message.header.stamp = Time(sec=START_S)
+    return message
+
+
+def planned(settings=Settings(estimation=False), **changed):
+    """Return (Stepwise, PreheatPlan) at the start of a route without a stop."""
+    supervisor = Stepwise(VEHICLE, settings)
+    now_ns = START_S * NS_PER_S
+    supervisor.run(now_ns)
+    supervisor.accept_mission(mission_from_message(charger_route(**changed), VEHICLE.defaults, 30.0))
+    supervisor.accept_battery(Measurement(STATE, now_ns), now_ns)
+    return supervisor, plan_message(supervisor.state.decision, supervisor.state.mission, now_ns)
+
+
+@pytest.mark.parametrize('changed, source', [
+    ({}, PreheatPlan.TARGET_CHOSEN), ({'target_battery_temperature': 21.0}, PreheatPlan.TARGET_GIVEN),
+    ({'charger_power': 0.0}, PreheatPlan.TARGET_DEFAULT),
+    ({'charging_planned': False}, PreheatPlan.TARGET_UNKNOWN)])
+def test_a_plan_says_where_its_target_comes_from(changed, source):
+    supervisor, plan = planned(**changed)
+    assert plan.target_source == source
+    choice = supervisor.state.decision.target
+    figures = (plan.charging_time, plan.charging_time_unheated, plan.bought_energy,
+               plan.bought_energy_unheated)
+    if source in (PreheatPlan.TARGET_CHOSEN, PreheatPlan.TARGET_GIVEN):
+        assert figures == (choice.charging_time_s, choice.unheated_charging_time_s,
+                           choice.bought_energy_wh, choice.unheated_bought_energy_wh)
+        assert 0.0 < plan.charging_time < plan.charging_time_unheated
+        minutes = round(plan.charging_time / 60.0)
+        assert f'{minutes - 1}:' in charging_text(plan) or f'{minutes}:' in charging_text(plan)
+    else:
+        assert np.isnan(figures).all() and charging_text(plan) == ''
+    assert bool(plan.target_reason) is (source != PreheatPlan.TARGET_UNKNOWN)
+
+
+def test_a_message_that_nobody_filled_has_no_session():
+    assert session_texts(PreheatPlan()) is None
+    endless = PreheatPlan(target_source=PreheatPlan.TARGET_CHOSEN, charging_time=60.0, bought_energy=500.0,
+                          charging_time_unheated=inf, bought_energy_unheated=inf)
+    assert session_texts(endless) == ('1:00 min, 0.50 kWh', 'never ends')
+    endless.bought_energy = nan
+    assert session_texts(endless) is None
+
+
+def test_heating_that_does_not_pay_is_no_fault():
+    supervisor, plan = planned(charger_power=50e3)
+    assert plan.status == PreheatPlan.NOT_WORTH_IT and not plan.heating_planned
+    entry = planner_diagnostics('/planner', supervisor.state, START_S * NS_PER_S)[0]
+    assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
+    values = {pair.key: pair.value for pair in entry.values}
+    assert values['target because'] == plan.target_reason
+
+
+def test_a_decision_without_a_target_has_no_figures():
+    plan = plan_message(Decision(Status.DISABLED, 'No.'), None, 0)
+    assert plan.target_source == PreheatPlan.TARGET_UNKNOWN and plan.target_reason == ''
 
 
 # Enums: the message files are the contract

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stops in the messages: refusals and their wording, the parsed stops, and back."""
+"""Stops and chargers in route plans: refusals and their wording, the parsed stops, and back."""
 
 from dataclasses import fields, replace
 from math import inf, isnan, nan
@@ -8,25 +8,23 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 
-from bev_preheat.control.decision import Decision
-from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.charging.stop import Charger
+from bev_preheat.control.inputs import Leg
+from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message, route_plan_message
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route, Route
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import RoutePlan
 
 VEHICLE = load_vehicle('reference')
 START_S = 1_700_000_000
 DURATIONS_S = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
 STOP_FIELDS = ('stop_duration', 'stop_target_battery_temperature', 'stop_minimum_arrival_soc',
-               'departure_battery_temperature', 'departure_soc')
+               'stop_charger_power', 'departure_battery_temperature', 'departure_soc')
+POWER = '1000 ... 2000000 W, or 0 or NaN: not known'
 
 
 def route_message(sec=START_S, **changed):
@@ -38,7 +36,8 @@ def route_message(sec=START_S, **changed):
         'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.35,
         'stop_after_segment': [1, 2], 'stop_duration': [700.0, 800.0],
         'stop_target_battery_temperature': [21.0, nan], 'stop_minimum_arrival_soc': [0.15, 0.25],
-        'departure_battery_temperature': [31.0, 32.0], 'departure_soc': [0.55, 0.65], **changed})
+        'stop_charger_power': [50e3, 60e3], 'departure_battery_temperature': [31.0, 32.0],
+        'departure_soc': [0.55, 0.65], **changed})
     message.header.stamp = Time(sec=sec)
     return message
 
@@ -58,14 +57,15 @@ def problems_of(**changed):
 ALLOWED = {
     'stop_duration': '1 ... 86400 s',
     'stop_target_battery_temperature': "-60 ... 60 degC, or NaN: the planner's own default",
-    'stop_minimum_arrival_soc': '0 ... 1',
+    'stop_minimum_arrival_soc': '0 ... 1', 'stop_charger_power': POWER,
     'departure_battery_temperature': '-60 ... 60 degC, or NaN: that wanted on arrival',
     'departure_soc': '0 ... 1, or NaN: 0.8'}
-NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'departure_battery_temperature',
+NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'stop_charger_power', 'departure_battery_temperature',
                   'departure_soc')
 OUTSIDE = {
     'stop_duration': (0.5, -700.0, 90000.0), 'stop_target_battery_temperature': (-61.0, 293.0),
-    'stop_minimum_arrival_soc': (-0.25, 15.0), 'departure_battery_temperature': (-61.0, 304.0),
+    'stop_minimum_arrival_soc': (-0.25, 15.0), 'stop_charger_power': (50.0, 2.1e6, -50e3),
+    'departure_battery_temperature': (-61.0, 304.0),
     'departure_soc': (-0.5, 55.0)}
 
 
@@ -76,7 +76,7 @@ def test_a_bad_value_is_refused_in_each_array(field, value):
     values = list(getattr(route_message(), field))
     values[1] = value
     assert problems_of(**{field: values}) == [
-        f'{field}[1]: {value:g} is not allowed; it must be {ALLOWED[field]}']
+        f'{field}[1]: {figure(value)} is not allowed; it must be {ALLOWED[field]}']
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])
@@ -122,7 +122,7 @@ def test_more_stops_than_are_planned_are_refused(field):
 def test_as_many_stops_as_are_planned_are_accepted():
     mission = convert(
         segment_duration=[10.0] * 50, speed=[12.0], stop_after_segment=list(range(MOST_STOPS)),
-        **{field: [1.0] * MOST_STOPS for field in STOP_FIELDS})
+        **{field: [1000.0 if 'power' in field else 1.0] * MOST_STOPS for field in STOP_FIELDS})
     assert len(mission.legs) == MOST_STOPS + 1
 
 
@@ -213,6 +213,29 @@ def test_no_step_reaches_over_a_stop(step_s, counts):
     assert [len(leg.route) for leg in convert(step_s=step_s).legs] == counts
 
 
+# Chargers
+
+@pytest.mark.parametrize('field, value, allowed', [
+    *(('charger_power', value, POWER) for value in (999.0, 2.1e6, -150e3, inf, -inf)),
+    *(('charging_departure_soc', value, '0 ... 1, or 0 or NaN: not known, 0.8')
+      for value in (1.25, -0.25, 80.0, inf))])
+def test_a_bad_charger_at_the_end_is_refused(field, value, allowed):
+    assert problems_of(**{field: value}) == [f'{field}: {figure(value)} is not allowed; it must be {allowed}']
+
+
+@pytest.mark.parametrize('changed, expected', [
+    ({}, [Charger(50e3, 0.55), Charger(60e3, 0.65), Charger(150e3, 0.75)]),
+    ({'stop_charger_power': [], 'charging_departure_soc': 0.0}, [None, None, Charger(150e3)]),
+    ({'stop_charger_power': [0.0, nan], 'charging_departure_soc': nan}, [None, None, Charger(150e3)]),
+    ({'departure_soc': [nan, 0.0], 'charger_power': nan}, [Charger(50e3), Charger(60e3), None]),
+    ({'departure_soc': [], 'charger_power': 0.0}, [Charger(50e3), Charger(60e3), None])])
+def test_a_charger_is_known_by_its_power(changed, expected):
+    mission = convert(**{'charger_power': 150e3, 'charging_departure_soc': 0.75, **changed})
+    assert [leg.charger for leg in mission.legs] == expected
+    again = mission_from_message(route_plan_message(mission), VEHICLE.defaults, 1000.0)
+    assert again.legs[-1].charger == mission.legs[-1].charger
+
+
 # There and back
 
 def test_each_leg_comes_back():
@@ -229,44 +252,3 @@ def test_each_leg_comes_back():
         for time_s in np.linspace(0.0, there.route.total_duration_s, 50):
             assert back.places.distance_at_m(time_s) == pytest.approx(
                 there.places.distance_at_m(time_s))
-
-
-# Outgoing messages
-
-TRIP = Mission('east', (Leg(None),))
-
-
-@pytest.fixture(scope='module')
-def plan():
-    """Return a plan that waits for a while."""
-    route = make_route({
-        'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults)
-    plan = plan_preheating(VEHICLE, route, BatteryState(18.0, 0.8), Goal(24.0))
-    assert 0.0 < plan.heating_start_s < 1200.0
-    return plan
-
-
-def test_later_legs_in_the_plan(plan):
-    waits = replace(plan, heating_start_s=777.0)
-    idles = replace(plan, heating_start_s=None)
-    # At a stop no plan exists for now, but some for later.
-    for now in (Decision(Status.WAITING, '', plan, 50 * NS_PER_S), Decision(Status.CHARGING, '')):
-        message = plan_message(
-            now, TRIP, 99 * NS_PER_S,
-            (Decision(Status.WAITING, '', waits, 5000 * NS_PER_S),
-             Decision(Status.NOT_NEEDED, '', idles, 9000 * NS_PER_S),
-             Decision(Status.INVALID_INPUT, 'No.')))
-        expected = {
-            'later_arrival': [Time(sec=5000 + 1200), Time(sec=9000 + 1200), Time()],
-            'later_heating_start': [Time(sec=5000 + 777), Time(), Time()],
-            'later_status': [Status.WAITING, Status.NOT_NEEDED, Status.INVALID_INPUT],
-            'later_predicted_arrival_temperature': pytest.approx(
-                [plan.arrival_temperature_c] * 2 + [nan], nan_ok=True),
-            'later_predicted_arrival_soc': pytest.approx([plan.arrival_soc] * 2 + [nan], nan_ok=True)}
-        assert set(expected) == {
-            name for name in PreheatPlan.get_fields_and_field_types() if name.startswith('later_')}
-        alone = plan_message(now, TRIP, 99 * NS_PER_S)
-        for name, values in expected.items():
-            assert list(getattr(message, name)) == values, name
-            assert len(getattr(alone, name)) == 0, name

@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.messages.preheat_plan import plan_message
@@ -134,3 +135,21 @@ def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, val
 def test_a_repeated_route_is_known_by_its_stops_too(changed, same):
     unknown = {'stop_target_battery_temperature': [nan]}
     assert says_the_same(route_message(**unknown), route_message(**{**unknown, **changed})) is same
+
+
+@pytest.mark.parametrize('charger_w', [150e3, 50e3])
+def test_the_target_that_the_planner_has_chosen_is_checked(charger_w):
+    supervisor, measurement = Stepwise(VEHICLE, Settings(estimation=False)), at(0)
+    supervisor.accept_mission(mission_from_message(route_message(
+        target_battery_temperature=0.0, charger_power=charger_w, stop_after_segment=[], stop_duration=[],
+        stop_target_battery_temperature=[], stop_minimum_arrival_soc=[], departure_battery_temperature=[],
+        departure_soc=[]), VEHICLE.defaults, 30.0))
+    supervisor.accept_battery(measurement, measurement.stamp_ns)
+    mission = supervisor.state.mission
+    plan = plan_message(supervisor.replan(measurement.stamp_ns), mission, measurement.stamp_ns)
+    # Its own inbox knows nothing of prices or estimates.
+    goal_of = Inbox(VEHICLE, Settings(estimation=False)).goal_of
+    assert goal_of(mission.legs[0]).target_temperature_c == 25.0
+    for case in (case_of_plan(mission, goal_of, [measurement], plan),
+                 case_of_state(mission, goal_of, measurement, plan)):
+        assert case.question.goal.target_temperature_c == plan.target_battery_temperature < 21.0
