@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Collection, Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime, UTC
 import logging
@@ -20,7 +19,7 @@ from bev_preheat.files.input_files import check_input
 from bev_preheat.files.table_text import encoding_of, line_blocks, read_head
 from bev_preheat.files.times import COUNTER, EARLIEST_S, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.raw_log import Channel, Piece
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
@@ -161,7 +160,6 @@ def all_bits_set(signal: Any) -> tuple[float, ...]:
 PCAN = re.compile(r';\s*Message Number|;-+\s*$|;\s*Start time:', re.IGNORECASE)
 ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$',
                  re.MULTILINE | re.IGNORECASE)
-FRAMES_AT_ONCE = 20_000
 # Of BLF: signature, lengths of header and object, type.
 OBJECT_HEADER_BYTES = 16
 
@@ -196,7 +194,10 @@ class CanFrames:
         """Yield the Pieces of the wanted signals; see RawLog."""
         names = {identifier: message for identifier, message in self._messages.items()
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
-        readings: dict[str, list[tuple[float, float, int]]] = {}
+        yield from pieces_of(self._readings(names, wanted, remarks))
+
+    def _readings(self, names: dict[int, Any], wanted: Collection[str],
+                  remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         for number, frame in enumerate(self._frames(remarks), start=1):
             message = names.get(frame.arbitration_id)
             if message is None or frame.is_error_frame or frame.is_remote_frame or not frame.data:
@@ -218,11 +219,7 @@ class CanFrames:
                     remarks.add(f'{name} {word}', f'{self._path}, frame {number}: {name}: {figure(value)} means '
                                 f'{quoted(word)}; it is dropped')
                 else:
-                    readings.setdefault(name, []).append((float(frame.timestamp), float(value), number))
-            if number % FRAMES_AT_ONCE == 0:
-                yield from _pieces(readings)
-                readings = {}
-        yield from _pieces(readings)
+                    yield name, float(frame.timestamp), float(value), number
 
     def _frames(self, remarks: Remarks | None) -> Iterator[Any]:
         return frames_of(self._path, self._kind, self._encoding, remarks)
@@ -239,8 +236,10 @@ def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | Non
             return
         reader = (can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.TRCReader(path)
                   if kind == 'PCAN TRC' else _blf_reader(path))
-        with closing(_Stopping(reader)):
+        try:
             yield from reader
+        finally:
+            reader.stop()
     except (GeneratorExit, InvalidInput):
         raise
     except Exception as error:
@@ -272,19 +271,6 @@ def _sound_length(data: bytes) -> int | None:
             return at
         at += length
     return None
-
-
-class _Stopping:
-    """Closes a reader of python-can, whose method is called stop."""
-
-    def __init__(self, reader: Any) -> None:
-        self.close = reader.stop
-
-
-def _pieces(readings: dict[str, list[tuple[float, float, int]]]) -> Iterator[Piece]:
-    for name, rows in readings.items():
-        time_s, values, places = (np.array(column) for column in zip(*rows))
-        yield Piece(name, time_s, values, places)
 
 
 def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) -> dict[int, Any]:

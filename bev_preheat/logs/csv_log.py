@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CSV logs: one line an instant and one column a channel, or one line a reading (time, name, value and unit)."""
+"""Logs of rows of texts: a column a channel, or a reading a row (time, name, value and unit); CSV files."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.table import open_table, TableFile
+from bev_preheat.files.table import open_table
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.choice import find_time_column, TimeColumn
 from bev_preheat.logs.raw_log import Channel, Piece
 
 if TYPE_CHECKING:
+    from bev_preheat.files.table_layout import Layout
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
     from bev_preheat.numerics.arrays import FloatArray, IntArray
@@ -44,16 +45,39 @@ class Roles(NamedTuple):
     unit: int | None
 
 
-class CsvLog:
-    """An open CSV log; see RawLog. With `Roles` a line has a single reading, else a reading of each channel."""
+def roles_of(names: Sequence[str]) -> Roles | None:
+    """Return the Roles of columns with these names, None if a row has a reading of each column."""
+    def column(pattern: re.Pattern[str]) -> int | None:
+        return next((at for at, heading in enumerate(names) if pattern.match(heading)), None)
+
+    name, value, unit = column(NAME), column(VALUE), column(UNIT)
+    if name is None:
+        name = column(INFLUX_NAME)
+    elif unit is None:
+        unit = column(MEASUREMENT)
+    return None if name is None or value is None else Roles(name, value, unit)
+
+
+class Rows(Protocol):
+    """Rows of a file in the columns of their Layout, as those of files.table.TableFile and json_lines.JsonRows."""
+
+    path: str | Path
+    layout: Layout
+
+    def blocks(self, drop: Callable[[int, str], object]) -> Iterator[tuple[IntArray, list[tuple[str, ...]]]]:
+        """Yield numbers of lines and the cells of each column; `drop` gets number and fault of other lines."""
+
+
+class TextLog:
+    """An open log of Rows; see RawLog. With `Roles` a row has a single reading, else a reading of each channel."""
 
     place = 'line'
 
-    def __init__(self, table: TableFile, roles: Roles | None) -> None:
-        """Take the table; with Roles, read the file once for the channels."""
-        self._table, self._roles = table, roles
+    def __init__(self, table: Rows, roles: Roles | None, kind: str = 'CSV', column: str = 'column') -> None:
+        """Take the rows, the kind of file and its word for a column; with Roles, read the channels' names."""
+        self._table, self._roles, self._column = table, roles, column
         layout = table.layout
-        self.format = 'CSV' if roles is None else 'CSV, one reading a line'
+        self.format = kind if roles is None else f'{kind}, one reading a line'
         self.decimal, self.absolute = layout.decimal, False
         self.times: tuple[str, ...] = ()
         # Columns that are channels: of a log of readings those of the coordinates and of the car.
@@ -82,9 +106,10 @@ class CsvLog:
         layout = self._table.layout
         self._time = find_time_column(layout.header, layout.units, layout.rows, layout.decimal, signal_map)
         if self._time is None:
-            raise InvalidInput(f'{self._table.path}, line {layout.header_line}: no column holds the time; the '
-                               f'columns are {quoted(", ".join(layout.header))}; name it (time_s) or give a '
-                               'signal map with time')
+            where = f', line {layout.header_line}' if layout.header_line else ''
+            raise InvalidInput(f'{self._table.path}{where}: no {self._column} holds the time; the {self._column}s '
+                               f'are {quoted(", ".join(layout.header))}; name it (time_s) or give a signal map '
+                               'with time')
         self.absolute = self._time.clock.absolute
         self.times = tuple(layout.header[at] for at in self._time.columns)
 
@@ -112,12 +137,17 @@ class CsvLog:
     def _of_columns(self, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
                     numbers: IntArray) -> Iterator[Piece]:
         # Many lines of readings repeat a position.
-        first = np.arange(len(numbers)) if self._roles is None else np.unique(time_s, return_index=True)[1]
+        first = None if self._roles is None else np.unique(time_s, return_index=True)[1]
         for column, name in self._columns.items():
-            if name in wanted and self._roles is None:
-                yield Piece(name, time_s, cells[column], numbers)
-            elif name in wanted:
-                yield Piece(name, time_s[first], [cells[column][at] for at in first], numbers[first])
+            if name not in wanted:
+                continue
+            values = cells[column]
+            rows = first if first is not None else [at for at, value in enumerate(values) if value] \
+                if '' in values else None
+            if rows is None:
+                yield Piece(name, time_s, values, numbers)
+            elif len(rows):
+                yield Piece(name, time_s[rows], [values[at] for at in rows], numbers[rows])
 
     @staticmethod
     def _of_readings(roles: Roles, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
@@ -131,18 +161,7 @@ class CsvLog:
                 yield Piece(name, time_s[rows], [cells[roles.value][at] for at in rows], numbers[rows])
 
 
-def open_csv_log(path: str | Path, head: bytes) -> CsvLog | None:
+def open_csv_log(path: str | Path, head: bytes) -> TextLog | None:
     """Return the open log if a file's first bytes are those of a table with a header, else None."""
     table = open_table(path, head)
-    if table is None:
-        return None
-
-    def column(pattern: re.Pattern[str]) -> int | None:
-        return next((at for at, heading in enumerate(table.layout.header) if pattern.match(heading)), None)
-
-    name, value, unit = column(NAME), column(VALUE), column(UNIT)
-    if name is None:
-        name = column(INFLUX_NAME)
-    elif unit is None:
-        unit = column(MEASUREMENT)
-    return CsvLog(table, None if name is None or value is None else Roles(name, value, unit))
+    return None if table is None else TextLog(table, roles_of(table.layout.header))

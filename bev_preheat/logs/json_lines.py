@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 import json
 import math
 from pathlib import Path
@@ -13,16 +14,13 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.table_layout import Layout
 from bev_preheat.files.table_text import encoding_of, line_blocks
-from bev_preheat.files.units import split_unit, unit_named
-from bev_preheat.logs.choice import find_time_column
-from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, UNIT, VALUE
-from bev_preheat.logs.raw_log import Channel, Piece
+from bev_preheat.files.units import split_unit
+from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, roles_of, TextLog, VALUE
 
 if TYPE_CHECKING:
-    from bev_preheat.files.times import Clock
-    from bev_preheat.logs.raw_log import Remarks
-    from bev_preheat.logs.signal_map import SignalMap
+    from bev_preheat.numerics.arrays import IntArray
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.
@@ -120,8 +118,8 @@ def _named(items: Any) -> dict[str, Any]:
     return found
 
 
-# Objects that are searched for channels, and those that tell how time is written.
-MOST_SEARCHED, SAMPLE = 200_000, 400
+# Objects that are searched for channels, and those that tell how time is written; texts that are held at once.
+MOST_SEARCHED, SAMPLE, CELLS_AT_ONCE = 200_000, 400, 1_000_000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28
 # First line of an object that wraps an array.
@@ -129,103 +127,43 @@ WRAPPED = re.compile(r'\{\s*"[^"]*"\s*:\s*\[?')
 Item = Mapping[str, str]
 
 
-class JsonLines:
-    """An open log of JSON objects; see RawLog."""
-
-    format = 'JSON lines'
-    place = 'line'
-    decimal = '.'
-    times: tuple[str, ...] = ()
+class JsonRows:
+    """Objects with flat keys as Rows of a log; a field is a column."""
 
     def __init__(self, path: str | Path, encoding: str) -> None:
         """Read the fields of the first objects; raises InvalidInput if the file has no object."""
-        self._path, self._encoding, self.absolute = path, encoding, False
-        self._clock: Clock | None = None
-        self._time, self._sample = '', []
-        found: dict[str, str] = {}
-        self._name = self._value = self._unit = ''
-        for count, (_, item) in enumerate(self._items(None)):
-            if count == 0:
-                # {"path": "Vehicle.Speed", "value": 12} is one reading, not two fields.
-                roles = [next((key for key in item if pattern.match(key)), '') for pattern in (NAME, VALUE, UNIT)]
-                if roles[0] and roles[1]:
-                    self._name, self._value, self._unit = roles
+        self.path, self._encoding = path, encoding
+        sample: list[Item] = []
+        found: dict[str, None] = {}
+        for count, (_, item) in enumerate(self._items(lambda *_: None)):
             if count < SAMPLE:
-                self._sample.append(item)
+                sample.append(item)
             elif count > MOST_SEARCHED:
                 break
-            if self._name:
-                channel = item.get(self._name, '')
-                if channel and not found.get(channel):
-                    found[channel] = unit_named(item.get(self._unit, '')) or split_unit(channel).unit
-            else:
-                for key in item.keys() - found.keys():
-                    found[key] = split_unit(key).unit
+            found.update(dict.fromkeys(item))
             if len(found) > MOST_CHANNELS:
                 raise InvalidInput(f'{path}: its objects have more than {MOST_CHANNELS} fields; this is no log')
         if not found:
             raise InvalidInput(f'{path}: has no JSON object with fields')
-        self.channels = tuple(Channel(*item) for item in sorted(found.items()))
+        header = tuple(found)
+        # {"path": "Vehicle.Speed", "value": 12} is one reading, not two fields.
+        self.roles = roles_of(list(sample[0]))
+        self.layout = Layout(None, header, 0, tuple(split_unit(key).unit for key in header), 1, tuple(
+            tuple(item.get(key, '') for key in header) for item in sample), len(header), '.')
 
-    def use(self, signal_map: SignalMap) -> None:
-        """Choose the field of the time; raises InvalidInput if no field is a time."""
-        keys = list(dict.fromkeys(key for item in self._sample for key in item))
-        rows = [[item.get(key, '') for key in keys] for item in self._sample]
-        found = find_time_column(keys, [split_unit(key).unit for key in keys], rows, '.', signal_map)
-        if found is None or len(found.columns) != 1:
-            raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
-                               'give a signal map with time')
-        self._clock, self._time, self.absolute = found.clock, keys[found.columns[0]], found.clock.absolute
-        self.times = (self._time,)
+    def blocks(self, drop: Callable[[int, str], object]) -> Iterator[tuple[IntArray, list[tuple[str, ...]]]]:
+        """Yield numbers of lines and the texts of each field, '' where an object lacks it; see Rows."""
+        items, size = self._items(drop), max(CELLS_AT_ONCE // len(self.layout.header), 1)
+        while block := list(islice(items, size)):
+            yield np.array([number for number, _ in block]), [
+                tuple(item.get(key, '') for _, item in block) for key in self.layout.header]
 
-    def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
-        """Yield the Pieces of the wanted fields; see RawLog."""
-        assert self._clock is not None
-        if self._clock.remark:
-            remarks.add('clock', f'{self._path}: {self._clock.remark}')
-        readings: dict[str, tuple[list[int], list[str]]] = {}
-        times: list[str] = []
-        numbers: list[int] = []
-        for number, item in self._items(remarks):
-            for name, value in self._readings(item):
-                if name in wanted:
-                    at, values = readings.setdefault(name, ([], []))
-                    at.append(len(times))
-                    values.append(value)
-            times.append(item.get(self._time, ''))
-            numbers.append(number)
-            if len(times) >= 50_000:
-                yield from self._pieces(times, numbers, readings, remarks)
-                times, numbers, readings = [], [], {}
-        yield from self._pieces(times, numbers, readings, remarks)
-
-    def _readings(self, item: Item) -> Iterator[tuple[str, str]]:
-        if self._name:
-            yield item.get(self._name, ''), item.get(self._value, '')
-        else:
-            yield from item.items()
-
-    def _pieces(self, times: list[str], numbers: list[int], readings: dict[str, tuple[list[int], list[str]]],
-                remarks: Remarks) -> Iterator[Piece]:
-        if not times:
-            return
-        assert self._clock is not None
-        time_s, places = self._clock.seconds(times), np.array(numbers)
-        bad = ~np.isfinite(time_s)
-        if bad.any():
-            at = int(np.argmax(bad))
-            remarks.add('time', f'{self._path}, line {numbers[at]}: {self._time}: {quoted(times[at])} is not a '
-                                'time; '
-                        'the line is dropped', int(bad.sum()), 'line')
-        for name, (at_rows, values) in readings.items():
-            yield Piece(name, time_s[at_rows], values, places[at_rows])
-
-    def _items(self, remarks: Remarks | None) -> Iterator[tuple[int, Item]]:
-        """Yield line numbers and the objects with flat keys; remark on lines without an object."""
-        if _is_array(self._path, self._encoding):
+    def _items(self, drop: Callable[[int, str], object]) -> Iterator[tuple[int, Item]]:
+        """Yield line numbers and the objects with flat keys; `drop` gets lines without an object."""
+        if _is_array(self.path, self._encoding):
             yield from self._array()
             return
-        for first, lines in line_blocks(self._path, self._encoding):
+        for first, lines in line_blocks(self.path, self._encoding):
             for number, line in enumerate(lines, start=first):
                 text = line.strip().rstrip(',')
                 if not text or text in '[]':
@@ -237,20 +175,17 @@ class JsonLines:
                 if isinstance(value, dict):
                     for record in records(value):
                         yield number, record
-                elif remarks is not None:
-                    remarks.add('json', f'{self._path}, line {number}: {quoted(text)} is not a JSON object; the '
-                                        'line '
-                                'is dropped', noun='line')
+                else:
+                    drop(number, f'{quoted(text)} is not a JSON object')
 
     def _array(self) -> Iterator[tuple[int, Item]]:
-        if Path(self._path).stat().st_size > LARGEST_ARRAY:
-            raise InvalidInput(f'{self._path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an '
-                               'object a '
-                               'line')
+        if Path(self.path).stat().st_size > LARGEST_ARRAY:
+            raise InvalidInput(f'{self.path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an object '
+                               'a line')
         try:
-            values = json.loads(Path(self._path).read_text(encoding=self._encoding))
+            values = json.loads(Path(self.path).read_text(encoding=self._encoding))
         except (ValueError, RecursionError) as error:
-            raise InvalidInput(f'{self._path}: is not JSON: {error}') from error
+            raise InvalidInput(f'{self.path}: is not JSON: {error}') from error
         yield from enumerate(records(values), start=1)
 
 
@@ -275,12 +210,10 @@ def _is_object(text: str) -> bool:
         return False
 
 
-def open_json_lines(path: str | Path, head: bytes) -> JsonLines | None:
+def open_json_lines(path: str | Path, head: bytes) -> TextLog | None:
     """Return the open log if a file begins with a JSON object or array, else None."""
     encoding = encoding_of(head)
-    if encoding is None:
+    if encoding is None or not re.match(r'\[\s*\{|\{\s*"|\{\s*$', head.decode(encoding, 'replace').lstrip()):
         return None
-    text = head.decode(encoding, 'replace').lstrip()
-    if not re.match(r'\[\s*\{|\{\s*"|\{\s*$', text):
-        return None
-    return JsonLines(path, encoding)
+    rows = JsonRows(path, encoding)
+    return TextLog(rows, rows.roles, 'JSON lines', 'field')

@@ -5,11 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol, TYPE_CHECKING
+
+import numpy as np
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap
     from bev_preheat.numerics.arrays import FloatArray, IntArray
+
+READINGS_AT_ONCE = 200_000
 
 
 @dataclass
@@ -78,6 +83,16 @@ class Piece:
     time_s: FloatArray
     values: FloatArray | Sequence[str]
     places: IntArray
+
+
+def pieces_of(readings: Iterator[tuple[str, float, float, int]]) -> Iterator[Piece]:
+    """Yield the Pieces of single readings (channel, time [s], value, place), in bounded memory."""
+    while block := list(islice(readings, READINGS_AT_ONCE)):
+        channels: dict[str, list[tuple[float, float, int]]] = {}
+        for name, *reading in block:
+            channels.setdefault(name, []).append(reading)  # type: ignore[arg-type]
+        for name, rows in channels.items():
+            yield Piece(name, *(np.array(column) for column in zip(*rows)))
 
 
 class RawLog(Protocol):

@@ -12,7 +12,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import installed_prefix
 from bev_preheat.files.input_files import mcap_messages
-from bev_preheat.logs.raw_log import Channel, Piece
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
 from bev_preheat.optional_packages import MissingPackage, require
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 MAGIC = (b'\x89MCAP0\r\n', b'SQLite format 3\0')
 MESSAGES = 'bev_preheat_msgs'
 NS = 1e-9
-# Messages that are searched for the fields of topics, and those that are read at once.
-SEARCHED_MESSAGES, MESSAGES_AT_ONCE = 20_000, 20_000
+# Messages that are searched for the fields of topics.
+SEARCHED_MESSAGES = 20_000
 LONGEST_ARRAY, DEEPEST_MESSAGE = 8, 6
 # The encapsulation: byte order, then two bytes of options.
 CDR_HEAD_BYTES = 4
@@ -63,8 +63,10 @@ class RosBag:
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted fields; see RawLog."""
+        yield from pieces_of(self._readings(wanted, remarks))
+
+    def _readings(self, wanted: Collection[str], remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         topics = {name.partition('.')[0] for name in wanted}
-        readings: dict[str, list[tuple[float, float, int]]] = {}
         # Simulated time runs apart from the recorder's clock; stamps tell by how much.
         ahead_s = 0.0
         problem: list[str] = []
@@ -74,13 +76,9 @@ class RosBag:
             if topic in topics:
                 for name, value in _fields(topic, message).items():
                     if name in wanted:
-                        readings.setdefault(name, []).append((received_s + ahead_s, value, number))
-            if number % MESSAGES_AT_ONCE == 0:
-                yield from _pieces(readings)
-                readings = {}
+                        yield name, received_s + ahead_s, value, number
         if problem:
             remarks.add('bag', f'{self._path}: is damaged: {problem[0]}; the messages before are used')
-        yield from _pieces(readings)
 
     def _messages(self, problem: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
         """Yield topic, time of arrival [s], stamp [s] (None: none) and message; an error ends it and is named."""
@@ -191,12 +189,6 @@ def _fields(prefix: str, value: Any, depth: int = 0) -> dict[str, float]:
             if not name.startswith('_') and name not in ('header', 'stamp'):
                 found.update(_fields(f'{prefix}.{name}', getattr(value, name), depth + 1))
     return found
-
-
-def _pieces(readings: dict[str, list[tuple[float, float, int]]]) -> Iterator[Piece]:
-    for name, rows in readings.items():
-        time_s, values, places = (np.array(column) for column in zip(*rows))
-        yield Piece(name, time_s, values, places)
 
 
 def _mcap_files(path: Path) -> list[Path]:
