@@ -217,9 +217,6 @@ def key_lines(path, schema, comments, node, keys, depth=0):
             below = list(key_lines(path, other, key_comments(text), other, (), depth + 1))
         else:
             resolved, resolved_place = resolve(schema, value, place)
-            # Keys that older files may have, and that are refused with advice.
-            if 'not' in resolved:
-                continue
             inner, inner_place = contents(schema, resolved, resolved_place)
             shared_place = inner_place if inner_place[0] == 'definitions' else resolved_place
             if shared_place != place and 'properties' in inner:

@@ -297,9 +297,6 @@ def test_keys_of_files_have_range_and_comment(generated):
     lines = [line.strip() for line in generated['vehicle_keys'].splitlines()]
     assert '* `capacity_ah`\\* 1…2000' in lines
     assert '* `soc_range`\\* 2 values 0…1: \\[low, high\\]; the low end is the reserve.' in lines
-    # Keys of older files are refused with advice, and not documented.
-    assert '`acceleration_mps2`' not in generated['legs_keys'].split('* `driving`')[0]
-    assert 'road_vehicle' not in generated['legs_keys']
 
 
 def test_every_topic_is_described():

@@ -10,7 +10,6 @@ from bev_preheat.commands.output import add_output_arguments, check_output_argum
 from bev_preheat.commands.recordings import add_log_arguments, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.identification.check import heater_doubt
 from bev_preheat.identification.trips import common_remarks
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
@@ -94,5 +93,4 @@ def print_check(console: ResultConsole, check: Check) -> None:
             ['right'] * 5)
         console.say('the estimation is no worse than the file alone' if check.estimation_is_no_worse else
                     'warning: the estimation is worse than the file alone')
-    console.say(heater_doubt(check.vehicle, [trip.trip for trip in check.trips]),
-                *common_remarks(trip.trip for trip in check.trips))
+    console.say(*common_remarks(trip.trip for trip in check.trips))

@@ -69,7 +69,6 @@ def run(arguments: Namespace) -> int:
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start, is_fit=True)
-    from bev_preheat.identification.check import heater_doubt
     from bev_preheat.identification.coverage import LEAST_TRIPS
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.parameters import STRUCTURES
@@ -102,10 +101,10 @@ def run(arguments: Namespace) -> int:
         how = (f'the fit leaves an RMSE of {figure(result.fit_rmse_k, 3)} K on its own logs' if worst is None else
                f'trips that the fit has not seen are predicted with an RMSE of {figure(result.rmse_k, 3)} K, '
                f'{worst.name} with {figure(worst.error_k, 3)} K')
-        raise InvalidInput(
+        raise InvalidInput([
             f'{arguments.output}: not written: {how}; at most {POOR_RMSE_K:g} K are '
-            'allowed; ' + (heater_doubt(start, trips) or 'check that battery_temperature_c and the powers of all '
-                           'logs are those of one car'))
+            'allowed; check that battery_temperature_c and the powers of all logs are those of one car',
+            *(remark for remark in result.remarks if ': heater_w: ' in remark)])
     _write_vehicle(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
     return 0

@@ -45,10 +45,9 @@ def _in_words(error: ValidationError) -> Iterator[str]:
     allowed = cast(Data, error.validator_value)
     schema: Data = error.schema
     if rule == 'additionalProperties':
-        known = [name for name, rules in schema.get('properties', {}).items()
-                 if 'not' not in rules]
+        known = list(schema.get('properties', {}))
         for name in value:
-            if name not in schema.get('properties', {}):
+            if name not in known:
                 near = get_close_matches(str(name), known, n=1)
                 hint = f'did you mean {near[0]!r}? ' if near else ''
                 yield f'{key}: unknown key {name!r}; {hint}known keys: {", ".join(known)}'
@@ -66,9 +65,6 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
-    elif rule == 'not':
-        # A key of an earlier format; the schema describes its replacement.
-        yield f'{key}: {schema["description"]}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
     elif rule == 'maxLength':

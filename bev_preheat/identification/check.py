@@ -44,14 +44,14 @@ class Prediction:
     soc: FloatArray
 
 
-def step_edges(trip: Trip, step_s: float = PREDICTION_STEP_S) -> FloatArray:
-    """Return the edges of steps of about `step_s` that divide a trip evenly [s], whole seconds, shape (M + 1,)."""
-    count = max(1, round(len(trip) / step_s))
+def step_edges(trip: Trip) -> FloatArray:
+    """Return the edges of steps of about 30 s that divide a trip evenly [s], whole seconds, shape (M + 1,)."""
+    count = max(1, round(len(trip) / PREDICTION_STEP_S))
     return np.round(np.linspace(0.0, len(trip), count + 1))
 
 
-def predict(vehicle: Vehicle, trip: Trip, start_c: float | None = None) -> Prediction:
-    """Return the Prediction of a Trip with a Vehicle; it starts at the first reading, or at `start_c` [deg C]."""
+def predict(vehicle: Vehicle, trip: Trip) -> Prediction:
+    """Return the Prediction of a Trip with a Vehicle; it starts at the first reading."""
     edges = step_edges(trip)
     durations_s = np.diff(edges)
     power_w, magnitude_w = trip.means(trip.power_w, edges), trip.means(np.abs(trip.propulsion_power_w), edges)
@@ -59,7 +59,7 @@ def predict(vehicle: Vehicle, trip: Trip, start_c: float | None = None) -> Predi
     gamma = vehicle.battery.leakage.coefficient_w_per_k(trip.means(trip.speed_mps, edges))
     heat_w = gamma * trip.means(trip.ambient_c, edges) + vehicle.drivetrain.heat_to_battery_w(magnitude_w)
     step = make_heated_step(vehicle, SATURATING_FLOATS)
-    temperature_c = reading_c = trip.start_c if start_c is None else start_c
+    temperature_c = reading_c = trip.start_c
     soc, excess_k = float(trip.soc[0]), 0.0
     courses = [(temperature_c, reading_c, soc)]
     for duration_s, *inputs in zip(*map(np.ndarray.tolist, (
@@ -127,8 +127,6 @@ def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int,
     return errors_k
 
 
-# A heater that explains this share of errors of so much, with so much power, serves the battery.
-LEAST_ERROR_K, MOST_LEFT, SERVING_W = 2.0, 0.5, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,25 +235,6 @@ def check_trips(vehicle: Vehicle, trips: Sequence[Trip], replays: bool = True,
         tell(trip.name)
         checks.append(_check_trip(vehicle, trip, replays))
     return Check(vehicle, tuple(checks))
-
-
-def heater_doubt(vehicle: Vehicle, trips: Sequence[Trip]) -> str:
-    """
-    Return a sentence if a heater that was taken for the cabin's explains the trips much better as the battery's.
-
-    '' without.
-    """
-    shared = [trip for trip in trips if trip.shares_heater and trip.cabin_heating_power_w.mean() > SERVING_W]
-    if not shared:
-        return ''
-    as_cabin_k, as_battery_k = (rms([float(predict(vehicle, each).reading_c[-1]) - each.arrival_c for each in own])
-                                for own in (shared, [trip.with_battery_heater for trip in shared]))
-    if as_cabin_k < LEAST_ERROR_K or as_battery_k > MOST_LEFT * as_cabin_k:
-        return ''
-    logs = f'{len(shared)} log{"" if len(shared) == 1 else "s"}'
-    return (f'heater_w: as cabin heating the arrivals of {logs} are missed by {as_cabin_k:.1f} K, as battery '
-            f'heating by {as_battery_k:.1f} K; if it heats the battery, name its channel (preheat log shows it) '
-            "in a signal map (--signals): {extends: common, signals: {battery_heater_w: 'CHANNEL'}}")
 
 
 def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:

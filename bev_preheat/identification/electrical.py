@@ -63,12 +63,8 @@ RHO = LOGS.stop
 STATE_SIZE = RHO + 1
 
 
-def resistance_precision(level_deviation: float = LEVEL_DEVIATION) -> FloatArray:
-    """Return the prior precision (knots, knots) of the resistance's log factors: a level and a random walk."""
-    return _walk_precision(KNOTS, level_deviation, KNOT_DEVIATION)
-
-
 def _walk_precision(knots: int, level_deviation: float, step_deviation: float) -> FloatArray:
+    """Return the prior precision (knots, knots) of log factors: a level and a random walk."""
     steps = np.diff(np.eye(knots), axis=0) / step_deviation
     level = np.full((1, knots), 1.0 / knots) / level_deviation
     return np.asarray(steps.T @ steps + level.T @ level)
@@ -85,7 +81,7 @@ class Electrical:
     of the
     differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell
     resistance;
-    empty: all is prior. `capacity_trips` counts those that tell capacity.
+    empty: all is prior.
     """
 
     voltage_v: FloatArray
@@ -99,7 +95,6 @@ class Electrical:
     capacity_ah: float
     capacity_deviation_ah: float
     used: tuple[str, ...]
-    capacity_trips: int
 
 
 class _Rows:
@@ -148,20 +143,16 @@ class _Rows:
         return self.error_v + self.voltage @ theta[:OCV] - dropped, slopes
 
 
-def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[float] | None = None) -> Electrical:
-    """Return the Electrical of Trips; `weights` count each trip (a bootstrap's draw)."""
-    weights = [1.0] * len(trips) if weights is None else weights
-    counted = [(trip, weight) for trip, weight in zip(trips, weights) if weight > 0.0]
-    capacity_ah, capacity_deviation_ah, capacity_trips = _capacity(vehicle, counted)
-    telling = [(trip, weight) for trip, weight in counted if trip.current_a is not None
-               and trip.voltage_v is not None
+def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip]) -> Electrical:
+    """Return the Electrical of Trips."""
+    capacity_ah, capacity_deviation_ah = _capacity(vehicle, trips)
+    telling = [trip for trip in trips if trip.current_a is not None and trip.voltage_v is not None
                and _variation_a(trip) > LEAST_VARIATION_A]
     precision = _prior_precision(vehicle)
     if not telling:
         prior = np.asarray(np.linalg.inv(precision), dtype=float)
         return Electrical(np.zeros(OCV), np.zeros(KNOTS), np.zeros(len(KNOTS_SOC)), prior[BETA, BETA],
-                          0.0, 0.0, 1.0, math.nan,
-                          capacity_ah, capacity_deviation_ah, (), capacity_trips)
+                          0.0, 0.0, 1.0, math.nan, capacity_ah, capacity_deviation_ah, ())
     best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision)
                 for polarisation_s in POLARISATION_S), key=lambda found: found[0])
     _, polarisation_s, theta, covariance, heat_share, residual_v, soc_weights = best
@@ -175,14 +166,13 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
         np.asarray(joined @ covariance[LOGS, LOGS] @ joined.T + SYSTEMATIC_DEVIATION**2, dtype=float),
         float(theta[RHO]),
         polarisation_s, float(heat_factor),
-        residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip, _ in telling), capacity_trips)
+        residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip in telling))
 
 
-def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: float, polarisation_s: float,
+def _fit(vehicle: Vehicle, telling: Sequence[Trip], capacity_ah: float, polarisation_s: float,
          precision: FloatArray) -> tuple[float, float, FloatArray, FloatArray, float, float, FloatArray]:
     """Return cost, time constant, parameters, covariance, heat share of x, residual [V], and heat by KNOTS_SOC."""
-    rows = [_Rows(vehicle, trip, capacity_ah, polarisation_s) for trip, _ in telling]
-    roots = [math.sqrt(weight) for _, weight in telling]
+    rows = [_Rows(vehicle, trip, capacity_ah, polarisation_s) for trip in telling]
     prior_root = np.linalg.cholesky(precision).T
     # A first guess of the noise, then that of the residuals: only the balance with the prior depends on it.
     noise_v, theta = 5.0, np.zeros(STATE_SIZE)
@@ -191,22 +181,20 @@ def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: f
     theta[RHO] = 0.1
     for _ in range(2):
         def residuals(values: FloatArray, noise_v: float = noise_v) -> FloatArray:
-            return np.concatenate([root / noise_v * row.residuals(values)[0] for row, root in zip(rows, roots)]
-                                  + [prior_root @ values])
+            return np.concatenate([row.residuals(values)[0] / noise_v for row in rows] + [prior_root @ values])
 
         def slopes(values: FloatArray, noise_v: float = noise_v) -> FloatArray:
-            return np.concatenate([root / noise_v * row.residuals(values)[1] for row, root in zip(rows, roots)]
-                                  + [prior_root])
+            return np.concatenate([row.residuals(values)[1] / noise_v for row in rows] + [prior_root])
 
         found = least_squares(residuals, theta, slopes, bounds=(lowest, highest), x_scale=_SCALES, loss='soft_l1')
         theta = found.x
         parts = [row.residuals(theta) for row in rows]
-        errors_v = np.concatenate([errors for errors, _ in parts])
-        spread_v = float(1.4826 * np.median(np.abs(errors_v - np.median(errors_v))))
+        all_v = np.concatenate([errors_v for errors_v, _ in parts])
+        spread_v = float(1.4826 * np.median(np.abs(all_v - np.median(all_v))))
         noise_v = max(spread_v, 1e-3) * math.sqrt(ROWS_PER_OBSERVATION)
     gradients, information = [], precision.copy()
-    for (errors_v, slope), root in zip(parts, roots):
-        weight = root**2 / noise_v**2 / np.sqrt(1.0 + (errors_v / noise_v)**2)
+    for errors_v, slope in parts:
+        weight = noise_v**-2 / np.sqrt(1.0 + (errors_v / noise_v)**2)
         information += slope.T @ (weight[:, np.newaxis] * slope)
         gradients.append(slope.T @ (weight * errors_v))
     inverse = np.linalg.inv(information)
@@ -214,11 +202,10 @@ def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: f
     count = len(gradients)
     spread = np.array(gradients).T @ np.array(gradients) * (count / max(count - 1.0, 1.0))
     covariance = inverse @ (spread + precision) @ inverse
-    soc_weights = np.sum([root**2 * row.drop_v**2 @ row.weights[:, KNOTS:] for row, root in zip(rows, roots)],
-                         axis=0)
+    soc_weights = np.sum([row.drop_v**2 @ row.weights[:, KNOTS:] for row in rows], axis=0)
     heat_share = float(np.average([row.heat_share for row in rows], weights=[row.square_a2 for row in rows]))
-    residual_v = float(np.sqrt(np.mean(errors_v**2)))
-    return found.cost, polarisation_s, theta, covariance, heat_share, residual_v, soc_weights
+    return (found.cost, polarisation_s, theta, covariance, heat_share, float(np.sqrt(np.mean(all_v**2))),
+            soc_weights)
 
 
 _SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * (LOGS.stop - OCV), 0.2])
@@ -228,7 +215,7 @@ def _prior_precision(vehicle: Vehicle) -> FloatArray:
     nominal_v = float(vehicle.battery.open_circuit_voltage.function(ARRAYS)(np.array([0.5]), np.array([20.0]))[0])
     precision = np.zeros((STATE_SIZE, STATE_SIZE))
     precision[range(OCV), range(OCV)] = 1.0 / np.square(np.array(VOLTAGE_DEVIATIONS) * nominal_v)
-    precision[BETA, BETA] = resistance_precision()
+    precision[BETA, BETA] = _walk_precision(KNOTS, LEVEL_DEVIATION, KNOT_DEVIATION)
     precision[BETA.stop:LOGS.stop, BETA.stop:LOGS.stop] = _walk_precision(
         len(KNOTS_SOC), SOC_LEVEL_DEVIATION, SOC_KNOT_DEVIATION)
     precision[RHO, RHO] = 1.0 / POLARISATION_DEVIATION**2
@@ -240,11 +227,11 @@ def _variation_a(trip: Trip) -> float:
     return float(np.std(np.diff(trip.current_a[::5]))) if len(trip) > 10 else 0.0
 
 
-def _capacity(vehicle: Vehicle, counted: Sequence[tuple[Trip, float]]) -> tuple[float, float, int]:
-    """Return capacity and its deviation [Ah] from charge drawn over change of charge, and the number of trips."""
+def _capacity(vehicle: Vehicle, trips: Sequence[Trip]) -> tuple[float, float]:
+    """Return capacity and its deviation [Ah] from charge drawn over change of charge."""
     prior_ah = vehicle.battery.capacity_ah
-    precision, total, used = 1.0 / (CAPACITY_DEVIATION * prior_ah)**2, 1.0 / (CAPACITY_DEVIATION**2 * prior_ah), 0
-    for trip, weight in counted:
+    precision, total = 1.0 / (CAPACITY_DEVIATION * prior_ah)**2, 1.0 / (CAPACITY_DEVIATION**2 * prior_ah)
+    for trip in trips:
         fell = float(trip.soc[0] - trip.soc[-1])
         if trip.current_a is None or abs(fell) < CAPACITY_SOC_CHANGE:
             continue
@@ -252,7 +239,6 @@ def _capacity(vehicle: Vehicle, counted: Sequence[tuple[Trip, float]]) -> tuple[
         noise = math.hypot(DISPLAYED_SOC_NOISE, float(np.min(steps)) / math.sqrt(6.0) if len(steps) else 0.0)
         # drawn = C fell, with an error of C noise
         drawn_ah = float(np.sum(trip.current_a) / 3600.0)
-        used += 1
-        precision += weight * (fell / (prior_ah * noise))**2
-        total += weight * fell * drawn_ah / (prior_ah * noise)**2
-    return total / precision, 1.0 / math.sqrt(precision), used
+        precision += (fell / (prior_ah * noise))**2
+        total += fell * drawn_ah / (prior_ah * noise)**2
+    return total / precision, 1.0 / math.sqrt(precision)

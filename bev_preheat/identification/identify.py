@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.identification.check import check_trips, heater_doubt
+from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
@@ -92,7 +92,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     return Identification(
         car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
-        tuple(filter(None, (heater_doubt(vehicle, trips), *common_remarks(trips)))),
+        common_remarks(trips),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
                          electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s,

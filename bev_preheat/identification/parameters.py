@@ -55,15 +55,13 @@ class Parameter:
 
 # Names in the order of the thermal model's inputs.
 NAMES = ('heat_capacity', 'leakage', 'leakage_with_speed', 'drivetrain_heat', 'heater_efficiency', 'heat_lag',
-         'sensor_lag', 'local_rise', 'shell_share', 'shell_conductance')
+         'sensor_lag', 'shell_share', 'shell_conductance')
 ALWAYS = NAMES[:5]
 # The parameters that each structure frees beside ALWAYS (and the heat's lag, if there is heating).
 STRUCTURES = {
     'one mass': (),
     'one mass, sensor lag': ('sensor_lag',),
-    'one mass, fast element at the sensor': ('local_rise',),
-    'core and shell': ('shell_share', 'shell_conductance'),
-    'core and shell, fast element at the sensor': ('shell_share', 'shell_conductance', 'local_rise')}
+    'core and shell': ('shell_share', 'shell_conductance')}
 # Those that a vehicle file, and with it plans, program, core and simulator, can hold; simple ones first.
 IN_THE_FILE = ('one mass', 'one mass, sensor lag')
 
@@ -103,9 +101,6 @@ def parameters_of(vehicle: Vehicle) -> dict[str, Parameter]:
                   log(0.5), log(600.0), log(path.sensor_lag_s or NO_LAG_S),
                   'START, else 20 s, within a factor of 2',
                   'heat_path.sensor_lag_s'),
-        Parameter('local_rise', 'rise of the sensor above its cell by Joule heat', 'K/kW', 0.35, False, 0.4,
-                  0.0, 2.0,
-                  0.0, 'as the estimation assumes', ''),
         Parameter('shell_share', 'share of the shell in the heat capacity', '', 0.3, False, 0.15, 0.05, 0.7, 0.3,
                   'a third: plates, housing, outer cells', ''),
         Parameter('shell_conductance', 'conductance from core to shell', 'W/K', 300.0, True, 0.8, log(20.0),

@@ -57,11 +57,6 @@ class Readings:
         return np.asarray((self.counts * self.levels_c).sum(axis=1) / self.total)
 
 
-def single_readings(reading_c: FloatArray, resolution_k: float) -> Readings:
-    """Return the Readings of windows with one reading each, `reading_c` (K,) [deg C]."""
-    return Readings(reading_c[:, np.newaxis], np.ones((len(reading_c), 1)), resolution_k)
-
-
 class ReadingResiduals:
     """Residuals of Readings for one standard deviation of the noise."""
 

@@ -2,8 +2,8 @@
 """
 The temperature sensor's course over a trip, and its derivatives by every parameter.
 
-The equations are those of the project: `vehicle.uncertain_car` (rates of a drive, lags of heat and sensor, local
-rise), evaluated with CasADi symbols and differentiated by CasADi. Only the second mass of the structures with a
+The equations are those of the project: `vehicle.uncertain_car` (rates of a drive, lags of heat and sensor),
+evaluated with CasADi symbols and differentiated by CasADi. Only the second mass of the structures with a
 shell is added here: the core has the heat sources and the sensor, the shell has the leakage,
 
     C (1 - f) T' = heat - G (T - S),    C f S' = G (T - S) + gamma (T_amb - S).
@@ -24,7 +24,6 @@ from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.tunables import LOCAL_LAG_S
 from bev_preheat.vehicle.description import Leakage
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
@@ -38,7 +37,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.vehicle.description import Vehicle
 
-STATES = 6
+# Core, shell, heat under way, sensor.
+STATES = 4
 INPUTS = 8
 # Offset, slope and curvature that correct the open-circuit voltage; the resistance over charge follows.
 VOLTAGES = 3
@@ -155,11 +155,11 @@ class ThermalModel:
         """
         Take the START vehicle; the step and its derivatives are derived at first use.
 
-        Slopes over names that are not `free` are 0. Without its parameters there is no shell and no local rise.
+        Slopes over names that are not `free` are 0. Without its parameters there is no shell.
         """
         self._vehicle = vehicle
         self._free = [name in free for name in NAMES] + [True] * len(KNOTS_C)
-        self._has_shell, self._has_rise = 'shell_share' in free, 'local_rise' in free
+        self._has_shell = 'shell_share' in free
         self._over: dict[int, casadi.Function] = {}
 
     @cached_property
@@ -190,10 +190,9 @@ class ThermalModel:
 
     def _after(self, state: list[AnyNumber], inputs: list[AnyNumber], theta: list[AnyNumber],
                electrical: list[AnyNumber]) -> AnyNumber:
-        temperature_c, shell_c, under_way_k, sensor_c, local_k, _ = state
+        temperature_c, shell_c, under_way_k, sensor_c = state
         duration_s, power_w, square_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
         (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag,
-         local_rise,
          shell_share, log_conductance), log_factors = theta[:len(NAMES)], theta[len(NAMES):]
         battery = self._vehicle.battery
         vehicle = replace(self._vehicle, battery=replace(battery, open_circuit_voltage=CorrectedVoltage(
@@ -228,18 +227,16 @@ class ThermalModel:
         now = rates_at(middle_c)
         heat_lag_s, sensor_lag_s = casadi.exp(log_heat_lag), casadi.exp(log_sensor_lag)
         lagging = Lagging(
-            temperature_c, soc, under_way_k, sensor_c, local_k, heat_lag_s, sensor_lag_s,
-            casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s),
-            casadi.exp(-duration_s / LOCAL_LAG_S), 1.0, local_rise if self._has_rise else 0.0, 0.0)
-        end_c, _, under_way_end_k, sensor_end_c, local_end_k = make_lagging_step(car)(
+            temperature_c, soc, under_way_k, sensor_c, 0.0, heat_lag_s, sensor_lag_s,
+            casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 1.0, 0.0, 0.0)
+        end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(
             lagging, now, heater_w, duration_s)
         shell_end_c = shell_c
         if self._has_shell:
             shell_rate = (conductance * (middle_c - shell_c) + leakage.coefficient_w_per_k(speed_mps)
                           * (ambient_c - shell_c)) / (capacity * shell_share)
             shell_end_c = shell_c + duration_s * shell_rate
-        return casadi.vertcat(end_c, shell_end_c, under_way_end_k, sensor_end_c, local_end_k,
-                              sensor_end_c + local_end_k)
+        return casadi.vertcat(end_c, shell_end_c, under_way_end_k, sensor_end_c)
 
     def course(self, course: Course, theta: FloatArray, start_c: float,
                electrical: Electrical) -> tuple[FloatArray, FloatArray]:
@@ -253,7 +250,7 @@ class ThermalModel:
         if steps not in self._over:
             self._over[steps] = self._step.mapaccum('course', steps, {'base': 4})
         slopes = casadi.project(_start_slopes(), self._carried).nonzeros()
-        state = np.concatenate(([start_c, start_c, 0.0, start_c, 0.0, start_c], slopes))
+        state = np.concatenate(([start_c, start_c, 0.0, start_c], slopes))
         _, rows = self._over[steps](state, course.inputs, *(
             np.tile(values[:, np.newaxis], steps) for values in (
                 theta, np.concatenate((electrical.voltage_v, electrical.soc_factors)))))
@@ -265,6 +262,6 @@ class ThermalModel:
 def _start_slopes() -> casadi.DM:
     """Return the slopes of the states at the start (STATES, PARAMETERS + 1): those over the start temperature."""
     slopes = casadi.DM(STATES, PARAMETERS + 1)
-    for state in (0, 1, 3, 5):
+    for state in (0, 1, 3):
         slopes[state, PARAMETERS] = 1.0
     return slopes

@@ -59,10 +59,9 @@ class Trip:
 
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
     `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
-    log has the power only. `has_heater` and `has_speed` are True if the log has the signal, `shares_heater` if its
-    cabin heater may also serve the battery. `temperature_period_s`
-    is the time between two samples of the battery temperature [s]. `reading_weight` (N,) is how many readings each
-    second counts for, 0 where the temperature between two distant samples is not known; None: one a period.
+    log has the power only. `temperature_period_s` is the time between two samples of the battery temperature [s].
+    `reading_weight` (N,) is how many readings each second counts for, 0 where the temperature between two distant
+    samples is not known; None: one a period.
     """
 
     name: str
@@ -71,18 +70,14 @@ class Trip:
     power_w: FloatArray
     propulsion_power_w: FloatArray
     cabin_heating_power_w: FloatArray
-    auxiliary_power_w: FloatArray
     heater_w: FloatArray
     speed_mps: FloatArray
     ambient_c: FloatArray
     voltage_v: FloatArray | None
     current_a: FloatArray | None
-    has_heater: bool
-    has_speed: bool
     remarks: tuple[str, ...] = ()
     temperature_period_s: float = 1.0
     reading_weight: FloatArray | None = None
-    shares_heater: bool = False
 
     def __len__(self) -> int:
         """Return the duration [s], which is the number of samples."""
@@ -138,13 +133,6 @@ class Trip:
         if self.charges:
             return 'charging session'
         return 'drive' if not self.stands else 'heated at stand' if self.heats else 'night at stand'
-
-    @property
-    def with_battery_heater(self) -> Trip:
-        """Return the trip if its shared heater served the battery alone."""
-        shared_w = self.cabin_heating_power_w
-        return replace(self, heater_w=self.heater_w + shared_w, power_w=self.power_w - shared_w,
-                       cabin_heating_power_w=np.zeros(len(self)), has_heater=True, shares_heater=False)
 
     @property
     def settled(self) -> Trip:
@@ -236,10 +224,8 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         len(grid_s), bool(at_stand) or idle_w.mean() < 0.0)
     temperature_c, weight = _readings(signals['battery_temperature_c'], grid_s, held('battery_temperature_c'))
     return Trip(name, temperature_c, held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
-                cabin_w, auxiliary_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
-                'battery_heater_w' in signals, has_speed, tuple(remarks),
-                _period_s(signals['battery_temperature_c'].time_s), weight,
-                'heater_w' in signals and 'cabin_heater_w' not in signals and 'battery_heater_w' not in signals)
+                cabin_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
+                tuple(remarks), _period_s(signals['battery_temperature_c'].time_s), weight)
 
 
 def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]:

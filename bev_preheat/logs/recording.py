@@ -72,12 +72,11 @@ REGULAR_SHARE, REGULAR_DEVIATION = 0.6, 0.05
 
 @dataclass(frozen=True)
 class Sampling:
-    """Usual interval of the samples [s] (NaN: fewer than two); number of gaps; the longest and its start [s]."""
+    """Usual interval of the samples [s] (NaN: fewer than two); number of gaps; the longest [s]."""
 
     interval_s: float
     gaps: int
     longest_gap_s: float
-    longest_gap_at_s: float
 
 
 def shortest_gap_s(series: Series) -> float:
@@ -98,8 +97,6 @@ def gaps(series: Series) -> BoolArray:
 def sampling(series: Series) -> Sampling:
     """Return the Sampling of a signal."""
     if len(series.time_s) < 2:
-        return Sampling(np.nan, 0, 0.0, 0.0)
+        return Sampling(np.nan, 0, 0.0)
     steps_s, gap = np.diff(series.time_s), gaps(series)
-    at = int(np.argmax(steps_s))
-    return Sampling(float(np.median(steps_s)), int(gap.sum()), float(steps_s[at]) if gap.any() else 0.0,
-                    float(series.time_s[at]))
+    return Sampling(float(np.median(steps_s)), int(gap.sum()), float(steps_s.max()) if gap.any() else 0.0)

@@ -160,11 +160,11 @@ def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: Flo
     return elevation_m
 
 
-def road_vehicle(vehicle: Vehicle, load: RoadForces | None = None) -> RoadVehicle:
+def road_vehicle(vehicle: Vehicle) -> RoadVehicle:
     """Return the RoadVehicle of a Vehicle; raise InvalidInput if it has no `road_load`."""
     if vehicle.road_load is None:
         raise InvalidInput(no_road_load(vehicle))
-    return loaded(vehicle, load or RoadForces())
+    return loaded(vehicle, RoadForces())
 
 
 def no_road_load(vehicle: Vehicle) -> str:

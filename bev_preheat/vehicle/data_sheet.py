@@ -31,52 +31,47 @@ MOST_BATTERY_SHARE = 0.55
 
 @dataclass(frozen=True)
 class DataSheetQuantity:
-    """One figure: its option, unit and plausible range; `confusions` are (factor, unit)."""
+    """Plausible range of a figure whose name ends with its unit; `confusions` are (factor, unit)."""
 
-    option: str
-    unit: str
+    name: str
     plausible: tuple[float, float]
-    confusions: tuple[tuple[float, str], ...] = ()
+    confusions: tuple[tuple[float, str], ...]
+
+    @property
+    def option(self) -> str:
+        """The option of the command line."""
+        return f'--{self.name.replace("_", "-")}'
+
+    @property
+    def unit(self) -> str:
+        """The unit in a message, '' for a number."""
+        return UNITS.get(self.name.rpartition('_')[2], '')
 
     def problem_with(self, value: float) -> str | None:
         """Return a sentence on an implausible value, None if it is plausible."""
         low, high = self.plausible
         if low <= value <= high:
             return None
-        hint = ''
-        for factor, unit in self.confusions:
-            if low <= value * factor <= high:
-                hint = f'; {value:g} {unit} would be {value * factor:g} {self.unit}'.rstrip()
-                break
+        hint = next((f'; {value:g} {unit} would be {value * factor:g} {self.unit}'.rstrip()
+                     for factor, unit in self.confusions if low <= value * factor <= high), '')
         return (f'{self.option}: {value:g} {self.unit}'.rstrip()
                 + f' is implausible; it must be {low:g} ... {high:g} {self.unit}'.rstrip() + hint)
 
 
+UNITS = {'kwh': 'kWh', 'kg': 'kg', 'v': 'V', 'kw': 'kW', 'min': 'min', 'c': 'degC', 'm2': 'm2'}
+IN_WH, IN_W, IN_T = ((1e-3, 'Wh'),), ((1e-3, 'W'),), ((1e3, 't'),)
 # Cars, vans, trucks and buses.
-QUANTITIES = {
-    'usable_energy_kwh': DataSheetQuantity('--usable-energy-kwh', 'kWh', (5, 1000), ((1e-3, 'Wh'),)),
-    'gross_energy_kwh': DataSheetQuantity('--gross-energy-kwh', 'kWh', (5, 1000), ((1e-3, 'Wh'),)),
-    'battery_mass_kg': DataSheetQuantity('--battery-mass-kg', 'kg', (40, 8000),
-                                         ((1e-3, 'g'), (1e3, 't'))),
-    'nominal_voltage_v': DataSheetQuantity('--nominal-voltage-v', 'V', (80, 1250), ((1e3, 'kV'),)),
-    'cells_in_series': DataSheetQuantity('--cells-in-series', '', (24, 400)),
-    'heater_power_kw': DataSheetQuantity('--heater-power-kw', 'kW', (0.1, 50), ((1e-3, 'W'),)),
-    'charging_power_kw': DataSheetQuantity('--charging-power-kw', 'kW', (5, 2000), ((1e-3, 'W'),)),
-    'charging_time_10_80_min': DataSheetQuantity('--charging-time-10-80-min', 'min', (4, 240),
-                                                 ((60.0, 'h'), (1.0 / 60.0, 's'))),
-    'drive_power_kw': DataSheetQuantity('--drive-power-kw', 'kW', (10, 1500), ((1e-3, 'W'),)),
-    'regeneration_power_kw': DataSheetQuantity('--regeneration-power-kw', 'kW', (0, 1000),
-                                               ((1e-3, 'W'),)),
-    'cabin_heating_power_kw': DataSheetQuantity('--cabin-heating-power-kw', 'kW', (0, 40),
-                                                ((1e-3, 'W'),)),
-    'auxiliary_power_kw': DataSheetQuantity('--auxiliary-power-kw', 'kW', (0, 20), ((1e-3, 'W'),)),
-    'target_temperature_c': DataSheetQuantity('--target-temperature-c', 'degC', (0, 45), ((1, 'K'),)),
-    'vehicle_mass_kg': DataSheetQuantity('--vehicle-mass-kg', 'kg', (400, 60000), ((1e3, 't'),)),
-    'drag_coefficient': DataSheetQuantity('--drag-coefficient', '', (0.15, 1.2)),
-    'frontal_area_m2': DataSheetQuantity('--frontal-area-m2', 'm2', (1.2, 12)),
-    'rolling_resistance': DataSheetQuantity('--rolling-resistance', '', (0.004, 0.03),
-                                            ((1e-2, '%'), (1e-3, 'kg/t'))),
-}
+QUANTITIES = {name: DataSheetQuantity(name, plausible, confusions) for name, plausible, confusions in (
+    ('usable_energy_kwh', (5, 1000), IN_WH), ('gross_energy_kwh', (5, 1000), IN_WH),
+    ('battery_mass_kg', (40, 8000), ((1e-3, 'g'), *IN_T)), ('nominal_voltage_v', (80, 1250), ((1e3, 'kV'),)),
+    ('cells_in_series', (24, 400), ()), ('heater_power_kw', (0.1, 50), IN_W),
+    ('charging_power_kw', (5, 2000), IN_W),
+    ('charging_time_10_80_min', (4, 240), ((60.0, 'h'), (1.0 / 60.0, 's'))),
+    ('drive_power_kw', (10, 1500), IN_W), ('regeneration_power_kw', (0, 1000), IN_W),
+    ('cabin_heating_power_kw', (0, 40), IN_W), ('auxiliary_power_kw', (0, 20), IN_W),
+    ('target_temperature_c', (0, 45), ((1, 'K'),)), ('vehicle_mass_kg', (400, 60000), IN_T),
+    ('drag_coefficient', (0.15, 1.2), ()), ('frontal_area_m2', (1.2, 12), ()),
+    ('rolling_resistance', (0.004, 0.03), ((1e-2, '%'), (1e-3, 'kg/t'))))}
 # Other words for a cathode.
 ALIKE = {'nca': 'nmc', 'ncm': 'nmc', 'ncma': 'nmc', 'lifepo4': 'lfp', 'lfmp': 'lfp', 'lmfp': 'lfp'}
 ROAD_LOAD = ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2', 'rolling_resistance')

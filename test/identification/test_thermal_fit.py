@@ -24,9 +24,9 @@ VEHICLE = replace(REFERENCE, battery=replace(
 
 @pytest.mark.parametrize('resolution_k', [0.0, 0.5, 1.0])
 def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolution_k):
-    from bev_preheat.identification.readings import NOISE_K, ReadingResiduals, single_readings
+    from bev_preheat.identification.readings import NOISE_K, ReadingResiduals, Readings
     model_c = np.array([4.1, 4.8, 5.0, 5.4, 5.7])
-    residuals = ReadingResiduals(single_readings(np.full(5, 5.0), resolution_k))
+    residuals = ReadingResiduals(Readings(np.full((5, 1), 5.0), np.ones((5, 1)), resolution_k))
     residual, slope = residuals(model_c)
     ahead, _ = residuals(model_c + 1e-6)
     if resolution_k:
@@ -44,8 +44,9 @@ def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolut
 
 
 def test_a_spike_pulls_linearly_and_stays_finite():
-    from bev_preheat.identification.readings import ReadingResiduals, single_readings
-    residual, slope = ReadingResiduals(single_readings(np.full(3, 5.0), 1.0))(np.array([-1e4, 60.0, 1e4]))
+    from bev_preheat.identification.readings import ReadingResiduals, Readings
+    residuals = ReadingResiduals(Readings(np.full((3, 1), 5.0), np.ones((3, 1)), 1.0))
+    residual, slope = residuals(np.array([-1e4, 60.0, 1e4]))
     assert np.isfinite(residual).all() and np.isfinite(slope).all()
     assert residual[0] < 0.0 < residual[1] <= residual[2]
 

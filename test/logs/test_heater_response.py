@@ -82,7 +82,7 @@ def test_the_map_that_the_note_shows_names_the_heater(log, tmp_path, capsys):
     words = ['check', str(log), '--vehicle', 'small_hatchback', '--no-replay']
     assert main(words) == 0
     printed = ' '.join(capsys.readouterr().out.split())
-    assert 'as cabin heating the arrivals of 1 log are missed by' in printed and 'answers to it' in printed
+    assert 'answers to it' in printed
     assert main([*words, '--signals', str(own)]) == 0
     assert 'heater_w' not in capsys.readouterr().out.replace('no cabin_heater_w', '')
 

@@ -86,21 +86,10 @@ def test_columns_are_found_by_name_and_optional_ones_may_be_missing(tmp_path):
     assert route.auxiliary_power_w.tolist() == [222.0, 222.0]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_header(tmp_path):
-    route = load_route(file_of(tmp_path, f'\ufeff{HEADER}\n30,10,5e3,6e3,-7,1500,500\n'), DEFAULTS)
-    assert route.duration_s.tolist() == [30.0]
-
-
 def test_a_value_beyond_its_limits_is_named_with_its_line(tmp_path):
     assert problems_with(tmp_path, f'# km/h\n{HEADER}\n30,10,5e3,6e3,-7,1500,500\n\n'
                          '30,130,5e3,6e3,-7,1500,500\n') == [
         ', line 5: speed_mps: 130 is not allowed; it must be 0 ... 100']
-
-
-def test_a_root_mean_square_below_the_mean_is_named_with_its_line(tmp_path):
-    assert problems_with(tmp_path, f'{HEADER}\n30,10,5e3,6e3,-7,1500,500\n'
-                         '30,10,5e3,4e3,-7,1500,500\n') == [
-        ', line 3: propulsion_power_rms_w: 4000 is below the magnitude of the mean, 5000']
 
 
 def test_cells_that_are_no_numbers_are_refused(tmp_path):
@@ -143,13 +132,6 @@ def test_columns_are_known_by_other_names(tmp_path, name):
     route = load_route(file_of(tmp_path, f'{name},duration (min),P_drive [kW],t_env_c\n36,2,4.5,-7\n'), DEFAULTS)
     assert (route.speed_mps, route.duration_s, route.propulsion_power_w, route.ambient_temperature_c) == (
         pytest.approx([10.0]), [120.0], [4500.0], [-7.0])
-
-
-def test_lengths_that_are_distances_from_the_start_are_refused(tmp_path):
-    rows = ''.join(f'{km},60,10,-7\n' for km in range(1, 7))
-    header = 'distance_km,duration_s,propulsion_power_kw,ambient_temperature_c'
-    [problem] = problems_with(tmp_path, f'{header}\n{rows}')
-    assert problem.startswith(', line 2: distance_km: rises from row to row')
 
 
 def test_files_that_are_no_tables_are_refused(tmp_path):

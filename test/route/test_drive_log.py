@@ -127,18 +127,6 @@ def test_other_columns_and_comments_are_left_alone(write):
     assert_same_route(load_drive_logs([path], DEFAULTS).route, expected)
 
 
-def test_ten_samples_a_second(write):
-    time = np.arange(600) / 10.0
-    current = 40.0 + 30.0 * np.sin(time)
-    route = load_drive_logs([write({
-        'time_s': time, 'speed_mps': np.full(600, 20.0), 'voltage_v': np.full(600, 400.0),
-        'current_a': current, 'cabin_heater_w': np.full(600, 0.0),
-        'ambient_c': np.full(600, 1.0)})], DEFAULTS).route
-    assert route.total_duration_s == pytest.approx(60.0)
-    assert route.propulsion_power_w == pytest.approx(
-        400.0 * current.reshape(2, 300).mean(axis=1) - 222.0)
-
-
 def test_logs_are_joined_in_order(write):
     first, second = samples(40), samples(35, start=500)
     joined = load_drive_logs([write(first, 'a.csv'), write(second, 'b.csv')], DEFAULTS).route
@@ -229,15 +217,6 @@ def test_speeds_that_no_car_reaches_are_dropped(write):
     made = load_drive_logs([path], DEFAULTS)
     assert made.remarks[0] == f'{path}: speed_mps: 130 at 17 s is dropped (plausible: 0 ... 100)'
     assert_same_route(made.route, straight(write, 'speed_mps'), rtol=1e-12)
-
-
-def test_further_impossible_samples_are_counted(write):
-    columns = with_value('voltage_v', 7, 0.0)
-    columns['voltage_v'][31] = columns['voltage_v'][32] = -1.0
-    path = write(columns)
-    assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f'{path}, line 9: voltage_v: 0 is implausible (plausible: 20 ... 1500); it is dropped (and 2 more '
-        'samples)')
 
 
 def test_impossible_samples_at_the_ends_shorten_the_log(write):

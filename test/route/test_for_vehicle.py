@@ -13,7 +13,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.route import Route, route_for, route_source, save_route
 from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle import load_vehicle
 
 REFERENCE, SMALL_CAR = (load_vehicle(name) for name in ('reference', 'small_car'))
 WARNING = ('route {name} has the powers of vehicle reference; for small_car: '
@@ -187,18 +187,6 @@ def test_commands_read_legs(preheat, tmp_path):
     optimum, compared = (written for written, _ in plans)
     assert optimum['energy_wh']['drivetrain_heat'] == pytest.approx(
         compared['optimum']['energy_wh']['drivetrain_heat'], rel=1e-6)
-
-
-def test_a_vehicle_without_a_road_load_is_told_what_to_add(preheat, tmp_path):
-    contents = yaml.safe_load(vehicle_file('small_car').read_text(encoding='utf-8'))
-    del contents['road_load']
-    car = file_of(tmp_path, yaml.safe_dump(contents), 'car.yaml')
-    status, out, (error,) = preheat('plan', '--vehicle', car, '--route', 'legs/alpine_pass',
-                                    *STATE)
-    assert (status, out) == (2, '')
-    assert error.startswith('preheat: error: ')
-    assert "vehicle 'small_car' has no road_load" in error
-    assert 'road_load: {mass_kg: ' in error
 
 
 def test_a_drive_log_says_whose_it_is(preheat, tmp_path):

@@ -114,14 +114,6 @@ def test_a_lower_limit_is_braked_for_before_it_begins(make):
     assert route.speed_mps.max() == pytest.approx(fast)
 
 
-def test_a_higher_limit_is_used_after_it_begins(make):
-    route = make([{'length_m': 1500.0, 'speed_limit_kmh': 54.0},
-                  {'length_m': 2500.0, 'speed_limit_kmh': 108.0}], segment_duration_s=1.0).route
-    ends_m = np.cumsum(route.speed_mps * route.duration_s)
-    assert route.speed_mps[ends_m <= 1500.0].max() <= 15.0 + 1e-9
-    assert route.speed_mps[ends_m > 1500.0].max() == pytest.approx(30.0)
-
-
 def test_traffic_only_slows_and_depends_on_the_seed_alone(make):
     legs = [{'length_m': 20e3, 'speed_limit_kmh': 90.0, 'traffic_slowdown_percent': 40.0}]
     first, again, other = (make(legs, seed=seed, segment_duration_s=1.0).route
@@ -134,14 +126,6 @@ def test_traffic_only_slows_and_depends_on_the_seed_alone(make):
     # Uniform between 0 and 40 %: 20 % less on average, over distance rather than time.
     mean_slowness = first.total_duration_s / 20e3 * 25.0
     assert mean_slowness == pytest.approx(np.log(1.0 / 0.6) / 0.4, rel=0.06)
-
-
-def test_accelerations_stay_comfortable_in_traffic(make):
-    route = make([{'length_m': 15e3, 'speed_limit_kmh': 130.0, 'traffic_slowdown_percent': 80.0}],
-                 segment_duration_s=1.0, traffic_length_m=30.0).route
-    change = np.diff(route.speed_mps[:-1])
-    assert change.max() == pytest.approx(DRIVING['acceleration_mps2'], abs=1e-6)
-    assert change.min() == pytest.approx(-DRIVING['deceleration_mps2'], abs=1e-6)
 
 
 def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
@@ -180,11 +164,6 @@ def test_constant_speed_downhill_regenerates(make):
     force = -WEIGHT * 0.07 / along + ROLLING_N / along + DRAG * 20.0**2
     assert cruising_power_w(make, slope_percent=-7.0) == pytest.approx(
         force * 20.0 * CAR['drivetrain_efficiency'], rel=1e-3)
-
-
-def test_the_brakes_do_what_exceeds_the_maximum_regeneration_power(make):
-    assert cruising_power_w(make, slope_percent=-7.0,
-                            car={'maximum_regeneration_power_w': 4321.0}) == -4321.0
 
 
 def test_the_lower_maximum_of_regeneration_holds(make):
@@ -422,20 +401,11 @@ LEG = {'length_m': 900.0, 'speed_limit_kmh': 50.0}
 
 @pytest.mark.parametrize('leg, problem', [
     ({'length_m': 900.0}, 'legs[1]: missing speed_limit_kmh'),
-    ({**LEG, 'length_m': 0}, 'legs[1].length_m: 0 is not allowed; it must be at least 5 and at '
-                             'most 3000000'),
-    ({**LEG, 'speed_limit_kmh': 300}, 'legs[1].speed_limit_kmh: 300 is not allowed; it must be at '
-                                      'least 5 and at most 250'),
-    ({**LEG, 'slope_percent': -40}, 'legs[1].slope_percent: -40 is not allowed; it must be at '
-                                    'least -35 and at most 35'),
-    ({**LEG, 'stops': 1.5, 'stop_duration_s': 9}, 'legs[1].stops: 1.5 is not an integer'),
     ({**LEG, 'stops': 2}, 'legs[1]: missing stop_duration_s, with 2 stops'),
     ({**LEG, 'speed_limit_mps': 9}, "legs[1]: unknown key 'speed_limit_mps'; did you mean "
                                     "'speed_limit_kmh'? known keys: name, length_m, "
                                     'speed_limit_kmh, slope_percent, stops, stop_duration_s, '
                                     'traffic_slowdown_percent, ambient_temperature_c'),
-    ({**LEG, 'ambient_temperature_c': 280}, 'legs[1].ambient_temperature_c: 280 is not allowed; '
-                                            'it must be at least -60 and at most 60'),
     ({**LEG, 'ambient_temperature_c': [1]}, 'legs[1].ambient_temperature_c: has 1 values; it must '
                                             'have at least 2'),
 ])
@@ -446,24 +416,8 @@ def test_bad_legs_are_named(problems_with, leg, problem):
 @pytest.mark.parametrize('changes, problem', [
     ({'driving': {'acceleration_mps2': 0}}, 'driving.acceleration_mps2: 0 is not allowed; it must '
      'be at least 0.05 and at most 10'),
-    ({'driving': {'acceleration': 1}}, "driving: unknown key 'acceleration'; did you mean "
-     "'acceleration_mps2'? known keys: acceleration_mps2, deceleration_mps2"),
-    ({'load': {'payload_kg': -80}}, 'load.payload_kg: -80 is not allowed; it must be at least 0 '
-     'and at most 50000'),
-    ({'load': {'additional_drag_area_m2': 25}}, 'load.additional_drag_area_m2: 25 is not allowed; '
-     'it must be at least 0 and at most 20'),
-    ({'load': {'rolling_resistance_factor': 0.012}}, 'load.rolling_resistance_factor: 0.012 is '
-     'not allowed; it must be at least 0.3 and at most 10'),
-    ({'maximum_regeneration_power_w': -5000}, 'maximum_regeneration_power_w: -5000 is not '
-     'allowed; it must be at least 0 and at most 2000000'),
     ({'propulsion_energy_wh': {'total_magnitude': 900, 'net': 800}}, 'propulsion_energy_wh: '
      'missing vehicle'),
-    # A description from before road loads moved to vehicles.
-    ({'road_vehicle': {'mass_kg': 2500}}, 'road_vehicle: belongs to the car now: move mass_kg, '
-     'frontal_area_m2, drag_coefficient and rolling_resistance to road_load in the vehicle file, '
-     'drivetrain_efficiency to its drivetrain.efficiency, maximum_regeneration_power_w to its '
-     'drivetrain.maximum_regeneration_power_w (or, for this trip alone, to the top of this file), '
-     'and acceleration_mps2 and deceleration_mps2 to driving in this file'),
     ({'roadvehicle': {}}, "the file: unknown key 'roadvehicle'; known keys: name, "
      'segment_duration_s, ambient_temperature_c, start_elevation_m, headwind_mps, '
      'within_segment_variation, cabin_heating_power_w, auxiliary_power_w, seed, traffic_length_m, '
@@ -513,8 +467,3 @@ def test_power_that_no_car_has_is_refused(problems_with):
                                car={'mass_kg': 100e3, 'maximum_power_w': np.inf})
     assert problem.startswith('propulsion_power_w[')
     assert 'is not allowed; it must be -2000000 ... 2000000' in problem
-
-
-def test_an_unknown_name_gets_the_nearest():
-    with pytest.raises(InvalidInput, match=r"'alpine_pas' is unknown; did you mean 'alpine_pass'"):
-        load_legs('alpine_pas', vehicle())

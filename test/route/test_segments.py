@@ -10,7 +10,9 @@ import pytest
 from varying_power import magnitude_w
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.route import load_route
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
+from bev_preheat.route.variation import CYCLES, with_cycles
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
@@ -66,32 +68,12 @@ def test_after_keeps_what_remains(route, share):
                   <= tolerance(route))
 
 
-@given(ROUTES, SHARES, SHARES)
-def test_after_composes(route, first, second):
-    first_s = first * route.total_duration_s
-    second_s = second * (route.total_duration_s - first_s)
-    # At the end of a segment rounding decides between the two sides.
-    assume(np.min(np.abs(route.time_s - (first_s + second_s))) > 1e-6)
-    assume(np.min(np.abs(route.time_s - first_s)) > 1e-6 or first_s == 0.0)
-    twice, once = route.after(first_s).after(second_s), route.after(first_s + second_s)
-    for field in fields(Route):
-        np.testing.assert_allclose(getattr(twice, field.name), getattr(once, field.name),
-                                   rtol=1e-9, atol=1e-6)
-
-
 @given(ROUTES, SHARES)
 def test_the_lowest_ambient_temperature_is_that_of_what_is_ahead(route, share):
     rest = route.after(share * route.total_duration_s)
     assert rest.lowest_ambient_temperature_c == min(rest.ambient_temperature_c)
     assert rest.with_propulsion(1.1).lowest_ambient_temperature_c == min(rest.ambient_temperature_c)
     assert route.lowest_ambient_temperature_c == min(route.ambient_temperature_c)
-
-
-def test_after_the_start_is_the_whole_route():
-    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
-    for field in fields(Route):
-        np.testing.assert_array_equal(getattr(route.after(0.0), field.name),
-                                      getattr(route, field.name))
 
 
 def test_after_an_end_starts_with_the_next_segment():
@@ -147,15 +129,6 @@ def test_steps_are_equally_long_but_for_the_last(route, step_s):
     steps = route.resampled(step_s)
     np.testing.assert_allclose(steps.duration_s[:-1], step_s, rtol=1e-9)
     assert 0.0 < steps.duration_s[-1] <= step_s * (1.0 + 1e-8)
-
-
-def test_resampling_in_the_routes_own_step_changes_nothing():
-    rows = [(30.0, 3.0, 5e3, 2e3, -7.0, 1e3, 5e2), (30.0, 23.0, -5e3, 1e3, -8.0, 2e3, 4e2),
-            (30.0, 13.0, 2.5e4, 0.0, -9.0, 0.0, 3e2)]
-    again = route_of(rows).resampled(30.0)
-    for field in fields(Route):
-        np.testing.assert_allclose(getattr(again, field.name),
-                                   getattr(route_of(rows), field.name), rtol=1e-12)
 
 
 def test_a_step_holds_what_varies_between_the_segments_in_it():
@@ -325,3 +298,37 @@ def test_a_route_of_more_than_a_day_is_refused():
 def test_messages_use_the_names_of_the_source():
     with pytest.raises(InvalidInput, match=r'^segment_speed\[0\]: 400 is not allowed'):
         make_route(columns(speed_mps=[400.0]), DEFAULTS, {'speed_mps': 'segment_speed'})
+
+
+# Cycles within segments
+
+
+CITY = load_route('city_stop_and_go', None)
+
+
+@pytest.mark.parametrize('name', ['city_stop_and_go', 'alpine_pass', 'motorway_3h'])
+def test_each_segment_keeps_its_mean_its_square_and_its_magnitude(name):
+    route = load_route(name, None)
+    driven = with_cycles(route)
+    at = np.searchsorted(route.time_s[1:-1], driven.time_s[:-1] + 0.5 * driven.duration_s, 'right')
+    for power_w, expected_w in (
+            (driven.propulsion_power_w, route.propulsion_power_w),
+            (driven.propulsion_power_w**2, route.propulsion_power_rms_w**2),
+            (np.abs(driven.propulsion_power_w), route.propulsion_power_magnitude_w)):
+        sums = np.bincount(at, driven.duration_s * power_w, len(route))
+        assert sums / route.duration_s == pytest.approx(expected_w, rel=1e-9, abs=1e-6)
+    assert driven.total_duration_s == pytest.approx(route.total_duration_s, rel=1e-12)
+    assert driven.distance_m == pytest.approx(route.distance_m, rel=1e-12)
+
+
+def test_within_a_piece_nothing_varies():
+    driven = with_cycles(CITY)
+    assert (driven.propulsion_power_variance_w2 == 0.0).all()
+    assert len(driven) > 2 * CYCLES * len(CITY)
+
+
+def test_what_does_not_vary_stays_as_it_is():
+    route = CITY.without_variation()
+    driven = with_cycles(route)
+    assert driven.duration_s.tolist() == route.duration_s.tolist()
+    assert driven.propulsion_power_w == pytest.approx(route.propulsion_power_w)

@@ -352,11 +352,6 @@ def test_options_that_do_not_fit(tmp_path, options, problem):
     assert refusal(tmp_path, examples.speed_table(), options).endswith(problem)
 
 
-def test_a_vehicle_without_road_load(tmp_path):
-    assert refusal(tmp_path, examples.speed_table(), car=replace(CAR, road_load=None)).startswith(
-        "vehicle 'small_car' has no road_load, so its power on a road is unknown; add it to the vehicle file")
-
-
 @pytest.mark.parametrize('change', [
     lambda text: b'\xef\xbb\xbf' + text, lambda text: text.replace(b'\n', b'\r\n')])
 @pytest.mark.parametrize('name', ['osrm', 'speed_table', 'segments_csv', 'geojson', 'fastsim', 'gpx'])

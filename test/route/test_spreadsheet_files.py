@@ -108,12 +108,6 @@ def test_a_german_spreadsheet(tmp_path):
     assert route.cabin_heating_power_w.tolist() == [1111.0, 1111.0]
 
 
-def test_tabs_and_points(tmp_path):
-    route = load_route(file_of(tmp_path, HEADER.replace(';', '\t') + '\n30\t36\t5.25\t-7\n'),
-                       DEFAULTS)
-    assert route.propulsion_power_w.tolist() == [5250.0]
-
-
 def test_an_empty_last_column_is_no_shorter_row(tmp_path):
     assert problem_with(tmp_path, HEADER.replace(';', '\t') + '\n30\t36\t5.25\t\n') == (
         ", line 2: ambient_temperature_c: '' is not a number")
@@ -166,14 +160,6 @@ def test_commas_separate_or_are_decimal(tmp_path, row, problem):
 def test_one_clear_number_decides_for_the_others(tmp_path):
     route = load_route(file_of(tmp_path, f'{HEADER}\n30;36;1,500;-7,25\n'), DEFAULTS)
     assert route.propulsion_power_w.tolist() == [1500.0]
-
-
-def test_a_segment_in_which_the_car_stands_has_no_length(tmp_path):
-    assert problem_with(
-        tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
-        '1,50,10,-7\n0,0,0,-7\n') == (
-        ', line 3: speed_kmh: a segment in which the car stands has no length; give duration_s '
-        'instead of length_km')
 
 
 def test_values_made_of_others_are_named_after_them(tmp_path):

@@ -128,15 +128,6 @@ def test_table_of_arrays_is_that_of_floats(table, points):
         [lookup(*point) for point in points], rel=0.0, abs=1e-12 * 29.0)
 
 
-@given(socs=st.tuples(SOCS, SOCS), temperatures_c=st.tuples(TEMPERATURES_C, TEMPERATURES_C))
-def test_table_of_rising_values_rises_along_both_axes(socs, temperatures_c):
-    lookup = OVER_BOTH.function(FLOATS)
-    low = lookup(min(socs), min(temperatures_c))
-    high = lookup(max(socs), max(temperatures_c))
-    # One rounding of the largest value.
-    assert low <= high + 1e-14 * 29.0
-
-
 @given(st.lists(st.floats(-100.0, 100.0), min_size=4, max_size=4), SOCS, TEMPERATURES_C)
 def test_table_never_leaves_the_range_of_its_values(corners, soc, temperature_c):
     table = Table((0.2, 0.7), (-15.0, 20.0), (tuple(corners[:2]), tuple(corners[2:])))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One step of the model with a heat path compared with closed forms, a fine integration and half steps."""
+"""Heater, coolant, sensor, and the model's step with them: closed forms, a fine integration and half steps."""
 
 from dataclasses import replace
 from math import exp, sqrt
@@ -12,8 +12,8 @@ import pytest
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Leakage
-from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 REFERENCE = load_vehicle('reference')
@@ -154,3 +154,76 @@ def test_leakage_acts_on_the_battery_alone():
         REFERENCE.battery, leakage=Leakage(100.0, 0.0))), FLOATS)
     _, end_c, _, excess_k, *_ = step(0.8, 20.0, 0.0, 0.0, 30.0, 0.0, 0.0, 100.0 * -10.0, 100.0, 0.0)
     assert end_c < 20.0 and 0.0 < excess_k < 20.0 - end_c
+
+
+# Heater and coolant alone, and the sensor
+
+
+def advance(path, state, duration_s, command_w, other_heat_w):
+    """Return the state (power, coolant, battery) after a step, and the mean powers."""
+    power_w, coolant_c, battery_c = state
+    mean_w, heat_w, power_w, coolant_c = make_heat_step(replace(REFERENCE, heat_path=path), FLOATS)(
+        power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w, 0.0, 0.0)
+    battery_c += (heat_w + other_heat_w) * duration_s / BATTERY_J_PER_K
+    return (power_w, coolant_c if path.has_coolant else battery_c, battery_c), mean_w, heat_w
+
+
+def test_a_lagging_heater_rises_as_an_exponential():
+    path = HeatPath(heater_lag_s=60.0)
+    (power_w, _, _), mean_w, heat_w = advance(path, (0.0, 5.0, 5.0), 90.0, 5e3, 0.0)
+    assert power_w == pytest.approx(5e3 * (1.0 - exp(-1.5)), rel=1e-13)
+    assert mean_w == pytest.approx(5e3 * (1.0 - (1.0 - exp(-1.5)) / 1.5), rel=1e-13)
+    assert heat_w == EFFICIENCY * mean_w
+    # The heat still under way at switch-off arrives later: 60 s of the power then.
+    late_j = advance(path, (power_w, 5.0, 5.0), 5000.0, 0.0, 0.0)[1] * 5000.0
+    assert late_j == pytest.approx(60.0 * power_w, rel=1e-12)
+
+
+def test_under_steady_power_the_coolant_is_as_much_warmer_as_the_flow_asks():
+    path = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+    state = (5e3, 0.0, 0.0)
+    for _ in range(100):
+        state, _, heat_w = advance(path, state, 30.0, 5e3, 0.0)
+    # Both warm at the same rate: the battery gets its share of the heat.
+    assert heat_w == pytest.approx(
+        EFFICIENCY * 5e3 * BATTERY_J_PER_K / (BATTERY_J_PER_K + 20e3), rel=1e-9)
+    assert state[1] - state[2] == pytest.approx(heat_w / 400.0, rel=1e-9)
+
+
+@given(PATHS, st.floats(0.0, 7e3), st.floats(-20.0, 30.0), st.floats(-20.0, 30.0), st.floats(0.05, 300.0),
+       st.floats(0.0, 7e3), st.floats(-3e3, 5e3))
+def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_s, command_w,
+                                  other_w):
+    if not path.has_coolant:
+        coolant_c = battery_c
+    start = (power_w, coolant_c, battery_c)
+    whole, _, _ = advance(path, start, duration_s, command_w, other_w)
+    half, _, _ = advance(path, start, 0.5 * duration_s, command_w, other_w)
+    halves, _, _ = advance(path, half, 0.5 * duration_s, command_w, other_w)
+    assert halves == pytest.approx(whole, rel=1e-6, abs=1e-6)
+
+
+def test_equal_time_constants_are_no_special_case():
+    time_constant_s = 1.0 / (400.0 / 20e3 + 400.0 / BATTERY_J_PER_K)
+    ends = [advance(HeatPath(lag_s, 20e3, 400.0), (0.0, 0.0, 0.0), 40.0, 5e3, 0.0)[0]
+            for lag_s in (0.999 * time_constant_s, time_constant_s, 1.001 * time_constant_s)]
+    assert ends[1] == pytest.approx(0.5 * (np.array(ends[0]) + ends[2]), rel=1e-4)
+
+
+def test_a_sensor_follows_late_and_shows_the_battery_in_the_end():
+    path = HeatPath(sensor_lag_s=120.0)
+    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 120.0, FLOATS) == pytest.approx(
+        10.0 * (1.0 - exp(-1.0)))
+    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 1e5, FLOATS) == 10.0
+    assert sensor_reading_c(DIRECT, 0.0, 9.0, 10.0, 1.0, FLOATS) == 10.0
+
+
+def test_a_battery_that_warms_steadily_is_seen_a_lag_late():
+    path = HeatPath(sensor_lag_s=120.0)
+    reading_c = 0.0
+    for second in range(2000):
+        reading_c = sensor_reading_c(path, reading_c, 0.01 * second, 0.01 * (second + 1), 1.0, FLOATS)
+    assert reading_c == pytest.approx(20.0 - 0.01 * 120.0, abs=1e-5)
+    # One step or many: a ramp stays a ramp.
+    assert sensor_reading_c(path, 0.0, 0.0, 20.0, 2000.0, FLOATS) == pytest.approx(
+        reading_c, abs=1e-9)

@@ -204,18 +204,6 @@ def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
         f': battery.power_limits.charge (there is no charging.power_limit): {NO_COLD}')
 
 
-def test_leakage_rises_with_speed(tmp_path):
-    leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
-    # 31 + 0.7 * 20
-    assert leakage.coefficient_w_per_k(20.0) == pytest.approx(45.0, rel=1e-15)
-
-
-def test_drivetrain_heats_the_battery_with_a_share_of_its_power(tmp_path):
-    drivetrain = load_vehicle(written(tmp_path, GOOD)).drivetrain
-    # 0.72 * (1 - 0.91) * 30 kW
-    assert drivetrain.heat_to_battery_w(30000.0) == pytest.approx(1944.0, rel=1e-14)
-
-
 def test_a_shell_includes_the_coolant(tmp_path):
     contents = with_change('thermal', THERMAL)
     car = load_vehicle(written(tmp_path, contents))
@@ -225,11 +213,6 @@ def test_a_shell_includes_the_coolant(tmp_path):
     assert problems_of(written(tmp_path, contents)) == [
         'heat_path.coolant_heat_capacity_j_per_k: 15000 J/K are not allowed beside thermal, whose shell includes '
         'the coolant; leave out both values of the coolant']
-
-
-@pytest.mark.parametrize('name', ['reference', 'small_car'])
-def test_shipped_vehicle_loads_under_its_own_name(name):
-    assert load_vehicle(name).name == name
 
 
 def test_shipped_vehicle_can_be_driven_along_any_road():
@@ -252,10 +235,6 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # Unknown and missing keys.
     ('hvch.eficiency', 0.9, "hvch: unknown key 'eficiency'; did you mean 'efficiency'? "
      'known keys: maximum_power_w, efficiency'),
-    ('drivetrain.efficency', 0.9, "drivetrain: unknown key 'efficency'; did you mean "
-     "'efficiency'? known keys: efficiency, heat_recovery_efficiency, maximum_power_w, "
-     'maximum_regeneration_power_w'),
-    ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
      'known keys: name, battery, drivetrain, hvch, heating_gates, heat_path, thermal, charging, defaults, '
      'road_load, uncertainty, assumed'),
@@ -267,40 +246,20 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # A key of the schema that this file does not have.
     ('assumed', ['road_load'], "assumed[0]: 'road_load' is not a key of this file; such as "
      'battery.resistance'),
-    ('assumed', 'all', "assumed: 'all' is not an array"),
     ('battery.cells_in_series', 96.5, 'battery.cells_in_series: 96.5 is not an integer'),
     ('drivetrain', GONE, 'the file: missing drivetrain'),
     ('battery.leakage', {}, 'battery.leakage: missing gamma_0_w_per_k, gamma_v_w_per_k_per_mps'),
     ('defaults.auxiliary_power_w', GONE, 'defaults: missing auxiliary_power_w'),
     # Wrong types.
     ('battery.capacity_ah', '111 Ah', "battery.capacity_ah: '111 Ah' is not a number"),
-    ('battery.capacity_ah', True, 'battery.capacity_ah: True is not a number'),
     ('name', 7, 'name: 7 is not a string'),
     ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not an object'),
     # Road load and regeneration.
     ('road_load', {'mass_kg': 1500}, 'road_load: missing frontal_area_m2, drag_coefficient, '
      'rolling_resistance'),
-    ('road_load', {**ROAD_LOAD, 'mass_kg': 2.5}, 'road_load.mass_kg: 2.5 is not allowed; it must '
-     'be at least 50 and at most 100000'),
-    ('road_load', {**ROAD_LOAD, 'frontal_area_m2': 26000}, 'road_load.frontal_area_m2: 26000 is '
-     'not allowed; it must be at least 0.2 and at most 20'),
-    ('road_load', {**ROAD_LOAD, 'drag_coefficient': 29}, 'road_load.drag_coefficient: 29 is not '
-     'allowed; it must be at least 0.05 and at most 2'),
-    ('road_load', {**ROAD_LOAD, 'rolling_resistance': 8.5}, 'road_load.rolling_resistance: 8.5 is '
-     'not allowed; it must be at least 0.001 and at most 0.1'),
-    ('road_load', {**ROAD_LOAD, 'mass_t': 1.6}, "road_load: unknown key 'mass_t'; did you "
-     "mean 'mass_kg'? known keys: mass_kg, frontal_area_m2, drag_coefficient, "
-     'rolling_resistance'),
-    ('drivetrain.maximum_regeneration_power_w', -60000, 'drivetrain.maximum_regeneration_power_w: '
-     '-60000 is not allowed; it must be at least 0 and at most 2000000'),
     ('drivetrain.maximum_regeneration_power_w', 123001, 'drivetrain.maximum_regeneration_power_w: '
      '123001 is above drivetrain.maximum_power_w, 123000'),
     # The heat path.
-    ('heat_path', {'heater_lag_s': -1}, 'heat_path.heater_lag_s: -1 is not allowed; it must be at '
-     'least 0 and at most 300'),
-    ('heat_path', {'heater_lag': 30}, "heat_path: unknown key 'heater_lag'; did you mean "
-     "'heater_lag_s'? known keys: heater_lag_s, coolant_heat_capacity_j_per_k, "
-     'coolant_conductance_w_per_k, sensor_lag_s'),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000}, 'heat_path: '
      'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat '
      'arrives'),
@@ -317,49 +276,26 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'must be at least 11.6 W/K, for a time constant between shell and core of at most 3600 s'),
     ('thermal', {**THERMAL, 'sensor': 'plate'}, "thermal.sensor: 'plate' is not one of shell, core, mean"),
     ('thermal', {'shell_share': 0.2}, 'thermal: missing conductance_w_per_k, sensor'),
-    # Deviations: per cent, too sure to be true, no number, a value that no log tells.
-    ('uncertainty', {'leakage': 30}, 'uncertainty.leakage: 30 is not allowed; it must be at least 0.005 and at '
-     'most 1'),
-    ('uncertainty', {'resistance': 0}, 'uncertainty.resistance: 0 is not allowed; it must be at least 0.005 and '
-     'at most 1'),
-    ('uncertainty', {'heat_capacity': float('nan')}, 'uncertainty.heat_capacity: nan is not a finite number'),
-    ('uncertainty', {'heater_efficiency': None}, 'uncertainty.heater_efficiency: None is not a number'),
-    ('uncertainty', {'capacity': 0.01}, "uncertainty: unknown key 'capacity'; did you mean 'heat_capacity'? known "
-     'keys: heat_capacity, leakage, resistance, heater_efficiency'),
     # The charger.
     ('charging', {'battery_heating': True}, 'charging: battery_heating needs heating_limit_c'
      ', the battery temperature up to which the car heats'),
     ('charging', {'battery_heating': True, 'heating_limit_c': 58}, 'charging.heating_limit_c: 58 is '
      'outside battery.temperature_range_c -33 ... 57'),
-    ('charging', {'maximum_inlet_power_w': 150}, 'charging.maximum_inlet_power_w: 150 is not allowed; '
-     'it must be at least 1000 and at most 2000000'),
     ('charging', {'power_limit': {'temperature_c': [-20, 10], 'values': [2000, 70000]}},
      f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2000000 ... 0 W {EVERYWHERE}'),
     ('charging', {'power_limit': {'soc': [0, 1], 'values': [-70000, -2000]}},
      f'charging.power_limit: {NO_COLD}'),
-    ('charging', {'power_limit': {'temperature_c': [10, -20], 'values': [-2000, -7000]}},
-     'charging.power_limit.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Values that are not numbers.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),
     (f'{DISCHARGE}.values', [1000, float('nan'), 90000],
      f'{DISCHARGE}.values[1]: nan is not a finite number'),
     # Out of range.
-    ('battery.capacity_ah', 0.5,
-     'battery.capacity_ah: 0.5 is not allowed; it must be at least 1 and at most 2000'),
     ('hvch.efficiency', 1.2,
      'hvch.efficiency: 1.2 is not allowed; it must be above 0 and at most 1'),
-    ('drivetrain.efficiency', 0,
-     'drivetrain.efficiency: 0 is not allowed; it must be above 0 and at most 1'),
-    ('drivetrain.heat_recovery_efficiency', -0.1, 'drivetrain.heat_recovery_efficiency: -0.1 is '
-     'not allowed; it must be at least 0 and at most 1'),
-    ('battery.leakage.gamma_0_w_per_k', -3, 'battery.leakage.gamma_0_w_per_k: -3 is not allowed; '
-     'it must be at least 0 and at most 1000'),
     ('battery.soc_range', [4, 97], None),
     ('battery.temperature_range_c', [-33, 0, 57],
      'battery.temperature_range_c: has 3 values; it must have at most 2'),
-    ('battery.temperature_range_c', [-33],
-     'battery.temperature_range_c: has 1 values; it must have at least 2'),
     # Axes.
     ('battery.soc_range', [0.97, 0.04], 'battery.soc_range: [0.97, 0.04] must rise'),
     ('battery.temperature_range_c', [22, 22], 'battery.temperature_range_c: [22, 22] must rise'),
@@ -458,12 +394,6 @@ def test_key_written_twice_is_refused(tmp_path):
                                         '  efficiency: 0.86\n  efficiency: 0.68')
     problem, = problems_of(written(tmp_path, text))
     assert problem.startswith('is not YAML: ') and "'efficiency' is a duplicate key" in problem
-
-
-def test_file_that_is_not_text(tmp_path):
-    path = tmp_path / 'car.yaml'
-    path.write_bytes(b'name: \xff\xfe')
-    assert problems_of(path) == ['cannot be read: is not UTF-8 text']
 
 
 def test_file_that_may_not_be_read(tmp_path, monkeypatch):
