@@ -18,14 +18,14 @@ STUDIES = 'bev_preheat_studies'
 # then end with one line. Build in a new folder, because setuptools does not remove files of an earlier build.
 WITHOUT_STUDIES = os.environ.get('BEV_PREHEAT_WITHOUT_STUDIES', '') not in ('', '0')
 ENTRY_POINTS = {
-    'planner': f'{PACKAGE}.nodes.executables:planner',
-    'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
-    'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
-    'bus_gateway': f'{PACKAGE}.nodes.executables:bus_gateway',
-    'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
-    'heater_controller': f'{PACKAGE}.nodes.executables:heater_controller',
-    'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
-    'dashboard': f'{PACKAGE}.nodes.executables:dashboard',
+    'planner': f'{PACKAGE}.nodes:planner',
+    'nlp_checker': f'{PACKAGE}.nodes:nlp_checker',
+    'charger_adviser': f'{PACKAGE}.nodes:charger_adviser',
+    'bus_gateway': f'{PACKAGE}.nodes:bus_gateway',
+    'route_publisher': f'{PACKAGE}.nodes:route_publisher',
+    'heater_controller': f'{PACKAGE}.nodes:heater_controller',
+    'vehicle_simulator': f'{PACKAGE}.nodes:vehicle_simulator',
+    'dashboard': f'{PACKAGE}.nodes:dashboard',
     'preheat': f'{PACKAGE}.commands.main:main',
 }
 

@@ -1,18 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of /diagnostics: written by every node, and read back."""
+"""Entries of /diagnostics: how every node writes them and a reader reads them back, and those of the planner."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import NamedTuple, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from bev_preheat.control.departure_source import DepartureState
+from bev_preheat.control.sensitivity_watch import SENSITIVITY
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import time_message
+from bev_preheat.native.library import core_in_words, DECLINES
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Level
+from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from bev_preheat.control.departure_source import DepartureReport
+    from bev_preheat.control.heater_answer import HeaterAnswerReport
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.control.state import State
+    from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.estimation.hypotheses import HeaterReport
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LEVELS = {Level.OK: OK, Level.WARN: WARN, Level.ERROR: ERROR}
+HEATER_LEVELS = {
+    Heater.ANSWERS: OK,
+    Heater.DERATED: WARN,
+    Heater.DEAD: ERROR,
+    Heater.STUCK_ON: ERROR,
+}
+HEATER_SENTENCES = {
+    Heater.ANSWERS: 'responds normally',
+    Heater.DERATED: 'it gives only {share:.0f} % of the commanded power; planned accordingly',
+    Heater.DEAD: 'the battery does not get the commanded heat; it is still commanded',
+    Heater.STUCK_ON: 'the battery is heated without a command',
+}
+# More ignored readings than this share are worth a warning.
+MOST_IGNORED_SHARE = 0.05
+# The reason of a reset is shown for this time.
+RESET_SHOWN_S = 60.0
+# Shorter delays are not reported [s].
+ON_TIME_S = 5.0
+# A departure that is held off is worth a warning this close to it [s].
+HELD_OFF_TOLD_S = 7200.0
 
 
 def entry(node_name: str, part: str, hardware: str, level: bytes, message: str,
@@ -40,3 +78,283 @@ def diagnostics(now_ns: int, entries: Sequence[DiagnosticStatus]) -> DiagnosticA
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
     """Return the figures of an entry by name."""
     return {item.key: item.value for item in status.values}
+
+
+# The planner
+
+class StateFileReport(NamedTuple):
+    """
+    The condition of the state file.
+
+    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or cannot be read, so it is
+    never written. `written_s_ago` is None before the first write; `kept_aside` is the new path of a damaged
+    file, empty if none was moved.
+    """
+
+    path: str
+    problem: str
+    is_foreign: bool
+    written_s_ago: float | None
+    kept_aside: str
+
+
+class DepartureFiles(NamedTuple):
+    """The DepartureReport for diagnostics, with the paths of both files and their problems; '': none."""
+
+    report: DepartureReport
+    departures_path: str
+    prices_path: str
+    problem: str
+
+
+def planner_diagnostics(node_name: str, state: State, now_ns: int,
+                        memory: StateFileReport | None = None,
+                        departures: DepartureFiles | None = None, sensitivity: str = '') -> list[DiagnosticStatus]:
+    """
+    Return the entries with status, reason and the figures behind them.
+
+    `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
+    departure_keeper.DepartureFiles, None without a file of departures. `sensitivity` are the sentences of a
+    control.sensitivity_watch.SensitivityWatch, '' for none.
+    """
+    name, hardware, estimate = node_name, state.vehicle.name, state.estimate
+    entries = [_preheating(name, hardware, state, now_ns, sensitivity), _signals(name, hardware, state, now_ns)]
+    if estimate is not None:
+        entries += [heater_entry(name, hardware, estimate.heater),
+                    _estimation(name, hardware, state, estimate, now_ns)]
+    if state.heater_answer is not None:
+        entries.append(_heater_status(name, hardware, state.heater_answer))
+    entries += _progress(name, state, now_ns)
+    if memory is not None:
+        entries.append(_state_file(name, hardware, memory))
+    if departures is not None:
+        entries.append(_departures(name, hardware, departures, now_ns))
+    return entries
+
+
+def _preheating(name: str, hardware: str, state: State, now_ns: int,
+                sensitivity: str) -> DiagnosticStatus:
+    decision, mission = state.decision, state.active_mission
+    values = {
+        'vehicle': state.vehicle.name,
+        'assumed of the vehicle': assumed_in_words(state.vehicle),
+        'method': state.settings.method,
+        'compiled core': core_in_words(),
+        'declined by the core': DECLINES.in_words(),
+        'route_id': mission.route_id if mission else '',
+        'propulsion power': mission.power_source if mission else '',
+        'legs after this one': str(len(decision.later_legs)),
+        'enabled': str(state.is_enabled).lower(),
+    }
+    if state.preparation_goal is not None:
+        values['goal of prepare_battery'] = _preparation_goal_in_words(state.preparation_goal, now_ns)
+    if state.latest_command is not None:
+        values['command [W]'] = f'{state.latest_command.battery_heating_power_w:.0f}'
+    if state.measurement is not None:
+        battery = state.measurement.state
+        values['battery temperature [degC]'] = f'{battery.temperature_c:.2f}'
+        values['state of charge [1]'] = f'{battery.soc:.4f}'
+        values['battery state age [s]'] = \
+            f'{(now_ns - state.measurement.stamp_ns) * 1e-9:.2f}'
+    if decision.plan is not None:
+        plan = decision.plan
+        if decision.target is not None:
+            values['target [degC]'] = f'{plan.target_temperature_c:.2f}'
+            values['target because'] = decision.target.reason
+        values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
+        values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
+        values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
+    if sensitivity:
+        values[SENSITIVITY] = sensitivity
+    level, text = LEVELS[decision.status.meaning.level], decision.explanation
+    if state.inbox.unit_warnings:
+        level = max(level, WARN)
+        text += f' route_plan: {"; ".join(state.inbox.unit_warnings)}.'
+    refused = state.inbox.refused_route
+    if refused is not None:
+        # The driver's latest trip is not planned, even if the previous one continues.
+        level = ERROR
+        text = text if refused in text else f'{text} {refused}'
+    return entry(name, 'preheating', hardware, level, f'{decision.status.name}: {text}', values)
+
+
+def _signals(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticStatus:
+    """Return the entry on regime and signals; WARN while a signal is in doubt."""
+    regime, estimate, measurement = state.regime, state.estimate, state.measurement
+    ignored_share = 0.0 if estimate is None else estimate.ignored_share
+    values = {
+        'regime': regime.regime.value,
+        'regime since [s]': f'{(now_ns - regime.since_ns) / NS_PER_S:.0f}' if regime.since_ns else '',
+        'regime evidence': regime.suspicion or regime.evidence,
+        'ignored readings [%]': f'{100.0 * ignored_share:.1f}',
+        'overtaken battery states': str(state.inbox.overtaken_states)}
+    sentences = []
+    for verdict in state.signal_verdicts:
+        values[f'{verdict.signal} in doubt since [s]'] = f'{(now_ns - verdict.since_ns) / NS_PER_S:.0f}'
+        sentences.append(verdict.sentence)
+    if measurement is not None and measurement.cell_warning:
+        sentences.append(measurement.cell_warning)
+    if ignored_share > MOST_IGNORED_SHARE:
+        sentences.append(f'{100.0 * ignored_share:.0f} % of the latest readings were ignored, because they are '
+                         f'far from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
+    if regime.suspicion:
+        sentences.append(f'suspected: {regime.suspicion}')
+    return entry(name, 'signals', hardware, WARN if sentences else OK,
+                 '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
+
+
+def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -> str:
+    when = ('as soon as possible' if preparation_goal.is_soonest else
+            f'ready in {duration_text(max(0.0, (preparation_goal.ready_at_ns - now_ns) / NS_PER_S))}')
+    return f'{when}, plugged in' if preparation_goal.is_plugged_in else when
+
+
+def heater_sentence(report: HeaterReport) -> str:
+    """Return a HeaterReport in words."""
+    sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
+    return f'{report.heater.value}: {sentence}'
+
+
+def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticStatus:
+    """Return the entry on the heater's response, with a suspected fault."""
+    sentence, suspected = heater_sentence(report), report.suspected
+    values = {
+        'heater': report.heater.value,
+        'probability [1]': f'{report.probability:.3f}',
+        'share of the command [1]': f'{report.share:.2f}',
+        'suspected': '', 'suspected, probability [1]': '', 'suspected for [s]': '',
+        'missing or uncommanded heat [K]': '', 'times as likely by the power [1]': ''}
+    if suspected is not None:
+        sentence = f'{sentence}; suspected: {suspected.heater.value}'
+        values.update({
+            'suspected': suspected.heater.value,
+            'suspected, probability [1]': f'{suspected.probability:.3f}',
+            'suspected for [s]': f'{suspected.lasts_s:.0f}',
+            'missing or uncommanded heat [K]': f'{suspected.heat_k:.2f}',
+            'times as likely by the power [1]': ('power is not known' if suspected.power_nats is None
+                                                 else f'{math.exp(suspected.power_nats):.3g}')})
+    return entry(name, 'heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
+
+
+def _estimation(name: str, hardware: str, state: State, estimate: Estimate,
+                now_ns: int) -> DiagnosticStatus:
+    decision = state.decision
+    values = {
+        'battery temperature [degC]': f'{estimate.temperature_c:.2f}',
+        'its standard deviation [K]': f'{estimate.temperature_deviation_k:.2f}',
+        'state of charge [1]': f'{estimate.soc:.4f}',
+        'arrival temperature standard deviation [K]': f'{decision.arrival_deviation_k:.2f}',
+        'resolution of battery_state.temperature [K]': f'{estimate.temperature_resolution_k:g}',
+        'heat under way [K]': f'{estimate.under_way_k:.2f}',
+        'lag of the heat [s]': f'{estimate.heat_lag_s:.0f}',
+        'lag of the temperature sensor [s]': f'{estimate.sensor_lag_s:.0f}',
+        'offset of the temperature sensor [K]': f'{estimate.sensor_offset_k:.2f}',
+        'resets': str(estimate.resets),
+    }
+    for factor, log, deviation in zip(
+            FACTOR_NAMES, estimate.log_factors, estimate.factor_deviations):
+        values[f'{factor.replace("_", " ")} / vehicle file [1]'] = (
+            f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
+    has_reset = (estimate.reset_at_ns is not None
+                 and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
+    stand = state.stand_report
+    if stand is not None:
+        values['temperature expected after standing [degC]'] = (
+            f'{stand.standing.temperature_c:.2f} +- {stand.standing.deviation_k:.2f}')
+    warning = f'reset: {estimate.reset_reason}' if has_reset else (
+        '' if stand is None else stand.contradiction)
+    return entry(name, 'estimation', hardware,
+                 WARN if warning else OK,
+                 warning or f'{estimate.temperature_c:.2f} '
+                 f'+- {estimate.temperature_deviation_k:.2f} degC',
+                 values)
+
+
+def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) -> DiagnosticStatus:
+    report = files.report
+    left_s = math.inf if report.next_ns is None else (report.next_ns - now_ns) / NS_PER_S
+    sentence = f'{report.state.value}: {report.reason}'
+    if report.next_ns is not None:
+        sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
+    is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
+    level = (ERROR if files.problem and report.next_ns is None else
+             WARN if files.problem or is_late else OK)
+    values = {
+        'next departure': report.next_words,
+        'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
+        'next departure in [s]': '' if report.next_ns is None else f'{left_s:.0f}',
+        'target [degC]': ('' if report.next_ns is None else
+                          "the planner's default" if report.target_c is None else f'{report.target_c:g}'),
+        'plugged in': str(report.plugged_in).lower(),
+        'state': report.state.value,
+        'reason': report.reason,
+        'skipped': report.skipped_words,
+        'latest departure': report.latest,
+        'departures': files.departures_path,
+        'grid_prices': files.prices_path}
+    return entry(name, 'departures', hardware, level,
+                 f'{sentence}; {files.problem}' if files.problem else sentence, values)
+
+
+def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:
+    written = ('nothing written yet' if memory.written_s_ago is None
+               else f'written {memory.written_s_ago:.0f} s ago')
+    return entry(name, 'state file', hardware,
+                 ERROR if memory.is_foreign else
+                 WARN if memory.problem else OK,
+                 memory.problem or written,
+                 {'file': memory.path, 'last write': written,
+                  'damaged file kept as': memory.kept_aside})
+
+
+def _heater_status(name: str, hardware: str, report: HeaterAnswerReport) -> DiagnosticStatus:
+    """Return the planner's entry on `hvch_status`: ERROR in doubt, WARN for a refusal or silence."""
+    status = report.status
+    values = {} if status is None else {
+        'requested power [W]': f'{status.requested_w:.0f}', 'active power [W]': f'{status.active_w:.0f}',
+        'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
+        'refusal': status.refusal.name, 'explanation': status.sentence}
+    warning = report.refusal or report.silence or report.problem
+    return entry(name, 'heater status', hardware, ERROR if report.doubt else WARN if warning else OK,
+                 report.doubt or warning or 'the command is served', values)
+
+
+def _progress(name: str, state: State, now_ns: int) -> list[DiagnosticStatus]:
+    """
+    Return the entry on route_progress; [] before the first one.
+
+    WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
+    no position.
+    """
+    place, refused = state.place, state.inbox.refused_progress
+    if refused is None and place is None:
+        return []
+    values = {}
+    sentences = [] if refused is None else [f'{refused}.']
+    is_late = False
+    if place is not None:
+        age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+        delay_s = place.delay_ns / NS_PER_S
+        values = {'distance [m]': f'{place.latest.distance_m:.0f}',
+                  'length of the route [m]': f'{place.length_m:.0f}',
+                  'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+                  'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
+        is_late = age_s > limit_s and not place.has_ended
+        if place.has_ended and refused is None:
+            sentences.append('The trip has ended.')
+        elif is_late:
+            sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
+                             f'{limit_s:g} s are allowed: the planner continues by time from there.')
+        elif refused is None:
+            sentences.append(_delay_in_words(delay_s))
+    elif refused is not None:
+        sentences.append('The planner follows the stamp of route_plan.')
+    is_warning = refused is not None or is_late
+    return [entry(name, 'route progress', state.vehicle.name, WARN if is_warning else OK, ' '.join(sentences),
+                  values)]
+
+
+def _delay_in_words(delay_s: float) -> str:
+    if abs(delay_s) < ON_TIME_S:
+        return 'on time'
+    return f'{duration_text(abs(delay_s))} {"late" if delay_s > 0.0 else "early"}'

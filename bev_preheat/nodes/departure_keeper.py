@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.departure_source import DepartureSource, NO_DEPARTURES
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.planner_diagnostics import DepartureFiles
+from bev_preheat.messages.diagnostics import DepartureFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable

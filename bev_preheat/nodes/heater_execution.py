@@ -205,8 +205,6 @@ class HeaterExecution:
              'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}'})
 
 
-
-
 class CanHeater:
     """
     The output of a heater whose frame a CanSource sends; call it at least every `period_s` [s].

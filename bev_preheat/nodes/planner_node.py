@@ -23,9 +23,9 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS, Reader
-from bev_preheat.messages.planner_diagnostics import planner_diagnostics
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.native.library import core_in_words

@@ -11,7 +11,7 @@ from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable
-from bev_preheat.messages.planner_diagnostics import StateFileReport
+from bev_preheat.messages.diagnostics import StateFileReport
 from bev_preheat.nodes.running_state import load_running, Running, save_running
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import mcap_messages
-from bev_preheat.messages.definitions import definition, SEPARATOR
-from bev_preheat.recording.message_types import OWN
+from bev_preheat.recording.message_types import definition, OWN, SEPARATOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

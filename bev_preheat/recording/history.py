@@ -9,7 +9,7 @@ import math
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.messages.planner_diagnostics import planner_diagnostics
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.course import LEAST_HEAT_W
 from bev_preheat.recording.deviation import Unheated

@@ -8,7 +8,7 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.messages.planner_diagnostics import heater_sentence
+from bev_preheat.messages.diagnostics import heater_sentence
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status

@@ -18,9 +18,9 @@ from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetSource
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.heater import command_message
-from bev_preheat.messages.planner_diagnostics import planner_diagnostics
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.factors import NS_PER_S

@@ -10,7 +10,7 @@ from bev_preheat.control.events import ProgressArrived, ProgressUnreadable, Rout
 from bev_preheat.control.inputs import Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.messages.planner_diagnostics import planner_diagnostics
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import RouteProgress

@@ -206,7 +206,7 @@ def call_main(ros, monkeypatch, capfd):
         monkeypatch.setattr(sys, 'argv', [f'/opt/lib/bev_preheat/{name}', *arguments])
         capfd.readouterr()
         with signals_kept(), pytest.raises(SystemExit) as end:
-            getattr(import_module('bev_preheat.nodes.executables'), name)()
+            getattr(import_module('bev_preheat.nodes'), name)()
         gc.collect()
         stdout, stderr = capfd.readouterr()
         return SimpleNamespace(returncode=end.value.code, stdout=stdout, stderr=stderr)

@@ -12,7 +12,7 @@ from stepwise import Stepwise
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
-from bev_preheat.messages.planner_diagnostics import heater_entry, planner_diagnostics, RESET_SHOWN_S
+from bev_preheat.messages.diagnostics import heater_entry, planner_diagnostics, RESET_SHOWN_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.csv_file import load_route

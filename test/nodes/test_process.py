@@ -145,7 +145,7 @@ HANGING_LOAD = """
 import sys
 import time
 
-from bev_preheat.nodes import executables
+from bev_preheat import nodes
 
 
 def load(module):
@@ -153,8 +153,8 @@ def load(module):
     time.sleep(60.0)
 
 
-executables.import_module = load
-executables.{name}()
+nodes.import_module = load
+nodes.{name}()
 """
 
 
