@@ -56,11 +56,11 @@ if TYPE_CHECKING:
         WorthResult,
     )
     from bev_preheat.logs.recording import Recording
-    from bev_preheat.planning.method_situation import MethodSituation, Prediction
+    from bev_preheat.planning.installed_methods import MethodSituation, Prediction
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route import Route
-    from bev_preheat.simulation.heater_faults import HeaterFault
-    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.heater import HeaterFault
+    from bev_preheat.simulation.imperfect_car import Mismatch
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.vehicle import Vehicle
     reproduce: Any
@@ -80,9 +80,9 @@ else:
         **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
                          'WorthResult'), 'interface.results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
-        **dict.fromkeys(('MethodSituation', 'Prediction'), 'planning.method_situation'),
-        'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater_faults',
-        'Mismatch': 'simulation.mismatch', 'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
+        **dict.fromkeys(('MethodSituation', 'Prediction'), 'planning.installed_methods'),
+        'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater',
+        'Mismatch': 'simulation.imperfect_car', 'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
 
     def __getattr__(name: str) -> Any:
         """Return a name of `__all__` out of its module."""

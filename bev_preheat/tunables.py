@@ -15,7 +15,7 @@ numbers from here, too (`native/core_constants.py`).
 
 # Signals: does a reading belong to this battery?
 
-# estimation/electrical_source.py: one battery on the topic
+# estimation/signal_checks.py: one battery on the topic
 OTHER_PACK_K = 4.0        # K   | one battery does not change by more between two states
 OTHER_PACK_SOC = 0.03     # 1   | nor by more of its charge, with a correction of the display
 OTHER_PACK_VOLTAGE = 0.2  # 1   | nor by more of its voltage, under a step of the load
@@ -24,7 +24,7 @@ COMPARED_STATES = 20      # n   | the latest ones: LEAST_JUMPS begin the doubt, 
 LEAST_JUMPS = 3           # n   | one outlier and its way back are two jumps
 SLOW_GAPS = 2             # n   | in a row make a feed slow, as many in time steady: one may be a network's
 
-# estimation/stuck_temperature.py: the reading follows the battery
+# estimation/temperature_check.py: the reading follows the battery
 STUCK_K = 3.0              # K | expected change without a movement; the model errs by less
 STUCK_LAGS_S = 120.0       # s | of a change: heater and sensor lag behind by this together
 STUCK_BESIDE_LAGS_K = 1.5  # K | added to the lags
@@ -32,14 +32,14 @@ STUCK_WITHIN_S = 900.0     # s | a slower change may be an error of the model's 
 UNMOVED_K = 0.05           # K | half of the finest step in use
 BELOW_AMBIENT_K = 20.0     # K | no car cools its battery further below ambient
 
-# estimation/electrical.py: voltage and charge are this battery's
+# estimation/signal_checks.py: voltage and charge are this battery's
 VOLTAGE_WITHIN = 0.2   # 1 | share of the open-circuit voltage, and R I once more; vehicle files differ from cars
 EMPTY_BELOW = 0.001    # 1 | a charge that was never set reads 0
 FULLER_SOC = 0.2       # 1 | charge whose voltage, halfway, contradicts an empty battery
 SCALE_HOLDS_S = 600.0  # s | a percentage has the scale of the one before for this time
 GOES_ON_WITHIN = 0.1   # 1 | change of the charge that continues the last valid value
 
-# estimation/current_sign.py, current_scale.py: sign and scale of the current
+# estimation/current_check.py: sign and scale of the current
 CURRENT_CHANGES = 60            # n   | of voltage and current that are correlated: a minute of a usual feed
 LEAST_CURRENT_CHANGES = 20      # n   | a correlation of fewer is chance
 CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-circuit voltage moves more slowly
@@ -136,7 +136,7 @@ LEAST_SCATTER_W = 300.0    # W    | other consumers and sensors
 MOST_BLOCK_EVIDENCE = 3.0  # nats | of one block: one outlier does not decide
 FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic makes large errors likely
 
-# estimation/prior.py, memory.py, soak.py: before the first reading
+# estimation/prior.py, state_file.py, soak.py: before the first reading
 LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
 LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
@@ -286,7 +286,7 @@ MOST_CHANGED_SHARE = 0.05    # 1  | of the largest power, by which the drive may
 MOST_DEVIATION_SHARE = 0.25  # 1  | … and the uncertainty
 TARGET_HALVINGS = 14         # 1  | of the range in which the warmest target is searched
 
-# planning/dynamics.py, model_inputs.py: the model
+# planning/dynamics.py: the model
 HOTTEST_BEYOND_RANGE_K = 20.0  # K | the car's own cooling, not in the model, holds the battery
 LONGEST_STEP_S = 300.0         # s | Euler's error grows with the step
 TIME_CONSTANT_SHARE = 0.5      # 1 | explicit methods become unstable at twice the time constant
@@ -338,7 +338,7 @@ EDGE_SHARE = 0.9                # 1  | of a pass's width: a path that reaches it
 LOOK_WH = 0.25                  # Wh | … that saves more than this
 NO_WORSE_W = 10.0               # W  | deficits of power that differ by less are alike
 
-# planning/steps_ahead.py, both_ends.py, gated_heat.py, bracketing.py …: rounding and ends of searches
+# planning/steps_ahead.py, limited_drive.py, gated_heat.py, bracketing.py …: rounding and ends of searches
 ARRIVAL_TOLERANCE_K = 5e-6       # K    | of a run that meets the target: 1 mWh for a large pack
 MOST_TRIALS = 60                 # n    | a secant needs two to four; a search ends in any case
 HALVINGS = 50                    # n    | of a bracket: to the last digit

@@ -32,7 +32,7 @@ LIBRARY = 'libbev_preheat_core.so'
 # Files whose faults heat a battery that must not be heated, or turn away an input that is right.
 SUBJECTS = {
     'gate': (
-        'bev_preheat/control/admitted.py', 'bev_preheat/control/command.py',
+        'bev_preheat/control/decision.py', 'bev_preheat/control/command.py',
         'bev_preheat/control/heater_switch.py', 'bev_preheat/vehicle/heater_controller.py'),
     'admission': (
         'bev_preheat/control/inbox.py', 'bev_preheat/control/inputs.py', 'bev_preheat/control/refusals.py',
@@ -40,9 +40,7 @@ SUBJECTS = {
         'bev_preheat/messages/route_plan.py', 'bev_preheat/planning/situation.py',
         'bev_preheat/route/segments.py'),
     'limited run': (
-        'bev_preheat/planning/both_ends.py', 'bev_preheat/planning/heated_limits.py',
-        'bev_preheat/planning/limited_drive.py', 'bev_preheat/planning/limits.py',
-        'bev_preheat/planning/wanted_heat.py'),
+        'bev_preheat/planning/limited_drive.py', 'bev_preheat/planning/limits.py'),
     'limited run in C': (
         'core/src/foresight.c', 'core/src/limited_run.c', 'core/src/limited_step.c',
         'core/src/limits.c', 'core/src/stranding.c'),

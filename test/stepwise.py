@@ -11,8 +11,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.refusals import RefusedRoute
-from bev_preheat.control.step import StepOutput
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 
 class Stepwise(Supervisor):

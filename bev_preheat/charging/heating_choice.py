@@ -19,8 +19,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.equations import heated_c
-from bev_preheat.charging.heating_limit import ALWAYS, HeatingLimit, NEVER
-from bev_preheat.charging.heating_policy import find_policy, HeatingPolicy
+from bev_preheat.charging.heating_policy import ALWAYS, find_policy, HeatingLimit, HeatingPolicy, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.planning.explanation import duration_text

@@ -10,11 +10,13 @@ the temperature follows the session's own equations. Full power pays below some 
 `HeatingLimit`, which holds from every state, whatever happened before. Heat arrives at once here; with a heat path
 the temperature is that with the heat under way, and the heat capacity includes the coolant's.
 """
-
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
+from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +28,6 @@ from bev_preheat.charging.equations import (
     make_cooling,
     supply_of,
 )
-from bev_preheat.charging.heating_limit import HeatingLimit
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
@@ -38,6 +39,48 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class HeatingLimit:
+    """
+    A limit of heating over the state of charge: the car heats its battery while it is colder.
+
+    `soc` (N,) rises (0 ... 1); `temperature_c` (N,) [deg C] is linear between its points and constant beyond them.
+    Without points the car's own limit holds. The car never heats above its own limit.
+    """
+
+    soc: tuple[float, ...] = ()
+    temperature_c: tuple[float, ...] = ()
+
+    def shifted(self, by_k: float) -> HeatingLimit:
+        """Return the limit, higher by this [K]."""
+        return HeatingLimit(self.soc, tuple(limit_c + by_k for limit_c in self.temperature_c))
+
+    def function(self, highest_c: float) -> Callable[[float], float]:
+        """Return `f(soc)` [deg C], at most `highest_c`; -inf if that is the car's way to say never."""
+        if not self.soc or highest_c == -inf:
+            return lambda soc: highest_c
+        socs, limits_c, last = self.soc, self.temperature_c, len(self.soc) - 1
+        if min(limits_c) >= highest_c:
+            return lambda soc: highest_c
+        first_c, last_c = (min(limits_c[place], highest_c) for place in (0, last))
+
+        def limit_c(soc: float) -> float:
+            place = bisect_right(socs, soc)
+            if place == 0:
+                return first_c
+            if place > last:
+                return last_c
+            low_soc, low_c = socs[place - 1], limits_c[place - 1]
+            return min(highest_c, low_c + (limits_c[place] - low_c) * (soc - low_soc) / (socs[place] - low_soc))
+
+        return limit_c
+
+
+ALWAYS = HeatingLimit()
+NEVER = HeatingLimit((0.0,), (-inf,))
+
 
 # Spacing of the grid [K] up to the car's limit of heating, and above it, where only the unheated battery matters.
 COLUMN_K, HOT_COLUMN_K = 0.5, 2.0
@@ -83,8 +126,8 @@ class HeatingPolicy:
         return before + float(share) * (after - before)
 
 
-def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: float, from_c: float,
-                rows: int = ROWS, column_k: float = COLUMN_K) -> HeatingPolicy | None:
+def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: float,
+                from_c: float) -> HeatingPolicy | None:
     """
     Return the HeatingPolicy for arrivals from `from_soc` (0 ... 1) and `from_c` [deg C] up.
 
@@ -92,13 +135,13 @@ def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: 
     """
     limit_c = charging_of(vehicle).heated_below_c
     heater_w = heater_power_of(vehicle, stop)
-    coldest_c = min(from_c, stop.ambient_c) - column_k
+    coldest_c = min(from_c, stop.ambient_c) - COLUMN_K
     if heater_w <= 0.0 or limit_c <= coldest_c or from_soc >= stop.departure_soc:
         return None
-    columns = math.ceil((limit_c - coldest_c) / column_k) + 1
+    columns = math.ceil((limit_c - coldest_c) / COLUMN_K) + 1
     heated_c = np.linspace(coldest_c, limit_c, columns)
     hot_c = np.arange(limit_c + HOT_COLUMN_K, hottest_c(vehicle) + HOT_COLUMN_K, HOT_COLUMN_K)
-    soc = np.linspace(from_soc, stop.departure_soc, rows + 1)
+    soc = np.linspace(from_soc, stop.departure_soc, ROWS + 1)
     table = _Table(vehicle, stop, prices, soc, np.concatenate([heated_c, hot_c]), columns)
     return table.policy()
 

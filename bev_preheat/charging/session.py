@@ -33,7 +33,7 @@ from bev_preheat.charging.equations import (
     make_cooling,
     supply_of,
 )
-from bev_preheat.charging.heating_limit import ALWAYS
+from bev_preheat.charging.heating_policy import ALWAYS
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
@@ -44,7 +44,7 @@ from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, make_rates
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.heating_limit import HeatingLimit
+    from bev_preheat.charging.heating_policy import HeatingLimit
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState

@@ -1,19 +1,141 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on heating before the charger, as a sentence."""
+"""
+What the driver is told of heating before the charger: whether it pays, and whether the battery is too warm there.
 
+A battery is too warm from where on heat lowers the charging power; the minutes lost are told.
+"""
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.prospect import chance_text
+import numpy as np
+
+from bev_preheat.charging.equations import supply_of
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import chance_text
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle.charging import charging_of, falls_from_c
+from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.prospect import ChargingProspect
+    from bev_preheat.charging.session import Session
+    from bev_preheat.charging.stop import ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import Prices, TargetWorth
-    from bev_preheat.charging.too_warm import Derating
+    from bev_preheat.vehicle.description import Vehicle
+
+# Colder arrivals are tried in steps of this [K], then of 1 K around the fastest.
+STEP_K = 5.0
+# Powers that differ by less than this share, or by less than this [W], are alike.
+ALIKE_SHARE, ALIKE_W = 1e-3, 50.0
+# Less time than this [s] is not worth a sentence.
+LEAST_TIME_S = 10.0
+
+
+@dataclass(frozen=True)
+class Derating:
+    """
+    Heat lowers the charging power: above a battery temperature [deg C], from a state of charge (0 ... 1) on.
+
+    `hottest_c` is the highest battery temperature of the session [deg C].
+    """
+
+    above_c: float
+    from_soc: float
+    hottest_c: float
+
+    @property
+    def reason(self) -> str:
+        """The reason, as the end of a sentence."""
+        return (f'because the power is derated above {self.above_c:g} degC, from '
+                f'{100.0 * self.from_soc:.0f} % on')
+
+
+@dataclass(frozen=True)
+class TooWarm:
+    """
+    A session in which heat lowers the power, against that of the colder arrival that charges fastest.
+
+    `slower_s` [s] is 0 if no colder arrival charges faster, infinite if only a colder one charges to the end.
+    Temperatures on arrival [deg C].
+    """
+
+    derating: Derating
+    arrival_c: float
+    fastest_c: float
+    slower_s: float
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as JSON-compatible data."""
+        return asdict(self)
+
+    @property
+    def sentence(self) -> str:
+        """The answer for the driver."""
+        if self.slower_s == 0.0:
+            return (f'The battery reaches {self.derating.hottest_c:.0f} degC; at that temperature it charges more '
+                    f'slowly, {self.derating.reason}; a colder arrival would not be faster.')
+        slower = ('does not charge to the end' if math.isinf(self.slower_s) else
+                  f'charges {duration_text(self.slower_s)} slower')
+        than = 'as' if math.isinf(self.slower_s) else 'than'
+        return (f'Too warm: arriving at {self.arrival_c:.0f} degC {slower} {than} at {self.fastest_c:.0f} degC, '
+                f'{self.derating.reason}.')
+
+
+def derating_in(vehicle: Vehicle, stop: ChargingStop, session: Session) -> Derating | None:
+    """Return where heat lowers the charging power of a Session at a ChargingStop, or None."""
+    limit = charging_of(vehicle).power_limit
+    above_c = falls_from_c(limit) if isinstance(limit, Table) else math.inf
+    temperature_c, soc = session.battery_temperature_c, session.soc
+    if not temperature_c.max() > above_c:
+        return None
+    if len(soc) == 1:
+        return Derating(above_c, float(soc[0]), float(temperature_c[0]))
+    cooler_w = -limit.function(ARRAYS)(soc, np.full(len(soc), above_c))[:-1]
+    left_w = supply_of(vehicle, stop) - session.hvch_battery_power_w - session.cooling_power_w
+    hot = np.flatnonzero((temperature_c[1:] > above_c) & (
+        session.charging_power_w < (1.0 - ALIKE_SHARE) * np.minimum(cooler_w, left_w) - ALIKE_W))
+    if not len(hot):
+        return None
+    return Derating(above_c, float(soc[hot[0]]), float(temperature_c.max()))
+
+
+def too_warm(vehicle: Vehicle, stop: ChargingStop, session: Session) -> TooWarm | None:
+    """
+    Return the TooWarm of a Session of a vehicle at a ChargingStop; None if heat does not lower its power.
+
+    Colder arrivals are simulated with the same state of charge, down to the air or the coldest battery allowed.
+    """
+    derating = derating_in(vehicle, stop, session)
+    if derating is None:
+        return None
+    arrival_c, soc = float(session.battery_temperature_c[0]), float(session.soc[0])
+    # Far colder arrivals are slow, because the battery is cold.
+    coldest_c = max(vehicle.battery.temperature_range_c[0], min(stop.ambient_c, 0.0))
+    times: dict[float, float] = {arrival_c: session.charging_time_s}
+
+    def time_s(at_c: float) -> float:
+        if at_c not in times:
+            times[at_c] = charge(vehicle, stop, BatteryState(at_c, soc)).charging_time_s
+        return times[at_c]
+
+    coarse = [at_c for at_c in np.arange(STEP_K * math.floor(arrival_c / STEP_K), coldest_c, -STEP_K).tolist()
+              if at_c <= arrival_c]
+    fastest_c = min((*coarse, arrival_c), key=time_s)
+    around = [fastest_c + offset for offset in range(1 - int(STEP_K), int(STEP_K))
+              if coldest_c <= fastest_c + offset <= arrival_c]
+    # The warmest of those that are equally fast: it needs the least cooling.
+    best_s = min(map(time_s, (*around, fastest_c)))
+    fastest_c = max(at_c for at_c, value in times.items() if value <= best_s)
+    slower_s = session.charging_time_s - best_s
+    if math.isnan(slower_s) or slower_s < LEAST_TIME_S:
+        return TooWarm(derating, arrival_c, arrival_c, 0.0)
+    return TooWarm(derating, arrival_c, fastest_c, slower_s)
+
 
 # Cost differences below this, in any currency, do not matter to a driver.
 LEAST_COST_DIFFERENCE = 0.01

@@ -19,13 +19,26 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.pays_from import pays_from_per_h, pays_from_probability, pays_to_price_per_kwh
-from bev_preheat.charging.prospect import CERTAIN, check_prospect
-from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
-from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.too_warm import derating_in, LEAST_TIME_S, too_warm
+from bev_preheat.charging.stop import (
+    arrival_state,
+    CERTAIN,
+    check_prospect,
+    check_stop,
+    refuse_stranded,
+    stop_after,
+)
+from bev_preheat.charging.target_worth import (
+    pays_from_per_h,
+    pays_from_probability,
+    pays_to_price_per_kwh,
+    Prices,
+    TargetWorth,
+)
 from bev_preheat.charging.verdict import (
     bounds_in_words,
+    derating_in,
+    LEAST_TIME_S,
+    too_warm,
     unheated_at_charger,
     verdict_in_doubt,
     verdict_on,
@@ -42,9 +55,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.charging.heating_choice import HeatingChoice
-    from bev_preheat.charging.prospect import ChargingProspect
     from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingStop
+    from bev_preheat.charging.stop import ChargingProspect, ChargingStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route

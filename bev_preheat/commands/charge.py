@@ -15,7 +15,7 @@ from bev_preheat.charging.stop import (
     USUAL_DEPARTURE_SOC,
 )
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.too_warm import too_warm
+from bev_preheat.charging.verdict import too_warm
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.parser import option_group
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
-    from bev_preheat.charging.too_warm import TooWarm
+    from bev_preheat.charging.verdict import TooWarm
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.vehicle import Vehicle
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.candidates import rank_chargers, ranking_verdict
-from bev_preheat.charging.chargers_file import load_chargers
+from bev_preheat.charging.chargers import load_chargers, rank_chargers, ranking_verdict
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices
 from bev_preheat.commands.output import check_output_arguments, write_json
@@ -20,7 +19,7 @@ from bev_preheat.planning.explanation import duration_text
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.charging.candidates import CandidateWorth
+    from bev_preheat.charging.chargers import CandidateWorth
 
 # Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')

@@ -12,7 +12,7 @@ from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
 from bev_preheat.commands.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import (
     as_driven,
     DEFAULT_METHOD,

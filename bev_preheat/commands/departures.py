@@ -12,8 +12,8 @@ from bev_preheat.commands.program import FAILED
 from bev_preheat.commands.situation import load_planned_vehicle
 from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.control.departure_week import prepare_week
+from bev_preheat.control.departures import dated_instant_ns, in_words, local
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
-from bev_preheat.control.local_time import dated_instant_ns, in_words, local
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros

@@ -15,7 +15,7 @@ from bev_preheat.commands.departures import (
     run_week,
 )
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
-from bev_preheat.control.local_time import CLOCK
+from bev_preheat.control.departures import CLOCK
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.optional_packages import require_ros
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.prospect import chance_text, ChargingProspect, check_prospect
+from bev_preheat.charging.stop import chance_text, ChargingProspect, check_prospect
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.parser import option_group

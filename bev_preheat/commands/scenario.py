@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.simulation.evaluation import DriveRecord, Finding
     from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulation.scenario_drive import DriveRecord, Finding
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -51,8 +51,8 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run, print and write; returns 0 if all expectations are met."""
-    from bev_preheat.simulation.evaluation import evaluate_chain
     from bev_preheat.simulation.scenario import load_scenario
+    from bev_preheat.simulation.scenario_drive import evaluate_chain
     arguments.logs = _folder('--logs', arguments.logs)
     arguments.record = _folder('--record', arguments.record)
     if arguments.record is not None:

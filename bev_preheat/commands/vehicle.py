@@ -8,7 +8,7 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
+from bev_preheat.charging.published import describe_timed_car, USUAL_WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.parser import option_group

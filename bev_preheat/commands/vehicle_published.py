@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.published_cars import computed_times
-from bev_preheat.charging.published_warmth import computed_warmth
+from bev_preheat.charging.published import computed_times, computed_warmth
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.files.output_files import check_outputs
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
-    from bev_preheat.charging.published_cars import ComputedTime
-    from bev_preheat.charging.published_warmth import ComputedWarmth
+    from bev_preheat.charging.published import ComputedTime, ComputedWarmth
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.spread import time_deviation
+from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.stop import USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
@@ -27,8 +27,8 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.charging.prospect import ChargingProspect
-    from bev_preheat.charging.spread import TimeDeviation
+    from bev_preheat.charging.expectation import TimeDeviation
+    from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.arguments import Subparsers

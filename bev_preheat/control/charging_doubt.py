@@ -14,9 +14,8 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.pays_from import pays_from_probability
-from bev_preheat.charging.prospect import chance_text
-from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.target_worth import pays_from_probability
 from bev_preheat.charging.worth import WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
@@ -28,7 +27,7 @@ from bev_preheat.vehicle.charging import charging_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.charging.prospect import ChargingProspect
+    from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.charging.target_worth import Prices
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -76,17 +75,16 @@ def assumed_charger(vehicle: Vehicle) -> Charger:
 
 
 def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
-                           prospect: ChargingProspect, prices: Prices, plan_to: Callable[[float], Plan],
-                           charger: Charger | None = None) -> float:
+                           prospect: ChargingProspect, prices: Prices,
+                           plan_to: Callable[[float], Plan]) -> float:
     """
     Return the least probability of charging from which on heating to the target of a Goal pays; above 1: never.
 
-    `plan_to` returns the Plan for a target [deg C]. Without a `charger` it is the `assumed_charger`.
-    USUAL_PAYS_FROM if the session is unknown: the vehicle file does not describe it, or the battery arrives
-    with enough charge.
+    `plan_to` returns the Plan for a target [deg C]. The charger is the `assumed_charger`. USUAL_PAYS_FROM if the
+    session is unknown: the vehicle file does not describe it, or the battery arrives with enough charge.
     """
     try:
-        charger = charger or assumed_charger(vehicle)
+        charger = assumed_charger(vehicle)
         unheated = plan_unheated(vehicle, route, state, goal)
         stop = stop_after(route, charger.power_w, charger.departure_soc or USUAL_DEPARTURE_SOC)
         if unheated.arrival_soc >= stop.departure_soc:

@@ -6,13 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.assumed_drive import steady_drive
 from bev_preheat.control.departures import DAYS_A_WEEK
+from bev_preheat.control.expected_drive import steady_drive
 from bev_preheat.control.inputs import in_planning_steps
 from bev_preheat.control.terms import Terms
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.plan_accounts import cost_of
+from bev_preheat.planning.plan import cost_of
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import LIMITS
@@ -21,8 +21,7 @@ from bev_preheat.tunables import BEGINS_S, BEGINS_WITH_PRICES_S, PLANNING_STEP_S
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.control.departures import Departures, Occurrence
-    from bev_preheat.control.grid_prices import GridPrices
+    from bev_preheat.control.departures import Departures, GridPrices, Occurrence
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle.description import Vehicle
 

@@ -1,18 +1,105 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Departures that recur each week, by the local clock of a time zone."""
+"""
+Departures that recur each week and prices of energy from the grid, by the local clock of a time zone.
 
+Rules for clock changes are those of RFC 5545 (section 3.3.5): a local time that occurs twice means the first
+occurrence; a skipped one is read with the offset before the gap, so 02:30 becomes 03:30. A time with its own
+offset names its instant, whatever the zone.
+"""
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import date, datetime, time, timedelta, tzinfo, UTC
 from functools import cached_property
+import re
 from typing import NamedTuple, TYPE_CHECKING
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from bev_preheat.control.local_time import in_words, instant_ns, local
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from datetime import time, tzinfo
+
+    from bev_preheat.numerics.arrays import FloatArray
+
+CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
+DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d)(?:\.0+)?)?'
+                   r'(?: ?(?:(Z)|([+-])([01]\d|2[0-3]):?([0-5]\d)))?')
+DAYS = ('monday', 'tuesday', 'wednesday', 'thursday', 'friday', 'saturday', 'sunday')
+# The names in the database are shorter.
+LONGEST_ZONE_NAME = 100
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def zone_of(name: str) -> tzinfo:
+    """Return the time zone of an IANA name; raise InvalidInput if it is unknown on this computer."""
+    if name == 'UTC':
+        return UTC
+    try:
+        if len(name) > LONGEST_ZONE_NAME:
+            raise ValueError
+        return ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+        raise InvalidInput(
+            f'time_zone: {quoted(name)} is unknown on this computer; it must be a name of the IANA time zone '
+            'database, such as Europe/Berlin or UTC (Debian package tzdata)') from error
+
+
+def clock_time(text: str) -> time:
+    """Return the time of day of a text HH:MM; raise InvalidInput."""
+    match = CLOCK.fullmatch(text)
+    if match is None:
+        raise InvalidInput(f'{quoted(text)} is not allowed; it must be HH:MM, 0:00 ... 23:59')
+    return time(int(match[1]), int(match[2]))
+
+
+def dated_instant_ns(text: str, zone: tzinfo) -> int:
+    """
+    Return the instant [ns] of a text YYYY-MM-DD HH:MM in a zone, or with its own offset; raise InvalidInput.
+
+    The offset (Z, +01:00) tells apart the two hours of the same name when clocks are set back.
+    """
+    match = DATED.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError
+        *numbers, utc, sign, hours, minutes = match.groups(default='')
+        moment = datetime(*(int(number or 0) for number in numbers))  # type: ignore[arg-type]
+        if utc or sign:
+            offset = timedelta(hours=int(hours or 0), minutes=int(minutes or 0))
+            return _ns_of(moment.replace(tzinfo=UTC) - (-offset if sign == '-' else offset))
+    except (ValueError, OverflowError) as error:
+        raise InvalidInput(f'{quoted(text)} is not allowed; it must be YYYY-MM-DD HH:MM, if need be with an '
+                           'offset: YYYY-MM-DD HH:MM+01:00') from error
+    return instant_ns(moment.date(), moment.time(), zone)
+
+
+def instant_ns(day: date, clock: time, zone: tzinfo) -> int:
+    """Return the instant [ns] at which the clocks of a zone show a time on a day."""
+    # fold=0 follows RFC 5545 for both kinds of clock change.
+    return _ns_of(datetime.combine(day, clock.replace(fold=0), zone))
+
+
+def _ns_of(moment: datetime) -> int:
+    elapsed = moment - EPOCH
+    return (elapsed.days * 86400 + elapsed.seconds) * NS_PER_S
+
+
+def local(instant: int, zone: tzinfo) -> datetime:
+    """Return the local date and time of an instant [ns], in whole seconds."""
+    return (EPOCH + timedelta(seconds=instant // NS_PER_S)).astimezone(zone)
+
+
+def in_words(instant: int, zone: tzinfo) -> str:
+    """Return an instant [ns] as weekday, date, local time and zone: Thu 2026-11-26 07:30 CET."""
+    moment = local(instant, zone)
+    # strftime's %a depends on the locale.
+    return f'{DAYS[moment.weekday()][:3].capitalize()} {moment:%Y-%m-%d %H:%M} {moment.tzname()}'
+
 
 DAYS_A_WEEK = 7
 
@@ -86,3 +173,93 @@ class Departures:
     def in_words(self, occurrence: Occurrence) -> str:
         """Return an Occurrence as its name and local time: work, Thu 2026-11-26 07:30 CET."""
         return f'{occurrence.departure.name}, {in_words(occurrence.instant_ns, self.zone)}'
+
+
+class DailyPrice(NamedTuple):
+    """A price per kWh from a local time of each day until the next DailyPrice; negative: the grid pays."""
+
+    clock: time
+    price_per_kwh: float
+
+
+class PricePeriod(NamedTuple):
+    """A price per kWh from one instant until another [ns]; None: unknown."""
+
+    from_ns: int
+    until_ns: int
+    price_per_kwh: float | None
+
+
+@dataclass(frozen=True)
+class GridPrices:
+    """
+    Prices per kWh in a time zone: `daily`, by time of day, and `dated`, in order, which outrank them.
+
+    `currency` is for tables and figures, '' if not given.
+    """
+
+    zone: tzinfo
+    daily: tuple[DailyPrice, ...] = ()
+    dated: tuple[PricePeriod, ...] = ()
+    currency: str = ''
+
+    def periods(self, from_ns: int, until_ns: int) -> tuple[PricePeriod, ...]:
+        """Return PricePeriods without gaps from one instant until another [ns]; () for an empty time."""
+        if until_ns <= from_ns:
+            return ()
+        daily = self._daily_periods(from_ns, until_ns)
+        edges = sorted({from_ns, until_ns, *(
+            edge for period in (*daily, *self.dated) for edge in (period.from_ns, period.until_ns)
+            if from_ns < edge < until_ns)})
+        return tuple(PricePeriod(first, last, _price_at(self.dated, first, _price_at(daily, first, None)))
+                     for first, last in zip(edges, edges[1:]))
+
+    def _daily_periods(self, from_ns: int, until_ns: int) -> list[PricePeriod]:
+        if not self.daily:
+            return []
+        day = local(from_ns, self.zone).date() - timedelta(days=2)
+        last_day = local(until_ns, self.zone).date() + timedelta(days=2)
+        begins: dict[int, float] = {}
+        while day <= last_day:
+            for price in self.daily:
+                # At a clock change two may begin at the same instant: the later one counts.
+                begins[instant_ns(day, price.clock, self.zone)] = price.price_per_kwh
+            day += timedelta(days=1)
+        instants = sorted(begins)
+        return [PricePeriod(first, last, begins[first]) for first, last in zip(instants, instants[1:])]
+
+    def step_prices(self, start_ns: int, time_s: FloatArray) -> FloatArray:
+        """
+        Return the mean price per kWh of each step (N,) between instants `time_s` [s] (N + 1,) after one [ns].
+
+        An unknown price counts as the highest known one between the first and the last instant, so that such a
+        step is used only if the others do not suffice; 0 if all are unknown.
+        """
+        periods = self.periods(start_ns, start_ns + round(float(time_s[-1]) * NS_PER_S))
+        known = [period.price_per_kwh for period in periods if period.price_per_kwh is not None]
+        highest = max(known, default=0.0)
+        edges_s = np.array([0.0, *((period.until_ns - start_ns) / NS_PER_S for period in periods)])
+        prices = np.array([highest if period.price_per_kwh is None else period.price_per_kwh
+                           for period in periods])
+        # The integral of the price over time is exact at every instant.
+        paid = np.interp(time_s, edges_s, np.concatenate(([0.0], np.cumsum(prices * np.diff(edges_s)))))
+        means: FloatArray = np.diff(paid) / np.diff(time_s)
+        return means
+
+    def unknown_from_ns(self, from_ns: int, until_ns: int) -> int | None:
+        """Return the first instant [ns] without a price between two instants; None if all are known."""
+        return next((period.from_ns for period in self.periods(from_ns, until_ns)
+                     if period.price_per_kwh is None), None)
+
+    def is_known(self, from_ns: int, until_ns: int) -> bool:
+        """Return whether any price between two instants [ns] is known."""
+        return any(period.price_per_kwh is not None for period in self.periods(from_ns, until_ns))
+
+
+def _price_at(periods: tuple[PricePeriod, ...] | list[PricePeriod], instant: int,
+              otherwise: float | None) -> float | None:
+    """Return the price of the period, in order and without overlap, that holds an instant [ns]."""
+    number = bisect_right(periods, instant, key=lambda period: period.from_ns) - 1
+    if number < 0 or periods[number].until_ns <= instant:
+        return otherwise
+    return periods[number].price_per_kwh

@@ -9,9 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from bev_preheat.control.departures import Departure, Departures
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
-from bev_preheat.control.local_time import clock_time, dated_instant_ns, DAYS, in_words, zone_of
+from bev_preheat.control.departures import (
+    clock_time,
+    DailyPrice,
+    dated_instant_ns,
+    DAYS,
+    Departure,
+    Departures,
+    GridPrices,
+    in_words,
+    PricePeriod,
+    zone_of,
+)
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 

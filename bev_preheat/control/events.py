@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar, TYPE_CHECKING
 
-from bev_preheat.control.heater_answer import HEATER_STATUS, HeaterStatus
+from bev_preheat.control.heater_power import HEATER_STATUS, HeaterStatus
 from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE

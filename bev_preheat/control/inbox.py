@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from bev_preheat.control.admitted import AdmittedInputs
+from bev_preheat.control.decision import AdmittedInputs
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -31,10 +31,15 @@ from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
-from bev_preheat.estimation.electrical import electrical_check, PercentScale
-from bev_preheat.estimation.electrical_source import is_one_battery, SeenState
-from bev_preheat.estimation.signal_verdict import SignalVerdict, STATE_OF_CHARGE
+from bev_preheat.estimation.before_restart import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
+from bev_preheat.estimation.signal_checks import (
+    electrical_check,
+    is_one_battery,
+    PercentScale,
+    SeenState,
+    SignalVerdict,
+    STATE_OF_CHARGE,
+)
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings

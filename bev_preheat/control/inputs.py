@@ -9,7 +9,7 @@ from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
+from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.terms import OF_ROUTE, Terms
 from bev_preheat.errors import InvalidInput

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.prospect import ChargingProspect
+from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml

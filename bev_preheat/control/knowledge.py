@@ -12,22 +12,22 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import driven_at, planned_around
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
-from bev_preheat.control.temperature_check import TemperatureCheck
-from bev_preheat.estimation.current_sample import CurrentSample
-from bev_preheat.estimation.current_scale import CurrentScale
-from bev_preheat.estimation.current_sign import CurrentSign, Sign
-from bev_preheat.estimation.electrical import electrical_check
-from bev_preheat.estimation.electrical_source import FeedWatch, SeenState, SourceWatch
+from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
-from bev_preheat.estimation.signal_verdict import (
+from bev_preheat.estimation.signal_checks import (
     CURRENT,
     Doubts,
+    electrical_check,
     FEED,
+    FeedWatch,
+    SeenState,
     SOURCE,
+    SourceWatch,
     STATE_OF_CHARGE,
     TEMPERATURE,
     VOLTAGE,
 )
+from bev_preheat.estimation.temperature_check import TemperatureCheck
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.tunables import (
     ARRIVES_AFTER_S,
@@ -39,12 +39,12 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.control.admitted import AdmittedInputs
-    from bev_preheat.control.command_history import CommandHistory
+    from bev_preheat.control.decision import AdmittedInputs
+    from bev_preheat.control.heater_power import CommandHistory
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.signal_verdict import SignalVerdict
+    from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 

@@ -14,11 +14,17 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.admitted import find_obstacle
-from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
+from bev_preheat.control.decision import find_obstacle
+from bev_preheat.control.expected_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
-from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress
+from bev_preheat.control.preparation_goal import (
+    conclusion,
+    contradiction,
+    PreparationEnding,
+    PreparationGoal,
+    PreparationOutcome,
+    PreparationProgress,
+)
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
 from bev_preheat.control.terms import Terms
 from bev_preheat.control.timetable import Timetable
@@ -31,8 +37,7 @@ from bev_preheat.route.segments import LIMITS
 from bev_preheat.tunables import AMBIENT_KNOWN_S, FURTHEST_GOAL_S, LONGEST_SOONEST_S
 
 if TYPE_CHECKING:
-    from bev_preheat.control.admitted import AdmittedInputs
-    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.decision import AdmittedInputs, Decision
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.settings import Settings
     from bev_preheat.route.segments import Route

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's state between two steps: one value, which `step.step` replaces at each instant."""
+"""The planner's state between two steps: one value, which `supervisor.step` replaces at each instant."""
 
 from __future__ import annotations
 
@@ -8,28 +8,26 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater_answer import HeaterAnswers
+from bev_preheat.control.heater_power import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning
 from bev_preheat.control.preparation import Preparation
-from bev_preheat.estimation.driver_choices import NO_CHOICES
-from bev_preheat.estimation.last_seen import LastSeen
+from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
 
 if TYPE_CHECKING:
-    from bev_preheat.control.admitted import AdmittedInputs
-    from bev_preheat.control.decision import Command
-    from bev_preheat.control.heater_answer import HeaterAnswerReport
+    from bev_preheat.control.decision import AdmittedInputs, Command
+    from bev_preheat.control.heater_power import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.learning import StandReport
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.soak_watch import StandReport
     from bev_preheat.control.timetable import PlaceReport
-    from bev_preheat.estimation.driver_choices import DriverChoices
+    from bev_preheat.estimation.before_restart import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
-    from bev_preheat.estimation.signal_verdict import SignalVerdict
+    from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
     from bev_preheat.vehicle.description import Vehicle
 

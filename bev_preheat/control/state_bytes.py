@@ -23,8 +23,8 @@ import zlib
 
 import numpy as np
 
+from bev_preheat.control.departures import zone_of
 from bev_preheat.control.forecast_plan import in_words
-from bev_preheat.control.local_time import zone_of
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import version
 from bev_preheat.planning.explanation import explain

@@ -1,22 +1,317 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps the planner's State between its steps: for the node, the simulated drives and every replay."""
+"""
+One step of the planner: a State, the time and events in, a State and one output out.
 
+    admit (checks, age, order) -> know (regime, signals) -> learn -> decide (goal, plan) -> gate -> output
+The node, the simulated drives and every replay take this step, with a Supervisor that keeps the State between two.
+The result of a stage is kept if a later one fails. Instants are integers, in nanoseconds of the node's clock.
+"""
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.state import State
-from bev_preheat.control.step import decide_later, fail, step, StepOutput, stop
-from bev_preheat.estimation.driver_choices import NO_CHOICES
+from bev_preheat.control.decision import Command, Decision, find_obstacle
+from bev_preheat.control.decision_maker import DecisionMaker, Moment
+from bev_preheat.control.events import (
+    ActivationChanged,
+    Event,
+    HeaterStatusArrived,
+    HeaterStatusUnreadable,
+    PreparationEnded,
+    PreparationWanted,
+    ProgressArrived,
+    ProgressUnreadable,
+    Reconfigured,
+)
+from bev_preheat.control.inbox import InputChanges, NO_CHANGES
+from bev_preheat.control.knowledge import Knowledge
+from bev_preheat.control.learning import Learning
+from bev_preheat.control.state import Screened, State
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.estimation.before_restart import NO_CHOICES
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Decision
-    from bev_preheat.control.events import Event
+    from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.driver_choices import DriverChoices
-    from bev_preheat.estimation.last_seen import LastSeen
+    from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle.description import Vehicle
+
+# Positions, and answers of the heater: no plan is made for them alone.
+WITHOUT_PLAN = ProgressArrived, ProgressUnreadable, HeaterStatusArrived, HeaterStatusUnreadable
+
+
+class Refusal(NamedTuple):
+    """An input that was refused: its source and an InvalidInput."""
+
+    source: str
+    error: InvalidInput
+
+
+class StepOutput(NamedTuple):
+    """
+    Everything to publish after a step; None: not published.
+
+    `has_new_status`: the decision's status differs from that of the latest published decision. `refusals` are
+    those of this step's events. `failure` is the sentence of an unexpected exception, '' for none. `outcomes`
+    are those of the preparation goals that ended.
+    """
+
+    command: Command | None = None
+    decision: Decision | None = None
+    has_new_status: bool = False
+    refusals: tuple[Refusal, ...] = ()
+    failure: str = ''
+    outcomes: tuple[PreparationOutcome, ...] = ()
+
+
+def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
+    """
+    Return the State after an instant, and the StepOutput.
+
+    Each event (see `events`) is admitted and planned for; positions wait for the next other event. Without
+    an event time passes: the command is renewed, and a decision whose inputs have expired is dropped. An
+    unexpected exception switches the heater off.
+    """
+    refusals: list[Refusal] = []
+    try:
+        state = state._replace(now_ns=now_ns)
+        for event in events:
+            state, error = admit(state, event)
+            if isinstance(error, InvalidInput):
+                refusals.append(Refusal(event.source, error))
+            elif error is not None:
+                raise error
+        before, state = state, heed_heater(state)
+        has_news = bool(events) or state.heater_refusal != before.heater_refusal
+        if state.heater_refusal == before.heater_refusal and events and all(
+                isinstance(event, WITHOUT_PLAN) for event in events):
+            output = StepOutput()
+        else:
+            if has_news:
+                changes = state.inbox.changes
+                # A measurement that cannot be learned from must not be tried again and again.
+                state = state._replace(inbox=state.inbox._replace(changes=replace(changes, measurements=())))
+                state = know(state, changes, events)
+            before, state = state, pass_time(state)
+            # A trip that has just ended needs another decision, whatever the clock does.
+            state, obstacle = decide(state, has_news or state.inbox.timetable is not before.inbox.timetable)
+            state, obstacle = conclude_preparation(state, obstacle)
+            state = give_command(state, obstacle)
+            state, output = publish(state, has_news)
+    except Exception as error:
+        state, output = fail(state, now_ns, f'{type(error).__name__}: {error}')
+    outcomes = state.preparation.outcomes
+    return state._replace(preparation=state.preparation.without_outcomes()), output._replace(
+        refusals=tuple(refusals), outcomes=outcomes)
+
+
+def fail(state: State, now_ns: int, what: str) -> tuple[State, StepOutput]:
+    """Return the State and the StepOutput that switch the heater off after an exception, given in words."""
+    what = shortened(what, LONGEST_PROBLEM)
+    decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
+    state = _off(state, now_ns, Status.INTERNAL_ERROR)._replace(intended=decision, decision=decision)
+    return state, StepOutput(command=state.latest_command, failure=what)
+
+
+def stop(state: State, now_ns: int) -> tuple[State, StepOutput]:
+    """Return the State and the StepOutput that leave the heater off when the process ends."""
+    state = _off(state, now_ns, Status.SHUTTING_DOWN)
+    return state, StepOutput(command=state.latest_command)
+
+
+def decide_later(state: State) -> tuple[Decision, ...]:
+    """
+    Return a Decision for each later leg of the current one.
+
+    They are planned when they are asked for, so that the command does not wait for them. Raises anything that
+    planning raises.
+    """
+    return state.decision_maker.decide_later(state.inputs, state.decision)
+
+
+# The stages of a step
+
+
+def admit(state: State, event: Event) -> tuple[State, Exception | None]:
+    """Return the State with an event, and the exception if it is refused, or if that fails."""
+    now_ns, inbox, preparation, answers = state.now_ns, state.inbox, state.preparation, state.answers
+    error: Exception | None = None
+    match event:
+        case PreparationWanted(goal):
+            preparation, error = preparation.begun(goal, state.inputs, now_ns)
+            inbox = inbox if error is not None else inbox.with_other_goal()
+        case PreparationEnded(goal, ending, explanation):
+            preparation = preparation.ended(goal, ending, explanation, state.inputs)
+            inbox = inbox if preparation is state.preparation else inbox.with_other_goal()
+        case HeaterStatusArrived(status):
+            try:
+                answers = answers.with_answer(status, now_ns, state.settings)
+            except InvalidInput as refusal:
+                answers, error = answers.with_problem(refusal), refusal
+        case HeaterStatusUnreadable():
+            answers, error = answers.with_problem(event.error), event.error
+        case ActivationChanged():
+            state = state._replace(inactive='' if event.is_active else event.why_not)
+        case _:
+            inbox, error = inbox.taken(event, now_ns)
+    return state._replace(inbox=inbox, preparation=preparation, answers=answers), error
+
+
+def heed_heater(state: State) -> State:
+    """Return the State with the sentence on heat that the heater refuses."""
+    refusal = state.answers.refusal(state.now_ns, state.settings, state.commander.history)
+    return state if refusal == state.heater_refusal else state._replace(heater_refusal=refusal)
+
+
+def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:
+    """Return the State with all that is known brought up to date with the admitted events and their changes."""
+    state = state._replace(inbox=state.inbox._replace(changes=NO_CHANGES))
+    state = _with_vehicle(state, next((
+        event.learned for event in events if isinstance(event, Reconfigured) and event.learned), None))
+    if changes.clock_restarted:
+        state = state._replace(
+            learning=state.learning.without_instants(), knowledge=state.knowledge.without_instants(),
+            preparation=state.preparation.without_instants(), answers=state.answers.without_instants())
+    if changes.has_new_mission:
+        state = _with_new_mission(state, changes.has_new_trip)
+    if changes.has_new_trip:
+        state = state._replace(
+            learning=state.learning.on_new_trip(), answers=state.answers.on_new_trip(state.now_ns))
+    for measurement in changes.measurements:
+        state = learn(state, measurement)
+    if state.preparation.goal is None:
+        return state
+    estimate = state.estimate
+    return state._replace(preparation=state.preparation.revised(
+        state.inputs, state.now_ns, 1.0 if estimate is None else estimate.propulsion_factor))
+
+
+def learn(state: State, measurement: Measurement) -> State:
+    """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
+    history, vehicle = state.answers.history, state.inbox.vehicle
+    knowledge, known = state.knowledge.seen(measurement, state.inputs, history)
+    state = state._replace(
+        knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
+        screened=Screened(measurement, known.measurement, knowledge.obstacle))
+    inputs = state.inputs
+    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
+    if not inputs.settings.estimation:
+        return state
+    state = state._replace(learning=state.learning.learned(
+        vehicle, known, inputs.active_timetable, history, inputs.mission))
+    estimate = state.estimate
+    if estimate is None:
+        return state
+    answers, is_refuted = state.answers.judged(
+        estimate.heater, state.now_ns, inputs.settings, state.commander.history)
+    learning = state.learning.with_acquitted_heater() if is_refuted else state.learning
+    return state._replace(answers=answers, learning=learning)
+
+
+def pass_time(state: State) -> State:
+    """
+    Return the State in which a trip whose time is over has ended.
+
+    A recent battery state must confirm the time: a clock that jumps ahead for a moment ends no trip.
+    """
+    timetable, measurement = state.inbox.timetable, state.inbox.measurement
+    timeout_ns = state.settings.battery_state_timeout_s * NS_PER_S
+    if timetable is None or measurement is None or state.now_ns - measurement.stamp_ns > timeout_ns:
+        return state
+    passed = timetable.passed(state.now_ns)
+    return state if passed is timetable else state._replace(inbox=state.inbox.with_timetable(passed))
+
+
+def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
+    """
+    Return the State with the Decision of its instant, and the obstacle to heating; None without one.
+
+    If no new plan `is_due` the Decision stays unless there is an obstacle.
+    """
+    inputs, now_ns = state.inputs, state.now_ns
+    obstacle = find_obstacle(inputs, now_ns)
+    if obstacle is not None:
+        if obstacle.status is Status.STALE_INPUT:
+            state = state._replace(knowledge=state.knowledge.state_expired())
+        return state._replace(intended=obstacle), obstacle
+    if not is_due:
+        return state, None
+    maker, decision = state.decision_maker.decide(Moment(
+        inputs, state.knowledge.regime, now_ns, state.estimate, state.commander.is_heating,
+        state.answers.history.heated_s(now_ns)))
+    # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
+    decision.read()
+    answers = state.answers
+    if decision.status in (Status.CHARGING, Status.ARRIVED):
+        answers = answers.without_heating(now_ns)
+    return state._replace(decision_maker=maker, intended=decision, answers=answers), None
+
+
+def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State, Decision | None]:
+    """Return the State without a preparation goal whose time has come, with another Decision, and the obstacle."""
+    if state.preparation.goal is None:
+        return state, obstacle
+    state = state._replace(preparation=state.preparation.concluded(
+        state.inputs, state.now_ns, state.intended, obstacle, state.temperature_c))
+    if state.preparation.goal is not None:
+        return state, obstacle
+    return decide(state._replace(
+        decision_maker=state.decision_maker.for_new_mission(), commander=state.commander.free_to_switch(),
+        answers=state.answers.without_heating(state.now_ns)), is_due=True)
+
+
+def give_command(state: State, obstacle: Decision | None) -> State:
+    """Return the State with the command of its instant, and the Decision as it is shown with it."""
+    inputs, now_ns = state.inputs, state.now_ns
+    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle)
+    commander, decision = commander.in_words(now_ns, inputs, state.intended)
+    return state._replace(
+        commander=commander, latest_command=command, decision=decision,
+        answers=state.answers.with_command(now_ns, command.battery_heating_power_w, inputs.settings))
+
+
+def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
+    """Return the State after its StepOutput, which has a Decision if that may have changed."""
+    status, before = state.decision.status, state.published_status
+    if not has_news and status is before:
+        return state, StepOutput(state.latest_command)
+    return state._replace(published_status=status), StepOutput(
+        state.latest_command, state.decision, has_new_status=status is not before)
+
+
+def _off(state: State, now_ns: int, reason: Status) -> State:
+    commander, command = state.commander.off(now_ns, state.settings, reason)
+    return state._replace(
+        commander=commander, latest_command=command,
+        answers=state.answers.with_command(now_ns, 0.0, state.settings))
+
+
+def _with_vehicle(state: State, learned: Learned | None) -> State:
+    """Return the State for the vehicle of its inputs, and for a Learned about the car, if either is new."""
+    vehicle, is_new = state.vehicle, state.vehicle is not state.known_vehicle
+    if learned or is_new:
+        state = state._replace(learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
+    return state._replace(known_vehicle=vehicle, knowledge=Knowledge()) if is_new else state
+
+
+def _with_new_mission(state: State, has_new_trip: bool) -> State:
+    """
+    Return the State for another route plan, which frees the heater's switch.
+
+    It does not if it may differ from the one before in its probability of charging alone: charging is uncertain on
+    this mission, or was on the one before of the same trip.
+    """
+    mission, was_in_doubt = state.inbox.mission, state.is_in_doubt
+    is_in_doubt = mission is not None and any(leg.prospect.probability < 1.0 for leg in mission.legs)
+    is_doubt_revised = not has_new_trip and (was_in_doubt or is_in_doubt)
+    return state._replace(
+        decision_maker=state.decision_maker.for_new_mission(), is_in_doubt=is_in_doubt,
+        commander=state.commander if is_doubt_revised else state.commander.free_to_switch())
 
 
 class Supervisor:
@@ -28,7 +323,7 @@ class Supervisor:
         self._state = State.begun(vehicle, settings, learned, last_seen, choices)
 
     def step(self, now_ns: int, *events: Event) -> StepOutput:
-        """Take a `step.step` with events at an instant [ns]; return its StepOutput."""
+        """Take a `step` with events at an instant [ns]; return its StepOutput."""
         return self._keep(*step(self._state, now_ns, *events))
 
     def fail(self, now_ns: int, what: str) -> StepOutput:
@@ -40,7 +335,7 @@ class Supervisor:
         return self._keep(*stop(self._state, now_ns))
 
     def later_decisions(self) -> tuple[Decision, ...]:
-        """Return a Decision for each later leg of the current one; see `step.decide_later`."""
+        """Return a Decision for each later leg of the current one; see `decide_later`."""
         return decide_later(self._state)
 
     @property

@@ -23,8 +23,7 @@ from typing import Any, TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.prospect import CERTAIN, held_prospect
-from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import CERTAIN, held_prospect, refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -42,8 +41,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.prospect import ChargingProspect
-    from bev_preheat.charging.stop import Charger, ChargingStop
+    from bev_preheat.charging.stop import Charger, ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Evaluated
     from bev_preheat.control.inputs import Leg

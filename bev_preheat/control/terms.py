@@ -9,7 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.local_time import in_words
+from bev_preheat.control.departures import in_words
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
@@ -19,7 +19,7 @@ from bev_preheat.vehicle.variants import grid_fed
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.grid_prices import GridPrices
+    from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.target_choice import TargetChoice
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices

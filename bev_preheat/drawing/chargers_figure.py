@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bev_preheat.charging.candidates import CandidateWorth
+    from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.files.output_files import AnyPath
 
 PARTS = (('energy', 'energy_cost', BLUE), ('charging time', 'charging_cost', ORANGE),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.control.departure_week import PreparedDeparture
-    from bev_preheat.control.grid_prices import GridPrices
+    from bev_preheat.control.departures import GridPrices
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 

@@ -25,7 +25,7 @@ from bev_preheat.drawing.palette import (
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.plan_accounts import accounts_of, driven_share
+from bev_preheat.planning.plan import accounts_of, driven_share
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip

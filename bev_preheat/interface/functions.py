@@ -20,8 +20,8 @@ from bev_preheat.interface.results import (
     WorthResult,
 )
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.installed_methods import use_function
+from bev_preheat.planning.plan import difference, energy_gap_wh
 from bev_preheat.planning.planner import (
     as_driven,
     check_method,
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from bev_preheat.planning.method_situation import MethodSituation
+    from bev_preheat.planning.installed_methods import MethodSituation
     from bev_preheat.route import Route
-    from bev_preheat.simulation.heater_faults import HeaterFault
-    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.heater import HeaterFault
+    from bev_preheat.simulation.imperfect_car import Mismatch
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.vehicle import Vehicle
 
@@ -184,10 +184,9 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
 
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.supervisor import Supervisor
-    from bev_preheat.simulation.drive_score import instants, score_of, Switching
-    from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-    from bev_preheat.simulation.mismatch import Mismatch
+    from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
     from bev_preheat.simulation.sensors import Sensors
+    from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
     goal = goal_of(vehicle, goal)
     car = ImperfectCar(vehicle, route, state, goal, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,

@@ -130,7 +130,7 @@ class PlanResult(Result):
     @property
     def battery_power_w(self) -> FloatArray:
         """Mean power of the cells P_b in each step, charging negative [W], (N,)."""
-        from bev_preheat.planning.plan_accounts import accounts_of
+        from bev_preheat.planning.plan import accounts_of
         return accounts_of(self._trip, self.plan).battery_power_w
 
     @property

@@ -7,8 +7,7 @@ from collections import Counter
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.candidates import Candidate, ranking_verdict
-from bev_preheat.charging.chargers_file import END_S
+from bev_preheat.charging.chargers import Candidate, END_S, ranking_verdict
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
 from bev_preheat.errors import InvalidInput, quoted
@@ -18,7 +17,7 @@ from bev_preheat.route.places import Places
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.charging.candidates import CandidateWorth
+    from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.route.segments import Route
     from bev_preheat_msgs.srv import RankChargers
 

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
     from rclpy.node import Node
 
-    from bev_preheat.control.departures import Departures
+    from bev_preheat.control.departures import Departures, GridPrices
     from bev_preheat.control.events import Event
-    from bev_preheat.control.grid_prices import GridPrices
     from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.state import State
     from bev_preheat.control.supervisor import Supervisor

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
     from bev_preheat.control.state import State
-    from bev_preheat.control.step import StepOutput
+    from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
     from bev_preheat.control.state import State
-    from bev_preheat.control.step import StepOutput
+    from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.nodes.node import Values
     from bev_preheat.vehicle import Vehicle
 

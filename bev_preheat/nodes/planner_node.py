@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.step import StepOutput
+    from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.errors import InvalidInput
     from bev_preheat.nodes.node import Values
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rclpy.action.server import ServerGoalHandle
     from rclpy.node import Node
 
+    from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.events import Event
-    from bev_preheat.control.grid_prices import GridPrices
     from bev_preheat.control.supervisor import Supervisor
 
 PREPARE = '~/prepare_battery'

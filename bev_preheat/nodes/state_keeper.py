@@ -7,9 +7,8 @@ import time
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.driver_choices import NO_CHOICES
-from bev_preheat.estimation.memory import learned_from
-from bev_preheat.estimation.state_file import check_state_file, load_state, Recalled, save_state
+from bev_preheat.estimation.before_restart import NO_CHOICES
+from bev_preheat.estimation.state_file import check_state_file, learned_from, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable
 from bev_preheat.messages.diagnostics import StateFileReport
 from bev_preheat.nodes.running_state import load_running, Running, save_running
@@ -25,9 +24,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Mission
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.state import State
-    from bev_preheat.estimation.driver_choices import DriverChoices
+    from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.last_seen import LastSeen
     from bev_preheat.planning.status import Status
 
 SAVE_PERIOD_S = 60.0

@@ -23,7 +23,7 @@ import numpy as np
 
 from bev_preheat.charging.equations import heated_c, heater_power_of
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.heating_limit import HeatingLimit
+from bev_preheat.charging.heating_policy import HeatingLimit
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.nonlinear_program.attempt import state_bounds

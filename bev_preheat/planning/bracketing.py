@@ -48,7 +48,7 @@ def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
 def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
              attempt: Callable[[float], Trial[Outcome]],
              is_close: Callable[[Trial[Outcome], Trial[Outcome]], bool], most_trials: int,
-             aim: float = 0.0, halvings: int = 0) -> Trial[Outcome]:
+             aim: float = 0.0) -> Trial[Outcome]:
     """
     Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
 
@@ -57,15 +57,13 @@ def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
     the other end's (Anderson and Bjorck), because otherwise the other end would creep. At most `most_trials` are
     made.
 
-    An excess that jumps may keep all trials on one side. The bracket is then halved at most `halvings` times.
     """
     more, less = enough.excess - aim, too_little.excess - aim
     was_enough: bool | None = None
-    for number in range(most_trials + halvings):
+    for _ in range(most_trials):
         if is_close(enough, too_little):
             break
-        share = less / (less - more) if number < most_trials else 0.5
-        trial = attempt(too_little.value + share * (enough.value - too_little.value))
+        trial = attempt(too_little.value + less / (less - more) * (enough.value - too_little.value))
         excess, is_enough = trial.excess - aim, trial.excess >= 0.0
         if is_enough:
             less *= _left(excess, more) if was_enough is True else 1.0

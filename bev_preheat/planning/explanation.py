@@ -6,14 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.planning.heating_intervals import Reason
-from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.schedule import HeldBack, Reason
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_TOLD_S
 
 if TYPE_CHECKING:
-    from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.schedule import Stranding
 
 # Why a plan does not heat though the battery arrives too cold; with a remark on the heater, that is the reason.
 NO_POWER, NOT_POSSIBLE = 'Cabin heating leaves no power for the battery', 'The battery cannot be heated'

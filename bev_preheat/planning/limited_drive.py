@@ -2,55 +2,72 @@
 """
 The forward run that keeps the battery's power limits (9i): the Python engine's.
 
-Limits are on P_b; here they are converted to limits on the terminal power P_t, the sum of heater,
-drivetrain and friction brake. They are kept at both ends of each step, as in the nonlinear program.
+Limits are on P_b; here they are converted to limits on the terminal power P_t, the sum of heater, drivetrain and
+friction brake. They are kept at both ends of each step, as in the nonlinear program: power is constant over a
+step, but charge, temperature and with them the limits change. On a climb the discharge limit falls with the
+charge, and on a descent a fuller battery accepts less. The limits at the end depend slightly on the power. If
+the power allowed at the start exceeds them, the heater gives way, or heater and friction brake take more, until
+they hold. The power of a heater with lag cannot be changed at once: its command is chosen so that the mean of
+the step keeps the limits. Heat under way counts as arrived in comparisons with the battery's highest
+temperature.
 """
-
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
-from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import step_of_floats
-from bev_preheat.planning.heat_run import initial_states
-from bev_preheat.planning.heated_limits import drive_within_heated_limits, stand_with_heat_path
-from bev_preheat.tunables import HIGHEST_TOLERANCE_K
-from bev_preheat.vehicle.model import (
-    heat_under_w,
-    heat_with_heater_w,
-    hottest_c,
-    make_runge_kutta_4,
-    make_terminal_limits,
-    TerminalLimits,
+from bev_preheat.planning.bracketing import follow_slope, halve, Trial
+from bev_preheat.planning.heat_run import (
+    heat_to_come_k,
+    heated_step_of_floats,
+    initial_states,
+    mean_share_left,
+    States,
 )
+from bev_preheat.tunables import (
+    BELOW_HIGHEST_K,
+    END_TOLERANCE_W,
+    HIGHEST_TOLERANCE_K,
+    LAGS_AHEAD,
+    LASTING_LAGS,
+)
+from bev_preheat.vehicle.model import heat_with_brake_w, hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.heated_limits import Powers
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.wanted_heat import WantedHeat, WantedPower
 
-# `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
-StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
+# Command, friction brake, heater power, and heat into the battery, means of a step [W].
+Powers = tuple[float, float, float, float]
+# States at the end of a step, and its powers.
+Driven = tuple[States, Powers]
+# `drive(step, states, wanted_w, below_c)`; see `make_limited_drive`.
+LimitedDrive = Callable[..., Driven]
+# `drive(least_w, most_w)` -> outcome of the step between two terminal powers [W].
+DriveBetween = Callable[[float, float], Driven]
 
-# `drive(step, states)` -> states at its end, powers [W].
-AnyDrive = Callable[[int, tuple[float, ...]], Driven]
-# `drive(step, states, wanted_w)` -> states at the end, powers; see `make_limited_drive`.
-LimitedDrive = Callable[[int, 'States', float], tuple['States', 'Powers']]
+
+class WantedHeat(NamedTuple):
+    """
+    Heat that a run within limits wants in each step, before limits cut it.
+
+    `power_w` (N,) [W], in steps that begin colder than `below_c` [deg C], once all heat under way has arrived.
+    """
+
+    power_w: FloatArray
+    below_c: float = math.inf
 
 
 class Course(NamedTuple):
     """
     A run within limits: `states` (S, N + 1) and `powers_w` (P, N) [W].
 
-    Charge and temperature, heater and friction brake; with a heat path all four States, and Powers. `stranded`:
+    Charge and temperature, command and friction brake; with a heat path all four States, and Powers. `stranded`:
     the step in which the charge runs out and its driven share, or None.
     """
 
@@ -60,163 +77,234 @@ class Course(NamedTuple):
 
 
 def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
-    """
-    Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`.
-
-    With a heat path, `wanted` is evaluated at the temperature that the battery will have when all heat under way
-    has arrived.
-    """
-    is_direct, steps, most_c = trip.vehicle.heat_path.is_direct, len(trip.route), hottest_c(trip.vehicle)
-    rows = 2 if is_direct else 4
-    states, powers_w = np.empty((rows, steps + 1)), np.empty((rows, steps))
-    states[:, 0] = initial_states(state)[:rows]
-    make_drive = _drive_of_two if is_direct else drive_within_heated_limits
-    drive = make_drive(trip, wanted.at_temperature(), take_surplus)
-    for k in range(steps):
-        ends, powers = drive(k, tuple(states[:, k].tolist()))
-        powers_w[:, k] = powers
-        if ends[0] <= 0.0:
-            stand = _stand if is_direct else stand_with_heat_path
-            return Course(states, powers_w, (k, stand(trip, k, states, powers_w)))
-        states[:, k + 1] = ends[0], min(ends[1], most_c), *ends[2:]
-    return Course(states, powers_w, None)
-
-
-def _drive_of_two(trip: Trip, wanted_w: WantedPower, take_surplus: bool) -> AnyDrive:
-    """Return `drive(k, states)` -> states and powers, of two each, at the end of step k."""
-    step = _step_within_limits(trip, wanted_w, take_surplus)
-
-    def drive(k: int, states: tuple[float, ...]) -> Driven:
-        soc, end_c, heater_w, brake_w = step(k, states[0], states[1])
-        return (soc, end_c), (heater_w, brake_w)
-
-    return drive
-
-
-def _step_within_limits(trip: Trip, wanted_w: WantedPower, take_surplus: bool) -> StepWithinLimits:
-    """
-    Return `drive(k, soc, temperature_c)`, which drives step k from that state within the limits.
-
-    It returns the state of charge and the temperature at the end of the step, and the powers [W] of
-    heater and friction brake. A state of charge of 0 or less means that the charge runs out in the
-    step. The arguments are those of `drive_within_limits`.
-    """
-    vehicle = trip.vehicle
-    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
-    limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
-    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-    joules_per_k = vehicle.battery.heat_capacity_j_per_k / vehicle.hvch.efficiency
-    columns = list(zip(*(column.tolist() for column in (
-        trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
-        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w))))
-
-    def drive(k: int, soc: float, temperature_c: float) -> tuple[float, float, float, float]:
-        duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w = columns[k]
-        may_overcharge = propulsion_w < 0.0
-        if temperature_c >= highest_c:
-            asked_w = cap_w = 0.0
-        else:
-            asked_w = wanted_w(k, temperature_c)
-
-        def end_of(heater_w: float, brake_w: float) -> tuple[float, ...]:
-            return step(
-                soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-                heat_under_w(vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)
-
-        def between(least_w: float, most_w: float) -> Driven:
-            heater_w = max(0.0, min(asked_w, most_w - power_w))
-            paid_w = heater_w
-            if may_overcharge and take_surplus:
-                free_w = min(cap_w, least_w - power_w)
-                if heater_w <= free_w:
-                    # Surplus covers the demand: no heat is paid for, whatever the caller.
-                    heater_w, paid_w = free_w, 0.0
-            while True:
-                brake_w = 0.0
-                if may_overcharge:
-                    brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
-                soc_end, end_c, _, _ = end_of(heater_w, brake_w)
-                least_heat_w, beyond_k = warmth_beyond(heater_w, paid_w, end_c, highest_c)
-                if heater_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
-                    break
-                heater_w = max(least_heat_w, heater_w - beyond_k * joules_per_k / duration_s)
-            if soc_end > 1.0:
-                # The brake takes power that would overfill the battery.
-                brake_w = halve(max(0.0, -propulsion_w), brake_w,
-                                lambda braked_w: end_of(heater_w, braked_w)[0] <= 1.0)
-                soc_end, end_c, _, _ = end_of(heater_w, brake_w)
-                soc_end = min(soc_end, 1.0)
-            return (soc_end, end_c), (heater_w, brake_w)
-
-        (soc_end, end_c), (heater_w, brake_w) = drive_to_end(
-            limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w,
-            may_overcharge, between)
-        return soc_end, end_c, heater_w, brake_w
-
-    return drive
+    """Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`."""
+    rows, steps = 2 if trip.vehicle.heat_path.is_direct else 4, len(trip.route)
+    states, powers_w, stranded = np.empty((4, steps + 1)), np.empty((4, steps)), None
+    states[:, 0] = here = initial_states(state)
+    drive = make_limited_drive(trip, take_surplus)
+    for k, wanted_w in enumerate(wanted.power_w.tolist()):
+        here, powers_w[:, k] = drive(k, here, wanted_w, wanted.below_c)
+        if here[0] <= 0.0:
+            stranded = k, _stand(trip, k, states, powers_w)
+            break
+        states[:, k + 1] = here
+    return Course(states[:rows], powers_w[:rows], stranded)
 
 
 def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     """
-    Return `drive(k, states, wanted_w)` -> states at the end of step k, powers [W].
+    Return `drive(k, states, wanted_w, below_c)`, which drives step k of a Trip within the limits.
 
-    States are charge, temperature [deg C], heater power [W] and coolant excess [K]; powers are command, friction
-    brake, heater power and heat into the battery. A state of charge of 0 or less: it runs out in the step.
+    It wants `wanted_w` [W] if the battery is colder than `below_c` [deg C] (default: in any case); arguments are
+    otherwise those of `limits.run_within_limits`. It returns the States at the end, and the Powers. A state of
+    charge of 0 or less means that the charge runs out in the step.
     """
-    asked_w, most_c = [0.0], hottest_c(trip.vehicle)
-    if not trip.vehicle.heat_path.is_direct:
-        drive_heated = drive_within_heated_limits(trip, lambda k, settled_c: asked_w[0], take_surplus)
+    vehicle, path = trip.vehicle, trip.vehicle.heat_path
+    step = heated_step_of_floats(vehicle, True)
+    limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
+    highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
+    k_per_watt, share_of_excess = heat_to_come_k(vehicle)
+    joules_per_k = (vehicle.battery.heat_capacity_j_per_k
+                    + path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+    columns = list(zip(*(column.tolist() for column in (
+        trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
+        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w,
+        mean_share_left(path, trip.route.duration_s)))))
+    foresight = _Foresight(trip, limits) if path.heater_lag_s > 0.0 else None
 
-        def drive_with_heat_path(k: int, states: States, wanted_w: float) -> tuple[States, Powers]:
-            asked_w[0] = wanted_w
-            (soc, end_c, heater_w, excess_k), powers_w = drive_heated(k, states)
-            return (soc, min(end_c, most_c), heater_w, excess_k), powers_w
+    def drive(k: int, states: States, wanted_w: float, below_c: float = math.inf) -> Driven:
+        duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w, left = columns[k]
+        may_overcharge = propulsion_w < 0.0
+        soc, temperature_c, heater_w, excess_k = states
 
-        return drive_with_heat_path
-    step = _step_within_limits(trip, lambda k, temperature_c: asked_w[0], take_surplus)
+        def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
+            ends: tuple[float, ...] = step(
+                soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w, variance_w2,
+                heat_with_brake_w(vehicle, heat_w, brake_w), leakage_w_per_k, command_w)
+            return ends
 
-    def drive(k: int, states: States, wanted_w: float) -> tuple[States, Powers]:
-        asked_w[0] = wanted_w
-        soc, end_c, heater_w, brake_w = step(k, states[0], states[1])
-        return ((soc, min(end_c, most_c), 0.0, 0.0),
-                (heater_w, brake_w, heater_w, heat_with_heater_w(trip.vehicle, 0.0, heater_w)))
+        settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
+        asked_w = wanted_w if settled_c < min(below_c, highest_c) else 0.0
+        if settled_c >= highest_c:
+            cap_w = 0.0
 
+        def between(least_w: float, most_w: float) -> Driven:
+            # The command whose mean over the step is the most power.
+            command_w = max(0.0, min(asked_w, (most_w - power_w - left * heater_w) / (1.0 - left)))
+            paid_w = command_w
+            if may_overcharge and take_surplus:
+                # As a steady command: a command that compensates the lag would swing from step to step.
+                surplus_w = least_w - power_w
+                if foresight is not None and surplus_w > 0.0:
+                    surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
+                free_w = min(cap_w, surplus_w)
+                # If that is enough, no heat is paid for, whatever the caller.
+                command_w, paid_w = (free_w, 0.0) if command_w <= free_w else (command_w, paid_w)
+            if foresight is not None and command_w > 0.0:
+                command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
+            while True:
+                brake_w = 0.0
+                if may_overcharge:
+                    drawn_w = left * heater_w + (1.0 - left) * command_w
+                    brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
+                ends = end_of(command_w, brake_w)
+                # Paid heat ends at the highest temperature; surplus goes to the brake from BELOW_HIGHEST_K below.
+                least_command_w, end_c = (paid_w, highest_c - BELOW_HIGHEST_K) if command_w > paid_w else (
+                    0.0, highest_c)
+                beyond_k = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3] - end_c
+                if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
+                    break
+                command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)
+            if ends[0] > 1.0:
+                # The brake takes power that would overfill the battery.
+                brake_w = halve(max(0.0, -propulsion_w), brake_w,
+                                lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
+                ends = end_of(command_w, brake_w)
+            return ((min(ends[0], 1.0), ends[1], ends[2], ends[3]), (command_w, brake_w, ends[6], ends[7]))
+
+        (soc_end, end_c, *under_way), powers_w = _drive_to_end(
+            limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w, between)
+        return (soc_end, min(end_c, most_c), *under_way), powers_w  # type: ignore[return-value]
     return drive
+
+
+def _drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], variance_w2: float, most_c: float,
+                  idle_w: float, propulsion_w: float, drive: DriveBetween) -> Driven:
+    """
+    Return the outcome of a step that keeps the limits at both ends, as far as heater and brake can.
+
+    `state` is charge and temperature [deg C] at the start, `variance_w2` the variance of the step's power,
+    `idle_w` its terminal power without heater and brake, including the propulsion power `propulsion_w`. If driving
+    alone exceeds the discharge limit at the end, the heater gets nothing, as at the start.
+    """
+    least_w, most_w = limits(*state, variance_w2)
+
+    def terminal_w(driven: Driven) -> float:
+        _, brake_w, drawn_w, _ = driven[1]
+        return idle_w + drawn_w + brake_w
+
+    def limits_at_end_w(driven: Driven) -> tuple[float, float]:
+        soc, temperature_c = driven[0][:2]
+        return limits(min(soc, 1.0), min(temperature_c, most_c), variance_w2)
+    driven = drive(least_w, most_w)
+    if driven[0][0] <= 0.0:
+        # The charge runs out in this step.
+        return driven
+    power_w = terminal_w(driven)
+    least_end_w, most_end_w = limits_at_end_w(driven)
+    if power_w > most_end_w and driven[1][0] > 0.0:
+        def discharged(most_w: float, driven: Driven) -> Trial[Driven]:
+            spare_w = limits_at_end_w(driven)[1] - terminal_w(driven)
+            return Trial(most_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
+        return _as_much_as_needed(
+            idle_w, -1.0, discharged(power_w, driven),
+            lambda most_w: discharged(most_w, drive(least_w, most_w)))
+    if propulsion_w < 0.0 and power_w < least_end_w and driven[1][1] < -propulsion_w:
+        def charged(least_w: float, driven: Driven) -> Trial[Driven]:
+            spare_w = terminal_w(driven) - limits_at_end_w(driven)[0]
+            return Trial(least_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
+        return _as_much_as_needed(
+            idle_w - propulsion_w, 1.0, charged(power_w, driven),
+            lambda least_w: charged(least_w, drive(least_w, most_w)))
+    return driven
+
+
+def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
+                       attempt: Callable[[float], Trial[Driven]]) -> Driven:
+    """Return the step whose terminal power [W] is moved towards the utmost until the limit holds."""
+    trial = follow_slope(utmost_w, first.value, first, slope, attempt, 0.5 * END_TOLERANCE_W)
+    if trial.excess < -0.5 * END_TOLERANCE_W and trial.value != utmost_w:
+        # In a long step less heat may lower the limit by more than it saves: then nothing keeps the limit.
+        trial = attempt(utmost_w)
+    return trial.outcome
+
+
+class _Foresight:
+    """Looks ahead along one trip, with the limits of the battery's state now."""
+
+    def __init__(self, trip: Trip, limits: TerminalLimits[float]) -> None:
+        """Take a trip, and the terminal limits for floats."""
+        self._limits, self._lag_s = limits, trip.vehicle.heat_path.heater_lag_s
+        self._duration_s: list[float] = trip.route.duration_s.tolist()
+        self._idle_power_w: list[float] = trip.idle_power_w.tolist()
+        self._variance_w2: list[float] = trip.power_variance_w2.tolist()
+        self._decay = [math.exp(-each_s / self._lag_s) for each_s in self._duration_s]
+        self._mean_left: list[float] = mean_share_left(
+            trip.vehicle.heat_path, trip.route.duration_s).tolist()
+        ahead_s, starts_s = LAGS_AHEAD * self._lag_s, trip.time_s[:-1]
+        self._before_climbs = frozenset(
+            k for k in range(len(trip.route))
+            if ((starts_s > trip.time_s[k]) & (starts_s < trip.time_s[k + 1] + ahead_s)).any())
+
+    def _steps_after(self, k: int, duration_s: float) -> range:
+        """Return the steps that begin within this duration after the end of step k."""
+        last = k
+        while last + 1 < len(self._duration_s) and duration_s > 0.0:
+            last += 1
+            duration_s -= self._duration_s[last]
+        return range(k + 1, last + 1)
+
+    def off_in_time_w(self, k: int, states: States) -> float:
+        """Return the highest command [W] with which the heater, once switched off, leaves a climb its power."""
+        if k not in self._before_climbs:
+            return math.inf
+        soc, temperature_c, heater_w, _ = states
+        allowed_w = math.inf
+        for j in reversed(self._steps_after(k, LAGS_AHEAD * self._lag_s)):
+            # With a lag that is short compared with the step, nothing is left at its end.
+            allowed_w = allowed_w / self._decay[j] if self._decay[j] > 0.0 else math.inf
+            _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
+            # A deficit that exists without any heating is not the heater's to fix.
+            allowed_w = min(allowed_w, max(
+                most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
+        return (allowed_w - self._decay[k] * heater_w) / (1.0 - self._decay[k])
+
+    def lasting_surplus_w(self, k: int, states: States) -> float:
+        """Return the part of the surplus [W] that lasts: the heater's power after it is paid for."""
+        soc, temperature_c, _, _ = states
+        # Counted from the middle of the step: in a step that is long compared with the lag, its own surplus is
+        # worth using whatever follows.
+        ahead_s = LASTING_LAGS * self._lag_s - 0.5 * self._duration_s[k]
+        steps = self._steps_after(k, ahead_s)
+        if not steps:
+            return math.inf
+        if sum(self._duration_s[j] for j in steps) < ahead_s:
+            # The rest would be drawn after arrival.
+            return 0.0
+        return max(0.0, min(self._limits(soc, temperature_c, self._variance_w2[j])[0]
+                            - self._idle_power_w[j] for j in steps))
 
 
 def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
     Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
 
-    The step is driven until the battery is empty; from then on the vehicle stands. The powers of that
-    step are known.
+    The step is driven until the battery is empty; from then on the vehicle stands, its heater is off,
+    and its coolant goes on heating the battery. `powers_w` of that step are known.
     """
-    vehicle = trip.vehicle
-    start: tuple[float, float] = tuple(states[:, empty].tolist())
-    heater_w, brake_w = powers_w[:, empty].tolist()
-    step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
-    temperatures_c: list[float] = []
+    step = heated_step_of_floats(trip.vehicle, True)
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+    command_w, brake_w, _, _ = powers_w[:, empty].tolist()
 
-    def drive_step(driven: Trip, k: int, state: tuple[float, float]) -> tuple[float, ...]:
-        share = driven_share[k]
-        return step(
-            *state, float(trip.route.duration_s[k]),
-            float(driven.idle_power_w[k]) + share * (heater_w + brake_w),
-            float(driven.power_variance_w2[k]),
-            float(driven.idle_heat_w[k]) + share * heat_under_w(vehicle, 0.0, heater_w, brake_w),
-            float(trip.leakage_w_per_k[k]))
+    def drive_step(driven: Trip, k: int, start: States) -> tuple[float, ...]:
+        soc, temperature_c, heater_w, excess_k = start
+        share = float(driven_share[k])
+        ends: tuple[float, ...] = step(
+            soc, temperature_c, share * heater_w, excess_k, float(trip.route.duration_s[k]),
+            float(driven.idle_power_w[k]) + share * brake_w, float(driven.power_variance_w2[k]),
+            heat_with_brake_w(trip.vehicle, float(driven.idle_heat_w[k]), share * brake_w),
+            float(trip.leakage_w_per_k[k]), share * command_w)
+        return ends
+    here: States = tuple(states[:, empty].tolist())
 
     def carries(share: float) -> bool:
         driven_share[empty] = share
-        return drive_step(trip.driven(driven_share), empty, start)[0] > 0.0
-
+        return drive_step(trip.driven(driven_share), empty, here)[0] > 0.0
     driven_share[empty] = halve(0.0, 1.0, carries)
-    state, driven = start, trip.driven(driven_share)
+    driven = trip.driven(driven_share)
     for k in range(empty, len(trip.route)):
-        end_c = drive_step(driven, k, state)[1]
-        state = 0.0, min(end_c, hottest_c(vehicle))
-        temperatures_c.append(state[1])
-    states[:, empty + 1:] = np.zeros(len(temperatures_c)), temperatures_c
-    powers_w[:, empty:] = heater_w * driven_share[empty:], brake_w * driven_share[empty:]
+        ends = drive_step(driven, k, here)
+        here = 0.0, min(ends[1], hottest_c(trip.vehicle)), 0.0, ends[3]
+        states[:, k + 1] = here
+        powers_w[:, k] = driven_share[k] * command_w, driven_share[k] * brake_w, ends[6], ends[7]
     return float(driven_share[empty])

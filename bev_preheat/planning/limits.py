@@ -1,6 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery's power limits (9i): whether a run keeps them, and the forward run that does."""
+"""
+The battery's power limits (9i) and the car's own gates: whether a run keeps them, and the run that does.
 
+Plans that keep the gates heat only where the car would not refuse it. Gates that the route alone decides (not in
+motion, steps of power) limit the heater's power in a Trip. Gates that depend on the battery (lowest charge,
+highest temperature) close the steps in which a plan would heat against them, and the trip is planned again;
+steps only close, so that ends. A plan that still heats against a gate after MOST_REPEATS is cut there, as the
+car would.
+"""
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -8,17 +15,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning import dynamics, engine
-from bev_preheat.planning.heated_limits import along_heated_limits
+from bev_preheat.planning.heat_run import ends_before_arrival_s, make_heat_run
+from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
-from bev_preheat.planning.wanted_heat import WantedHeat
-from bev_preheat.tunables import COLDER_BY_K
+from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.heating_gates import HeatingGates
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
@@ -65,11 +75,12 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
         start_s = float(trip.time_s[int(np.searchsorted(trip.time_s, start_s, side='right')) - 1])
-    if not trip.vehicle.heat_path.is_direct:
-        return along_heated_limits(trip, states, powers_w, start_s, empty_at_s, driven_share)
-    (soc, temperature_c), (heater_power_w, brake_power_w) = states, powers_w
-    return Schedule(start_s, heater_power_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
-                    empty_at_s=empty_at_s, driven_share=driven_share)
+    command_w, brake_w, *heat_w = powers_w
+    soc, temperature_c, *under_way = states
+    return Schedule(
+        start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
+        ends_before_arrival_s(trip, command_w) if heat_w else None, empty_at_s, driven_share,
+        heat=make_heat_run(trip.vehicle.heat_path, *under_way, *heat_w) if heat_w else None)
 
 
 def _where_stranded(trip: Trip,
@@ -92,3 +103,72 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
                      take_surplus: bool = False) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
     return run_within_limits(trip, state, WantedHeat(heater_power_w), take_surplus)
+
+
+def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
+                          notes: dict[str, None]) -> Schedule:
+    """
+    Return the Schedule of `plan` on a Trip that keeps the gates of its vehicle.
+
+    Sentences on the gates that bind are added to `notes`.
+    """
+    gates = trip.vehicle.heating_gates
+    open_trip, closed = trip, np.zeros(len(trip.route), dtype=bool)
+    schedule = plan(trip)
+    for _ in range(MOST_REPEATS):
+        against = _against_gates(gates, schedule, notes)
+        if not against.any():
+            break
+        closed |= against
+        trip = open_trip.changed(heater_limit_w=np.where(closed, 0.0, open_trip.heater_limit_w))
+        schedule = plan(trip)
+    power_w = _in_steps(gates, trip, schedule)
+    if np.abs(power_w - schedule.heater_power_w).max() > ROUNDING_W:
+        notes[_sentence_on_steps(gates)] = None
+        schedule = drive_as_planned(trip, state, power_w)
+    while (against := _against_gates(gates, schedule, notes)).any():
+        schedule = drive_as_planned(trip, state, np.where(against, 0.0, schedule.heater_power_w))
+    return schedule
+
+
+def notes_on_route(trip: Trip) -> list[str]:
+    """Return sentences on the gates that the route alone decides, if they take heat from a plan that needs it."""
+    gates, sentences = trip.vehicle.heating_gates, []
+    if gates.only_while_standing and (trip.heater_limit_w <= 0.0).any():
+        sentences.append('The vehicle heats its battery only while it stands.')
+    left_w = np.maximum(trip.vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0)
+    if gates.power_steps_w and (gates.steps_below_w(left_w) < left_w - ROUNDING_W).any():
+        sentences.append(_sentence_on_steps(gates))
+    return sentences
+
+
+def _against_gates(gates: HeatingGates, schedule: Schedule, notes: dict[str, None]) -> BoolArray:
+    """Return the steps (N,) that a Schedule heats although the battery's state closes a gate in them."""
+    heated = schedule.heater_power_w > HEATED_W
+    low = heated & (np.minimum(schedule.soc[:-1], schedule.soc[1:]) < gates.minimum_soc)
+    hot = heated & (np.maximum(schedule.temperature_c[:-1], schedule.temperature_c[1:])
+                    >= gates.maximum_temperature_c)
+    if low.any():
+        notes[f'The vehicle does not heat below {100.0 * gates.minimum_soc:g} % of charge.'] = None
+    if hot.any():
+        notes[f'The vehicle does not heat from {gates.maximum_temperature_c:g} degC on.'] = None
+    return low | hot
+
+
+def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule) -> FloatArray:
+    """Return the power [W] (N,) of a Schedule while the heater is on in each step, in the heater's own steps."""
+    power_w = schedule.heater_power_w
+    if not gates.power_steps_w:
+        return power_w
+    start_s, end_s = trip.time_s[:-1], trip.time_s[1:]
+    first_s = -np.inf if schedule.heating_start_s is None else schedule.heating_start_s
+    last_s = np.inf if schedule.heating_end_s is None else schedule.heating_end_s
+    on_share = np.clip((np.minimum(end_s, last_s) - np.maximum(start_s, first_s)) / (end_s - start_s), 1e-9, 1.0)
+    stepped_w: FloatArray = gates.steps_below_w(power_w / on_share + ROUNDING_W) * on_share
+    return np.minimum(stepped_w, power_w)
+
+
+def _sentence_on_steps(gates: HeatingGates) -> str:
+    steps = ', '.join(f'{step_w:g}' for step_w in gates.power_steps_w)
+    return (f'The heater is either off or at {steps} W.' if len(gates.power_steps_w) == 1 else
+            f'The heater has steps of power ({steps} W).')

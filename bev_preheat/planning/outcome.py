@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The outcome of a schedule: its energies, its heating intervals, and its deficits of charge and of power."""
-
+"""The outcome of a schedule: energies, heating intervals with reasons, deficits of charge and of power."""
 from __future__ import annotations
 
 import math
@@ -9,30 +8,94 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.engine import keep_accounts
-from bev_preheat.planning.heating_intervals import heating_intervals
-from bev_preheat.planning.limits import limits_along
-from bev_preheat.tunables import POWER_TOLERANCE
+from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
+from bev_preheat.planning.limits import colder, limits_along
+from bev_preheat.planning.schedule import HeatingInterval, Reason, REASONS, Schedule, ScheduleOutcome, Stranding
+from bev_preheat.tunables import HEATING_SHARE, POWER_TOLERANCE, ROUNDING_W, TOO_LATE_LAGS, WARMER_K
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.dynamics import Energies
-    from bev_preheat.planning.heating_intervals import HeatingInterval
-    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
 
-class Stranding(NamedTuple):
-    """
-    The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
+SENTENCES = {
+    Reason.ARRIVAL: 'to be warm on arrival',
+    Reason.SURPLUS: 'with regeneration that the cold battery cannot accept',
+    Reason.DESCENT: 'so that the battery accepts more of the regeneration ahead',
+    Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
+}
 
-    `deficit_wh` is the energy at the battery's terminals for the rest of the trip [Wh]; the losses of a battery
-    that had this energy come on top.
-    """
 
-    at_s: float
-    at_m: float
-    deficit_wh: float
+def may_end_early(schedule: Schedule, target_c: float) -> bool:
+    """Return whether heating for the arrival at a target [deg C] may end before it, because heat arrives late."""
+    return schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
+
+
+def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
+                      target_c: float = math.inf) -> tuple[HeatingInterval, ...]:
+    """
+    Return the HeatingIntervals of a Schedule, in order.
+
+    `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
+    [deg C] is that of heating for the arrival.
+    """
+    heater_w = schedule.heater_power_w
+    heated = heater_w > HEATING_SHARE * trip.heater_limit_w
+    if not heated.any():
+        return ()
+    regenerates = trip.route.propulsion_power_w < 0.0
+    surplus = (heated & regenerates
+               & (heater_w <= least_w - trip.idle_power_w + ROUNDING_W))
+    first = int(heated.argmax())
+    # If heat would come too late, heating ends before arrival.
+    too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
+    left_s = trip.time_s[-1] - trip.time_s[last_of_all]
+    if may_end_early(schedule, target_c) and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s:
+        too_late = last_of_all
+    if heated[first:too_late].all() and not surplus.any():
+        # The usual case: from one instant on until arrival.
+        steps = slice(first, too_late)
+        return (make_interval(
+            schedule, float(trip.time_s[first]), float(trip.time_s[too_late]),
+            float(heater_w[steps] @ trip.route.duration_s[steps]) / JOULES_PER_WH, Reason.ARRIVAL),)
+    kinds = np.where(surplus, int(Reason.SURPLUS), np.where(heated, int(Reason.ARRIVAL), -1))
+    edges = np.concatenate(([0], np.flatnonzero(kinds[1:] != kinds[:-1]) + 1))
+    reasons = kinds[edges]
+    # The first step after each interval that gives a reason for heating before it.
+    ends = np.append(edges[1:], len(kinds))
+    for_later = np.flatnonzero((reasons == Reason.ARRIVAL) & (ends < too_late))
+    if len(for_later):
+        events = _events(trip, schedule)
+        telling = np.flatnonzero(events >= 0)
+        following = np.searchsorted(telling, ends[for_later])
+        reasons[for_later] = np.append(events[telling], int(Reason.ARRIVAL))[following]
+    energies_j = np.add.reduceat(heater_w * trip.route.duration_s, edges)
+    is_interval = reasons >= 0
+    return tuple(
+        make_interval(schedule, start_s, end_s, energy_j / JOULES_PER_WH, REASONS[reason])
+        for start_s, end_s, energy_j, reason in zip(*(column[is_interval].tolist() for column in (
+            trip.time_s[edges], trip.time_s[ends], energies_j, reasons))))
+
+
+def make_interval(schedule: Schedule, start_s: float, end_s: float, energy_wh: float,
+                  reason: Reason) -> HeatingInterval:
+    """Return the HeatingInterval of a Schedule between two instants [s], with its energy [Wh]."""
+    if schedule.heating_start_s is not None:
+        start_s = max(start_s, schedule.heating_start_s)
+    if schedule.heat is not None and schedule.heating_end_s is not None:
+        end_s = min(end_s, schedule.heating_end_s)
+    return HeatingInterval(start_s, end_s, energy_wh, reason)
+
+
+def _events(trip: Trip, schedule: Schedule) -> IntArray:
+    """Return the reason of each step for heating before it, shape (N,); -1 without one."""
+    least_w, most_w = limits_of_steps_w(
+        trip.vehicle, schedule.soc, colder(trip.vehicle, schedule.temperature_c),
+        trip.power_variance_w2)
+    events = np.full(len(trip.route), -1)
+    events[(trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)] = Reason.DESCENT
+    events[trip.idle_power_w > most_w] = Reason.CLIMB
+    return events
 
 
 def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:
@@ -75,21 +138,6 @@ def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
     worst_w = float(power_w[at])
     is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
     return PowerDeficit(0.0 if is_rounding else worst_w, at)
-
-
-class ScheduleOutcome(NamedTuple):
-    """
-    The outcome of a Schedule; the fields are those of Plan.
-
-    `heating_start_s` is None if the schedule does not heat.
-    """
-
-    energy_wh: Energies
-    intervals: tuple[HeatingInterval, ...]
-    heating_start_s: float | None
-    undeliverable_power_w: float = 0.0
-    undeliverable_at_s: float | None = None
-    stranding: Stranding | None = None
 
 
 def find_outcome(trip: Trip, schedule: Schedule, target_c: float = math.inf) -> ScheduleOutcome:

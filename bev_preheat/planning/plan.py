@@ -1,22 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The result of planning, of the same type for every method and for the NLP."""
+"""
+The result of planning, of the same type for every method and for the NLP; the accounts of two plans.
 
+A plan that arrives colder, eats into the reserve or has a power deficit spends less because it does less. Heat
+beyond the target counts as waste.
+"""
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, TYPE_CHECKING
+from typing import Any, Protocol, TYPE_CHECKING
 
+import numpy as np
+
+from bev_preheat.numerics.factors import JOULES_PER_WH, WH_PER_KWH
 from bev_preheat.planning.dynamics import Energies
-from bev_preheat.planning.outcome import Stranding
-from bev_preheat.planning.schedule import HeatRun, HeldBack
+from bev_preheat.planning.engine import keep_accounts
+from bev_preheat.planning.schedule import HeatRun, HeldBack, Schedule, Stranding
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import NO_WORSE_W, SAME_SOC, SHORTFALL_TOLERANCE_K
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.heating_intervals import HeatingInterval
+    from bev_preheat.planning.dynamics import Accounts
+    from bev_preheat.planning.schedule import HeatingInterval, StepPrices
+    from bev_preheat.planning.trip import Trip
 
 
 @dataclass(frozen=True)
@@ -29,7 +40,7 @@ class Plan:
     `undeliverable_power_w` the power deficit of the battery in the worst step (at `undeliverable_at_s`).
     `sentence` turns the plan into its `explanation` on demand: most plans are followed, not read. `intervals`
     (planning.heating_intervals.HeatingInterval) give the reasons for heating, `held_back`
-    (planning.schedule.HeldBack) the reason for not heating more, and `stranding` (planning.outcome.Stranding)
+    (planning.schedule.HeldBack) the reason for not heating more, and `stranding` (planning.schedule.Stranding)
     where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
@@ -142,3 +153,70 @@ class Plan:
             'friction_brake_power_w': self.friction_brake_power_w.tolist(),
             **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
         }
+
+
+# Arrivals whose shortfalls differ by no more than this are the same [K].
+SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
+
+
+class Reached(Protocol):
+    """The results of a plan: a Plan, or figures read from one."""
+
+    @property
+    def shortfall_k(self) -> float:
+        """By how much the target is missed [K]."""
+
+    @property
+    def soc_shortfall(self) -> float:
+        """By how much the reserve is missed, 0 ... 1."""
+
+    @property
+    def undeliverable_power_w(self) -> float:
+        """Worst power deficit of the battery [W]."""
+
+
+def difference(plan: Reached, optimum: Reached) -> str:
+    """
+    Return in words how a plan's result differs from the optimum's; '' if both reach the same.
+
+    NaN: unknown.
+    """
+    colder_k = plan.shortfall_k - optimum.shortfall_k
+    deficit_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
+    if not abs(colder_k) <= SAME_SHORTFALL_K:
+        return (f'{abs(colder_k):.2f} K {"colder" if colder_k > 0.0 else "warmer"}'
+                if colder_k == colder_k else 'unknown arrival')
+    if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
+        return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
+                'reserve kept')
+    if not abs(deficit_w) <= NO_WORSE_W:
+        return (f'power deficit {abs(deficit_w) / 1e3:.2f} kW {"larger" if deficit_w > 0.0 else "smaller"}'
+                if deficit_w == deficit_w else 'unknown power')
+    return ''
+
+
+def energy_gap_wh(plan: Plan, optimum: Plan) -> float | None:
+    """Return the battery energy of a Plan above the optimum's [Wh]; None if their results differ."""
+    if difference(plan, optimum):
+        return None
+    return plan.energy_wh.battery_total - optimum.energy_wh.battery_total
+
+
+def cost_of(plan: Plan, step_prices: StepPrices) -> float:
+    """Return the cost of the heater's energy in a Plan, in the currency of the prices."""
+    energy_wh = plan.drawn_power_w * np.diff(plan.time_s) / JOULES_PER_WH
+    return float(energy_wh @ step_prices(plan.time_s)) / WH_PER_KWH
+
+
+def accounts_of(trip: Trip, plan: Plan) -> Accounts:
+    """Return the Accounts of a plan for this trip: energies [Wh], and powers in each of the N steps [W]."""
+    return keep_accounts(trip, Schedule(
+        plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
+        plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
+        driven_share=driven_share(trip, plan), heat=plan.heat))
+
+
+def driven_share(trip: Trip, plan: Plan) -> FloatArray:
+    """Return the driven share of each step, shape (N,): 0 once the battery is empty."""
+    empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
+    return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a plan: checks the input, runs a method, and describes the result."""
-
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 import math
@@ -14,49 +14,152 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning import engine
-from bev_preheat.planning.case import PlanningCase
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
-from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
+from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.heat_run import initial_states
-from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
+from bev_preheat.planning.installed_methods import find_methods, installed_method, MethodFailure
 from bev_preheat.planning.kept_values import KeptValues
-from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
+from bev_preheat.planning.methods import is_best, plan_by_values, plan_optimal_switch, plan_paper
 from bev_preheat.planning.no_regret import giving_way, is_described, NoRegretCheck, unheated_within_limits
-from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
+from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.schedule import Method, Schedule, StepPrices
-from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
+from bev_preheat.planning.schedule import Method, Schedule, ScheduleOutcome, StepPrices
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.switch_methods import is_best, outcome_of, plan_optimal_switch, plan_paper
-from bev_preheat.planning.trip import make_trip, Trip
-from bev_preheat.planning.until_arrival import heat_until_arrival
-from bev_preheat.planning.value_function import plan_by_values
-from bev_preheat.tunables import NOW_S, SAME_POWER_W, SAME_SOC, SHORTFALL_TOLERANCE_K, SOC_TOLERANCE
-from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
+from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.tunables import (
+    BELOW_HIGHEST_K,
+    LEAST_PRICE_SHARE,
+    NOW_S,
+    SAME_POWER_W,
+    SAME_SOC,
+    SHORTFALL_TOLERANCE_K,
+    SOC_TOLERANCE,
+)
+from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.switch_plan import SwitchPlan
+    from bev_preheat.planning.one_interval import SwitchPlan
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-METHODS: dict[str, Method] = {
-    'value_function': plan_by_values,
-    'optimal_switch': plan_optimal_switch,
-    'paper': plan_paper,
+
+class PlanningCase(NamedTuple):
+    """
+    A vehicle with a battery state at the start of a route, its goal, and how to plan.
+
+    `method` is a name in `planner.method_names()`; `options` are its own. With an `uncertainty` `value_function`
+    plans for the least expected energy; other methods do not know it. Only `value_function` knows `step_prices`; a
+    negative price counts as 0. `kept` has the values of earlier plans of the drive, which save time while they
+    hold.
+
+    `heater_share` (0 ... 1) is the share of its power that the heater gives. With `heats_throughout` the heater
+    heats regardless of the plan; the energies include that. The heat arrives `heat_lag_s` [s] late; heat that
+    would come after the end is not planned. (This is for a vehicle without a heat path; a heat path is planned as
+    such, and `state` gives the heat under way.) Without `no_regret` the method's plan is returned even if it is
+    worse than not heating: for comparing methods, never for driving.
+    """
+
+    vehicle: Vehicle
+    route: Route
+    state: BatteryState
+    goal: Goal
+    method: str
+    uncertainty: Uncertainty | None
+    step_prices: StepPrices | None
+    heater_share: float
+    heats_throughout: bool
+    heat_lag_s: float
+    no_regret: bool
+    kept: KeptValues | None
+    options: Mapping[str, Any]
+
+    @property
+    def aim_c(self) -> float:
+        """The target of the plan [deg C]: the goal's, or the lowest if no warm arrival is asked for."""
+        if self.goal.charging_planned and self.goal.heating_pays:
+            return self.goal.target_temperature_c
+        return self.vehicle.battery.temperature_range_c[0]
+
+    def aimed_at(self, target_c: float) -> Goal:
+        """Return the goal with another target [deg C]."""
+        return replace(self.goal, target_temperature_c=target_c)
+
+    def trip_that_obeys(self) -> Trip:
+        """Return the Trip with all the heat that the heater can give, as commanded."""
+        vehicle = self.vehicle
+        if self.step_prices is not None:
+            vehicle = _storing_no_hotter(vehicle, max(self.state.temperature_c, self.goal.target_temperature_c))
+        return make_trip(vehicle, self.route, self.heater_share, self.heat_lag_s)
+
+    def trip(self, obeyed: Trip) -> Trip:
+        """Return the Trip to plan for; `obeyed` is `trip_that_obeys`."""
+        return heated_throughout(obeyed, self.uncommanded_w(obeyed)) if self.heats_throughout else obeyed
+
+    def uncommanded_w(self, obeyed: Trip) -> FloatArray:
+        """Return the power that a heater which heats throughout takes in each step [W] (N,)."""
+        return make_trip(obeyed.vehicle, self.route, self.heater_share).heater_limit_w
+
+    def method_options(self, trip: Trip, knows_uncertainty: bool) -> dict[str, Any]:
+        """Return the method's options for a Trip, those from the case included."""
+        options = dict(self.options)
+        if self.uncertainty is not None and knows_uncertainty:
+            options |= {'uncertainty': self.uncertainty, 'kept': self.kept}
+        if self.step_prices is not None:
+            options['price'] = _as_shares(self.step_prices(trip.time_s))
+        return options
+
+
+def _as_shares(price_per_kwh: FloatArray) -> FloatArray:
+    """Return prices (N,) as shares of the highest one; no price at all: 1 everywhere. Raises InvalidInput."""
+    if not np.isfinite(price_per_kwh).all():
+        raise InvalidInput('price of energy: is not a number in every step; a finite price per kWh is needed')
+    highest = float(price_per_kwh.max())
+    return np.maximum(price_per_kwh / highest, LEAST_PRICE_SHARE) if highest > 0.0 else np.ones(len(price_per_kwh))
+
+
+def _storing_no_hotter(vehicle: Vehicle, needed_c: float) -> Vehicle:
+    """Return the Vehicle that stores cheap heat to BELOW_HIGHEST_K below its highest temperature, or as needed."""
+    low_c, high_c = vehicle.battery.temperature_range_c
+    return replace(vehicle, battery=replace(
+        vehicle.battery, temperature_range_c=(low_c, max(high_c - BELOW_HIGHEST_K, needed_c))))
+
+
+class Way(NamedTuple):
+    """
+    A method, and its plan with one interval of heating, usually the best one without an active limit; None: none.
+
+    `keeps_reserve`: the method itself keeps the reserve; `is_installed`: it comes from another package.
+    """
+
+    method: Method
+    in_one_interval: Callable[[Trip, BatteryState, float], SwitchPlan] | None = None
+    keeps_reserve: bool = False
+    is_installed: bool = False
+
+    def is_done(self, trip: Trip, goal: Goal, switched: SwitchPlan) -> bool:
+        """Return whether a plan with one interval needs no further look, because no limit is active."""
+        if not switched.unheated_keeps_limits or not is_best(trip, goal, switched):
+            return False
+        if not trip.vehicle.heat_path.is_direct and goal.heats_until_arrival:
+            return False
+        # A trip without charging is run by Runge-Kutta, whatever the method.
+        return goal.charging_planned or self.method is not plan_paper
+
+
+METHODS = {
+    'value_function': Way(plan_by_values, engine.plan_switch, keeps_reserve=True),
+    'optimal_switch': Way(plan_optimal_switch, partial(engine.plan_switch, in_one_interval=True)),
+    'paper': Way(plan_paper, engine.plan_by_paper),
 }
 DEFAULT_METHOD = 'value_function'
 # Methods of earlier versions: {name: the method that took its place}.
 REPLACED = {'merit_order': 'value_function'}
-# Without an active limit each method usually heats in one interval: the engine plans it at once.
-ONE_INTERVAL: dict[str, Callable[[Trip, BatteryState, float], SwitchPlan]] = {
-    'value_function': engine.plan_switch,
-    'optimal_switch': partial(engine.plan_switch, in_one_interval=True),
-    'paper': engine.plan_by_paper,
-}
 
 
 def method_names() -> tuple[str, ...]:
@@ -120,13 +223,14 @@ def plan_case(case: PlanningCase) -> Plan:
     """
     notes: dict[str, None] = {}
     method = case.method
-    ways = BUILT_IN.get(method) or _installed(installed_method(method, METHODS), notes)
+    way = METHODS.get(method) or Way(
+        installed_method(method, METHODS).proposing(notes), is_installed=True)
     started = perf_counter()
-    case.check()
+    check_situation(case.vehicle, case.route, case.state, case.goal, case.uncertainty)
     obeyed = case.trip_that_obeys()
     trip = case.trip(obeyed)
     try:
-        schedule, outcome = _schedule_case(case, trip, ways, notes)
+        schedule, outcome = _schedule_case(case, trip, way, notes)
     except MethodFailure:
         raise
     except ArithmeticError as error:
@@ -138,21 +242,21 @@ def plan_case(case: PlanningCase) -> Plan:
         plan.energy_wh, obeyed, case.uncommanded_w(obeyed), schedule.driven_share))
 
 
-def _schedule_case(case: PlanningCase, trip: Trip, ways: _Ways,
+def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
                    notes: dict[str, None]) -> tuple[Schedule, ScheduleOutcome | None]:
     """Return the Schedule for a case within its vehicle's gates, and the ScheduleOutcome if it is known."""
     options, outcome = case.method_options(trip, case.method == DEFAULT_METHOD), None
-    switched = (ways.in_one_interval(trip, case.state, case.aim_c)
-                if ways.in_one_interval is not None and case.no_regret and not options else None)
-    if switched is not None and ways.is_done(trip, case.goal, switched):
-        first, outcome = switched.schedule, outcome_of(trip, switched)
+    switched = (way.in_one_interval(trip, case.state, case.aim_c)
+                if way.in_one_interval is not None and case.no_regret and not options else None)
+    if switched is not None and way.is_done(trip, case.goal, switched):
+        first, outcome = switched.schedule, switched.outcome
     else:
-        first = _schedule_trip(case, trip, ways, options, switched)
+        first = _schedule_trip(case, trip, way, options, switched)
     if not (case.vehicle.heating_gates.is_any and case.no_regret):
         return first, outcome
 
     def plan_on(gated: Trip) -> Schedule:
-        return first if gated is trip else _schedule_trip(case, gated, ways, options)
+        return first if gated is trip else _schedule_trip(case, gated, way, options)
 
     schedule = schedule_within_gates(trip, case.state, plan_on, notes)
     if schedule.heating_start_s is not None or schedule.temperature_c[-1] < case.goal.target_temperature_c:
@@ -177,38 +281,7 @@ def _told_as_heater(energy_wh: Energies, obeyed: Trip, taken_w: FloatArray,
         hvch_electric=energy_wh.hvch_electric + float(hours @ taken_w))
 
 
-class _Ways(NamedTuple):
-    """
-    The parts of a method: the method itself, and its plan with one interval of heating or None.
-
-    `keeps_reserve`: the method itself keeps the reserve; `is_installed`: it comes from another package.
-    """
-
-    method: Method
-    in_one_interval: Callable[[Trip, BatteryState, float], SwitchPlan] | None
-    keeps_reserve: bool = False
-    is_installed: bool = False
-
-    def is_done(self, trip: Trip, goal: Goal, switched: SwitchPlan) -> bool:
-        """Return whether a plan with one interval needs no further look, because no limit is active."""
-        if not switched.unheated_keeps_limits or not is_best(trip, goal, switched):
-            return False
-        if not trip.vehicle.heat_path.is_direct and goal.heats_until_arrival:
-            return False
-        # A trip without charging is run by Runge-Kutta, whatever the method.
-        return goal.charging_planned or self.method is not plan_paper
-
-
-# How the built-in methods plan.
-BUILT_IN = {name: _Ways(method, ONE_INTERVAL[name], keeps_reserve=name == DEFAULT_METHOD)
-            for name, method in METHODS.items()}
-
-
-def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
-    return _Ways(installed.proposing(notes), None, is_installed=True)
-
-
-def _schedule_trip(case: PlanningCase, trip: Trip, ways: _Ways, options: dict[str, Any],
+def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, Any],
                    switched: SwitchPlan | None = None) -> Schedule:
     """Return the Schedule for a case on a Trip; `switched` is the plan with one interval of heating, if known."""
     state, goal = case.state, case.goal
@@ -216,14 +289,14 @@ def _schedule_trip(case: PlanningCase, trip: Trip, ways: _Ways, options: dict[st
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     if not goal.heating_pays:
-        if ways.is_installed:
+        if way.is_installed:
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
         goal = case.aimed_at(case.aim_c)
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
     # Other built-in methods do not know the battery's limits.
-    knows_limits = ways.keeps_reserve or ways.is_installed or not case.no_regret
-    method = ways.method if knows_limits else giving_way(ways.method)
+    knows_limits = way.keeps_reserve or way.is_installed or not case.no_regret
+    method = way.method if knows_limits else giving_way(way.method)
 
     def propose(target_c: float, **how: Any) -> Schedule:
         if switched is not None and target_c == case.aim_c:
@@ -270,14 +343,13 @@ def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
 
 
-def plan_without_heating(trip: Trip, state: BatteryState,
-                         make_integrator: Integrator = make_runge_kutta_4) -> Schedule:
+def plan_without_heating(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
         return engine.run_heated(trip, initial_states(state), idle_w)
-    soc, temperature_c = engine.run_forward(trip, make_integrator, state.soc, state.temperature_c)
-    return Schedule(None, idle_w, idle_w, soc, temperature_c, make_integrator)
+    soc, temperature_c = engine.run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
+    return Schedule(None, idle_w, idle_w, soc, temperature_c, make_runge_kutta_4)
 
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,

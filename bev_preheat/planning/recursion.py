@@ -34,7 +34,7 @@ import numpy as np
 
 from bev_preheat.native.structs import VALUE_POINTS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.value_layers import best_of, Layer
+from bev_preheat.planning.steps_ahead import best_of, Layer
 from bev_preheat.planning.value_path import ValuePath
 from bev_preheat.planning.value_run import ValueRun
 from bev_preheat.tunables import (

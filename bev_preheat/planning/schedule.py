@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision of a planning method: when to heat. The rest of a Plan follows from it."""
+"""The decision of a planning method: when to heat, and its outcome. The rest of a Plan follows from it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Any, TYPE_CHECKING
+from enum import Enum, IntEnum
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from bev_preheat.tunables import HEATING_SHARE
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.dynamics import Energies
     from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator
 
@@ -23,6 +24,29 @@ class HeldBack(Enum):
 
     RESERVE = 'the state of charge that must be left'
     POWER = 'the power that an emptier battery would lack'
+
+
+class Reason(IntEnum):
+    """The purpose of a heating interval; the numbers are those of PreheatPlan.stretch_reason."""
+
+    ARRIVAL = 0
+    SURPLUS = 1
+    DESCENT = 2
+    CLIMB = 3
+
+
+# By their numbers.
+REASONS = tuple(Reason)
+
+
+@dataclass(frozen=True)
+class HeatingInterval:
+    """Heating from one instant to another [s], its energy [Wh, electrical], and its reason."""
+
+    start_s: float
+    end_s: float
+    energy_wh: float
+    reason: Reason
 
 
 @dataclass(frozen=True)
@@ -92,6 +116,34 @@ class Schedule:
             None, self.brake_power_w)
         return (duration_s, power_w + self.heat.drawn_power_w, variance_w2,
                 heat_w + self.heat.arriving_heat_w, leakage_w_per_k)
+
+
+class Stranding(NamedTuple):
+    """
+    The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
+
+    `deficit_wh` is the energy at the battery's terminals for the rest of the trip [Wh]; the losses of a battery
+    that had this energy come on top.
+    """
+
+    at_s: float
+    at_m: float
+    deficit_wh: float
+
+
+class ScheduleOutcome(NamedTuple):
+    """
+    The outcome of a Schedule; the fields are those of Plan.
+
+    `heating_start_s` is None if the schedule does not heat.
+    """
+
+    energy_wh: Energies
+    intervals: tuple[HeatingInterval, ...]
+    heating_start_s: float | None
+    undeliverable_power_w: float = 0.0
+    undeliverable_at_s: float | None = None
+    stranding: Stranding | None = None
 
 
 # From instants [s] (N + 1,) of a plan to the mean price [per kWh] of each step (N,).

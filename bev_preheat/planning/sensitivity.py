@@ -14,8 +14,8 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import PlanningFailure
-from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
+from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_TOLD_WH, RESOLUTION_K, SHORTFALL_TOLERANCE_K
 

@@ -14,15 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.heat_run import heat_to_come_k
-from bev_preheat.planning.steps_ahead import StepsAhead
-from bev_preheat.planning.value_layers import best_of
+from bev_preheat.planning.steps_ahead import best_of, StepsAhead
 from bev_preheat.tunables import HEATING_PRICE, PRICED_K, PRICED_SOC, WATCHED_BELOW_K, WATCHED_SOC
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.steps_ahead import StepEnds
+    from bev_preheat.planning.steps_ahead import Layer, StepEnds
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.value_layers import Layer
     from bev_preheat.planning.value_run import ValueRun
 
 

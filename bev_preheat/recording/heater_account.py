@@ -11,7 +11,7 @@ from bev_preheat.vehicle.heater_controller import Refusal
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from bev_preheat.control.heater_answer import HeaterStatus
+    from bev_preheat.control.heater_power import HeaterStatus
 
 WH_PER_W_NS = 1.0 / 3600.0 / NS_PER_S
 # An answer of the heater's controller holds this long without another one [ns].

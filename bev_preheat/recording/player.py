@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.state import State
-    from bev_preheat.control.step import StepOutput
+    from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.recording.flight_file import Flight, Given, Start
     from bev_preheat.recording.signal_changes import SignalChange

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.control.departures import clock_time, DailyPrice, GridPrices, PricePeriod, zone_of
 from bev_preheat.control.events import (
     ActivationChanged,
     BATTERY_STATE,
@@ -26,8 +27,6 @@ from bev_preheat.control.events import (
     ROUTE_PROGRESS,
     RouteUnreadable,
 )
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
-from bev_preheat.control.local_time import clock_time, zone_of
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput, quoted
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated car that differs from its vehicle file, in traffic, seen through its sensors."""
-
 from __future__ import annotations
 
 from collections import deque
@@ -11,18 +10,17 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
+from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
-from bev_preheat.simulation.heater_lease import HeaterLease
-from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.route.variation import vary, with_cycles
+from bev_preheat.simulation.heater import fault_at, HeaterFault, HeaterLease, next_change_s
 from bev_preheat.simulation.phases import Charge, DrivePhase
-from bev_preheat.simulation.position import Position, PositionReports
-from bev_preheat.simulation.sensors import Reading, SensorReadings, Sensors
+from bev_preheat.simulation.sensors import Position, PositionReports, Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, TrafficNews
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
@@ -30,6 +28,44 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.phases import Phase
     from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """
+    The true car and drive, as multiples of the values in vehicle and route file.
+
+    `heater` is a factor on the efficiency of the HVCH, `propulsion_power_variability` the standard
+    deviation of the logarithm of a factor that varies about 1 from segment to segment. With
+    `visible_variation` the power variation within a segment takes place over seconds,
+    so that the sensors see it; without, it is a ripple too fast for them.
+    """
+
+    heat_capacity: float = 1.0
+    leakage: float = 1.0
+    resistance: float = 1.0
+    heater: float = 1.0
+    propulsion_power: float = 1.0
+    propulsion_power_variability: float = 0.0
+    visible_variation: bool = False
+
+
+def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | None) -> Vehicle:
+    """Return the true Vehicle, with a HeatPath; None: its own."""
+    factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
+    if factors != (1.0,) * 4:
+        vehicle = corrected_vehicle(vehicle, Corrections(*factors))
+    if heat_path is None or heat_path == vehicle.heat_path:
+        return vehicle
+    return replace(vehicle, heat_path=heat_path)
+
+
+def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:
+    """Return the Route as driven: other propulsion power, same speed and times."""
+    factor = vary(random, len(route), mismatch.propulsion_power,
+                  mismatch.propulsion_power_variability)
+    route = route.with_propulsion(factor)
+    return with_cycles(route) if mismatch.visible_variation else route
 
 
 @dataclass(frozen=True)

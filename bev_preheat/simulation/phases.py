@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.equations import make_cooling
-from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
+from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.charging import vehicle_at_charger
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.position import PositionReports
+    from bev_preheat.simulation.sensors import PositionReports
     from bev_preheat.simulation.traffic import Event
     from bev_preheat.vehicle.description import Vehicle
 

@@ -8,8 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.charging.stop import Charger, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
@@ -19,12 +18,10 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.route.segments import Route
 from bev_preheat.route.sources.journey import RouteOptions
-from bev_preheat.simulation.heater_faults import HeaterFault
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.heater import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
-from bev_preheat.simulation.position import PositionReports
-from bev_preheat.simulation.sensors import OtherBattery, Sensors, Span, Spike
+from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Sensors, Span, Spike
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.heat_path import HeatPath

@@ -1,23 +1,198 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives a car, or a scenario's, under the planner's own step and observes it, without ROS."""
-
+"""Drives a car, or a scenario's, under the planner's own step, and compares it with expectations; no ROS."""
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 import math
-from typing import TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd
-from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.phases import DrivePhase
+from bev_preheat.simulation.supervised_drive import moments, Switching
+from bev_preheat.simulation.traffic import clock_offset_s
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from bev_preheat.control.state import State
     from bev_preheat.simulation.imperfect_car import ImperfectCar
-    from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulation.scenario import Expectations, Scenario
     from bev_preheat.simulation.supervised_drive import Moment, Wire
+
+# Word of the diagnostics for a heater without a fault.
+HEALTHY = 'answers'
+# Signals that may be in doubt.
+SIGNALS = frozenset(('battery_temperature', 'state_of_charge', 'voltage', 'current', 'source', 'feed'))
+
+
+class PhaseEnd(NamedTuple):
+    """A phase that has ended: its instants [s], the true temperature [deg C], NaN if the battery is empty."""
+
+    started_s: float
+    ended_s: float
+    arrival_c: float
+
+
+@dataclass
+class DriveRecord:
+    """
+    Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
+
+    `commands` holds (instant, power [W], reason's name) in order, `statuses` the names of all
+    statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics.
+    `arrival_c` is the true temperature at the end of the drive, NaN without an arrival.
+    `heater_verdicts` holds (instant, word of the diagnostics) at each change, `regimes` (instant, name),
+    `signals` (instant, name) at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at
+    which more than 0 W was commanded, -inf without such a command. `phases` are the records of all
+    phases, whose instants count from their start.
+    """
+
+    target_c: float
+    commands: list[tuple[float, float, str]] = field(default_factory=list)
+    statuses: set[str] = field(default_factory=set)
+    heater: str = ''
+    arrival_c: float = math.nan
+    heater_verdicts: list[tuple[float, str]] = field(default_factory=list)
+    regimes: list[tuple[float, str]] = field(default_factory=list)
+    signals: list[tuple[float, str]] = field(default_factory=list)
+    hottest_heated_c: float = -math.inf
+    phases: list[DriveRecord] = field(default_factory=list)
+    _doubted: frozenset[str] = frozenset()
+
+    def note_heater(self, instant_s: float, said: str) -> None:
+        """Record the verdict on the heater at an instant [s]."""
+        if said != self.heater:
+            self.heater_verdicts.append((instant_s, said))
+        self.heater = said
+
+    def note_signals(self, instant_s: float, names: Collection[str]) -> None:
+        """Record the signals in doubt at an instant [s]."""
+        self.signals += [(instant_s, name) for name in names if name not in self._doubted]
+        self._doubted = frozenset(names)
+
+    @property
+    def switch_ons(self) -> int:
+        """Number of times that the command rose from 0 W."""
+        return self.switching.switch_ons
+
+    @property
+    def switching(self) -> Switching:
+        """The rises of the command from 0 W."""
+        switching = Switching()
+        for instant_s, power_w, _ in self.commands:
+            switching.note(instant_s, power_w)
+        return switching
+
+    def during(self, from_s: float, until_s: float, target_c: float, arrival_c: float) -> DriveRecord:
+        """Return the DriveRecord of the phase in a span [s] that ends at `arrival_c` [deg C]."""
+        def shifted(records: list[Any]) -> list[Any]:
+            return [(record[0] - from_s, *record[1:]) for record in records if from_s <= record[0] < until_s]
+
+        commands = shifted(self.commands)
+        before = [(0.0, said) for instant_s, said in self.heater_verdicts if instant_s < from_s][-1:]
+        verdicts = before + shifted(self.heater_verdicts)
+        return DriveRecord(
+            target_c, commands, {reason for _, _, reason in commands}, verdicts[-1][1] if verdicts else '',
+            arrival_c, verdicts, shifted(self.regimes), shifted(self.signals), self.hottest_heated_c)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One expectation: its subject, the expected and the observed value, and whether it is met."""
+
+    what: str
+    expected: str
+    seen: str
+    good: bool
+
+
+def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
+    """Return a Finding for each of a scenario's Expectations, compared with a DriveRecord."""
+    findings: list[Finding] = []
+
+    def find(what: str, expected: str, seen: str, good: bool) -> None:
+        findings.append(Finding(what, expected, seen, bool(good)))
+
+    if expectations.arrival_error_k is not None:
+        low, high = expectations.arrival_error_k
+        error_k = record.arrival_c - record.target_c
+        find('arrival error [K]', f'{low:+g} ... {high:+g}', f'{error_k:+.2f}',
+             low <= error_k <= high)
+    if expectations.most_switch_ons is not None:
+        find('heater switched on [times]', f'at most {expectations.most_switch_ons}',
+             str(record.switch_ons), record.switch_ons <= expectations.most_switch_ons)
+    if expectations.statuses:
+        missing = [name for name in expectations.statuses if name not in record.statuses]
+        find('statuses', ', '.join(expectations.statuses),
+             f'all but {", ".join(missing)}' if missing else 'all', not missing)
+    if expectations.never:
+        unwanted = [name for name in expectations.never if name in record.statuses]
+        find('statuses', f'none of {", ".join(expectations.never)}',
+             ', '.join(unwanted) or 'none', not unwanted)
+    for from_s, until_s in expectations.off_during:
+        most_w = max(_powers_w(record, from_s, until_s), default=math.nan)
+        find(f'command from {from_s:g} to {until_s:g} s [W]', '0', f'at most {most_w:.0f}',
+             most_w == 0.0)
+    for from_s, until_s in expectations.heats_during:
+        most_w = max(_powers_w(record, from_s, until_s), default=math.nan)
+        find(f'command from {from_s:g} to {until_s:g} s [W]', 'more than 0',
+             f'at most {most_w:.0f}', most_w > 0.0)
+    for regime, from_s, until_s in expectations.regime_during:
+        seen = sorted({name for instant_s, name in record.regimes if from_s <= instant_s < until_s})
+        find(f'regime from {from_s:g} to {until_s:g} s', regime, ', '.join(seen) or 'none', seen == [regime])
+    if expectations.never_regimes:
+        unwanted = sorted({name for _, name in record.regimes} & set(expectations.never_regimes))
+        find('regimes', f'none of {", ".join(expectations.never_regimes)}', ', '.join(unwanted) or 'none',
+             not unwanted)
+    if expectations.not_heated_above_c is not None:
+        find('warmest battery that was heated [deg C]', f'at most {expectations.not_heated_above_c:g}',
+             f'{record.hottest_heated_c:.2f}', record.hottest_heated_c <= expectations.not_heated_above_c)
+    if expectations.heater is not None:
+        find('heater', expectations.heater, record.heater or 'nothing',
+             record.heater == expectations.heater)
+    if expectations.never_heater_verdict:
+        accused = sorted({said for _, said in record.heater_verdicts} - {HEALTHY})
+        find('verdicts on the heater', 'none', ', '.join(accused) or 'none', not accused)
+    for name in expectations.signals:
+        named_s = min((instant_s for instant_s, each in record.signals if each == name), default=math.inf)
+        within_s = expectations.named_within_s
+        find(f'signal {name}', 'named' if within_s is None else f'named within {within_s:g} s',
+             f'after {named_s:.1f} s' if named_s < math.inf else 'not named',
+             named_s < math.inf if within_s is None else named_s <= within_s)
+    if expectations.no_signals:
+        named = sorted({name for _, name in record.signals})
+        find('signals in doubt', 'none', ', '.join(named) or 'none', not named)
+    return findings
+
+
+def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd]) -> None:
+    """Fill in the records of a Scenario's phases from their ends."""
+    jumps = scenario.imperfections.clock_jumps
+    for phase, (started_s, ended_s, arrival_c) in zip((scenario.drives[0], *scenario.following), ends):
+        record.phases.append(record.during(
+            started_s + clock_offset_s(jumps, started_s), ended_s + clock_offset_s(jumps, ended_s),
+            phase.goal.target_temperature_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
+    if record.phases:
+        record.arrival_c = record.phases[0].arrival_c
+
+
+def evaluate_chain(expectations: Expectations, of_phases: Sequence[Expectations | None],
+                   record: DriveRecord) -> list[Finding]:
+    """Return the Findings of `evaluate` for the whole drive, then for each phase with expectations."""
+    findings = evaluate(expectations, record)
+    for number, (expected, phase) in enumerate(zip(of_phases, record.phases), start=1):
+        if expected is not None:
+            findings += [replace(finding, what=f'phase {number}: {finding.what}')
+                         for finding in evaluate(expected, phase)]
+    if len(record.phases) < len(of_phases):
+        findings.append(Finding('phases', str(len(of_phases)), str(len(record.phases)), False))
+    return findings
+
+
+def _powers_w(record: DriveRecord, from_s: float, until_s: float) -> list[float]:
+    return [power_w for instant_s, power_w, _ in record.commands if from_s <= instant_s < until_s]
+
 
 # The planner is observed for this long after the arrival [s].
 AFTERWARDS_S = 120.0

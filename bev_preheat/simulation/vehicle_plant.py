@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.equations import CoolingPowers
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.heater_lease import HeaterLease
+    from bev_preheat.simulation.heater import HeaterLease
     from bev_preheat.vehicle.description import Vehicle
 
 LONGEST_PLANT_STEP_S = 1.0

@@ -28,7 +28,7 @@ from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import KeptRecording
-from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, SIGNALS
+from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.simulated_drive import ARRIVED, outcome_from_diagnostics
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan

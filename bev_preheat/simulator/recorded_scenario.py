@@ -26,10 +26,9 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.inputs import Mission, Progress
-    from bev_preheat.control.step import StepOutput
-    from bev_preheat.control.supervisor import Supervisor
-    from bev_preheat.simulation.evaluation import DriveRecord
+    from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulation.scenario_drive import DriveRecord
     from bev_preheat.simulation.sensors import Reading
 
 # A folder of one drive is never too large [MB].

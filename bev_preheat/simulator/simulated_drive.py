@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, values_of, WARN
 from bev_preheat.planning.dynamics import Energies
-from bev_preheat.simulation.evaluation import PhaseEnd
 from bev_preheat.simulation.phases import Charge, Park
+from bev_preheat.simulation.scenario_drive import PhaseEnd
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -31,7 +31,7 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for
-from bev_preheat.simulation.heater_side import HeaterSide
+from bev_preheat.simulation.heater import HeaterSide
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cost of a kelvin on arrival in each step: bev_preheat.planning.prices. */
+/* Cost of a kelvin on arrival in each step: bev_preheat.planning.one_interval. */
 #include "prices.h"
 
 #include "bev_preheat_core_generated/constants.h"

@@ -7,7 +7,7 @@
 
 /*
  * BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than those of a run that is heated from one instant on
- * may save charge: bev_preheat.planning.prices.is_cheaper_elsewhere.
+ * may save charge: bev_preheat.planning.one_interval.is_cheaper_elsewhere.
  */
 bev_status bev_costs_least(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                            const double *temperature_c, const double *heater_w);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Sensitivities of the end of a step of a run, and their value on arrival: Slopes of bev_preheat.planning.prices.
+ * Sensitivities of the end of a step of a run, and their value on arrival: Slopes of bev_preheat.planning.one_interval.
  */
 #ifndef BEV_PREHEAT_CORE_SLOPES_H_
 #define BEV_PREHEAT_CORE_SLOPES_H_

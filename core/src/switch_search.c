@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * When to switch the heater on, heat at once: bev_preheat.planning.optimal_switch with the search of
+ * When to switch the heater on, heat at once: bev_preheat.planning.one_interval with the search of
  * bev_preheat.planning.bracketing, and the cost of the plan found.
  */
 #include "bev_preheat_core_generated/constants.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The value of a temperature at each instant, backward, and the plan from it, forward:
- * bev_preheat.planning.value_function.
+ * bev_preheat.planning.methods.
  */
 #include <string.h>
 

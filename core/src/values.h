@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The parts of bev_preheat.planning.value_function: ends of a step (value_steps.c), values of a layer
+ * The parts of bev_preheat.planning.methods: ends of a step (value_steps.c), values of a layer
  * (value_layers.c), the path of the pass before and its prices (value_path.c), the run (value_run.c), and the passes
  * (value_function.c).
  */

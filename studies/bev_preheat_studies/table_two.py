@@ -17,7 +17,7 @@ import numpy as np
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference, energy_gap_wh
+from bev_preheat.planning.plan import difference, energy_gap_wh
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route, route_file

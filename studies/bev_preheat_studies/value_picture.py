@@ -20,9 +20,9 @@ from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.planning.engine import limits_of_steps_w
+from bev_preheat.planning.methods import value_table
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.value_function import value_table
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -12,8 +12,7 @@ import pytest
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.prospect import ChargingProspect, held_prospect
-from bev_preheat.charging.stop import arrival_state, stop_after
+from bev_preheat.charging.stop import arrival_state, ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput

@@ -11,7 +11,7 @@ from plain_car import constant, plain_car
 import pytest
 
 from bev_preheat.charging.heating_choice import ChargerHeating, HeatingDecision
-from bev_preheat.charging.heating_limit import ALWAYS, HeatingLimit, NEVER
+from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices

@@ -8,11 +8,10 @@ import numpy as np
 from plain_car import constant, plain_car
 import pytest
 
+from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.prospect import ChargingProspect
 from bev_preheat.charging.session import charge, STEP_S
-from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.stop import arrival_state, ChargingStop, stop_after
+from bev_preheat.charging.stop import arrival_state, ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, WorthSearch

@@ -16,7 +16,7 @@ from bev_preheat.commands.completion import NameCompleter
 from bev_preheat.commands.main import main, SUBCOMMANDS
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation import scenario_drive
-from bev_preheat.simulation.evaluation import DriveRecord
+from bev_preheat.simulation.scenario_drive import DriveRecord
 
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
              '0.8']

@@ -10,11 +10,9 @@ from stepwise import Stepwise
 from bev_preheat.control.events import ActivationChanged, BatteryStateArrived, PreheatingSwitched, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import check_mission, Measurement, Mission
+from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings, settings_of
-from bev_preheat.control.step import StepOutput
-from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.errors import InvalidInput
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -51,21 +49,6 @@ def test_the_least_power_switches_the_heater_on_and_none_does_not():
 def test_the_least_time_on_lasts_from_the_very_instant_to_its_end(later_ns, power_w):
     switch = HeaterSwitch().asked(NOW_NS, 3e3, 5e3, 20.0, 120.0)
     assert switch.asked(NOW_NS + later_ns, 0.0, 5e3, 20.0, 120.0).power_w == power_w
-
-
-def test_what_is_forced_off_keeps_no_power():
-    switch = HeaterSwitch().asked(NOW_NS, 3e3, 5e3, 20.0, 120.0).forced_off()
-    assert not switch.is_on
-    assert switch.asked(NOW_NS, 0.0, 5e3, 20.0, 120.0).power_w == 0.0
-    # It leaves no waiting time either.
-    assert switch.asked(NOW_NS, 2e3, 5e3, 20.0, 120.0).power_w == 2e3
-
-
-@pytest.mark.parametrize('voltage_v, current_a, power_w', [
-    (360.0, 50.0, 18e3), (360.0, -50.0, -18e3), (360.0, 0.0, 0.0), (None, 50.0, None),
-    (360.0, None, None), (None, None, None)])
-def test_power_is_known_where_voltage_and_current_are(voltage_v, current_a, power_w):
-    assert Measurement(STATE, NOW_NS, voltage_v, current_a).power_w == power_w
 
 
 @pytest.mark.parametrize('after_ns, ended_for_s, ahead_s', [
@@ -207,13 +190,6 @@ def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
     assert hint in sentences[0]
     assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentences[1]
     assert inbox.scale_verdict.since_ns == at(8.0)
-
-
-def test_the_problems_of_all_legs_are_named():
-    legs = [steady_leg(target_temperature_c=target_c) for target_c in (98.0, 25.0, 99.0)]
-    with pytest.raises(InvalidInput) as refusal:
-        check_mission(VEHICLE, Mission('home', tuple(legs)), 25.0)
-    assert [problem.partition(':')[0] for problem in refusal.value.problems] == ['leg 1', 'leg 3']
 
 
 @pytest.mark.parametrize('value, target_c', [

@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision on a battery state, its report, and the coldest cell that limits it."""
+"""Decisions: a route with stops, the commanded leg at each time, plans beyond the next stop, refusals."""
 
 from dataclasses import replace
+import gc
+import weakref
 
 import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from stepwise import Stepwise
 
 from bev_preheat.control.events import BatteryStateArrived, Reconfigured, RouteArrived
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.planner import plan_case, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.vehicle import load_vehicle
 
 
 @pytest.mark.parametrize('estimation', [False, True])
@@ -72,3 +78,266 @@ def test_it_may_be_switched_off_at_run_time():
     supervisor.step(NOW_NS, Reconfigured(
         VEHICLE, replace(supervisor.state.settings, coldest_cell_limits=False), supervisor.state.mission))
     assert supervisor.state.decision.status is not Status.POWER_LIMITED
+
+
+COLD = BatteryState(-7.0, 0.8)
+# Plans start exactly from the measured values.
+MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
+AFTER_FIRST, AFTER_SECOND = BatteryState(16.0, 0.7), BatteryState(31.0, 0.6)
+# Legs of 10, 10 and 5 min; the cabin leaves another power of the 7 kW in each.
+FIRST_W, SECOND_W = 5500.0, 6100.0
+STOPS_S = (300.0, 200.0)
+SECOND_S, THIRD_S = 900.0, 1700.0
+HEATS = Status.TARGET_UNREACHABLE
+
+
+def make_leg(duration_s, heater_left_w, **fields):
+    return steady_leg(duration_s, propulsion_power_w=[18e3], ambient_temperature_c=[-5.0],
+                      cabin_heating_power_w=[7000.0 - heater_left_w], **{'target_temperature_c': None, **fields})
+
+
+def make_mission(start_ns=NOW_NS, **second):
+    """Return a trip with two stops and a final leg without charging."""
+    legs = (make_leg(600.0, FIRST_W, start_ns=start_ns, target_temperature_c=25.0),
+            make_leg(600.0, SECOND_W, departure=AFTER_FIRST,
+                     **{'target_temperature_c': 20.0, 'minimum_arrival_soc': 0.15, **second}),
+            make_leg(300.0, 6300.0, charging_planned=False, departure=AFTER_SECOND))
+    return Mission('over two stops', with_stops(legs, STOPS_S))
+
+
+def feed(supervisor, now_ns=NOW_NS, state=COLD, stamp_ns=None):
+    supervisor.accept_battery(
+        Measurement(state, now_ns if stamp_ns is None else stamp_ns), now_ns)
+    return supervisor.replan(now_ns)
+
+
+def supervisor_at(elapsed_s, settings=MEASURED, **mission):
+    """Return a supervisor that has planned at NOW_NS, some time after the start of the trip."""
+    supervisor = Stepwise(VEHICLE, settings)
+    supervisor.accept_mission(make_mission(NOW_NS - ns(elapsed_s), **mission))
+    feed(supervisor)
+    return supervisor
+
+
+def outcome(supervisor, now_ns=NOW_NS):
+    command = supervisor.command(now_ns)
+    return command.battery_heating_power_w, command.reason
+
+
+@pytest.fixture
+def planned_states(monkeypatch):
+    """Return the list of the states that plans were made from, in order."""
+    states = []
+
+    def plan(case):
+        states.append(case.state)
+        return plan_case(case)
+
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', plan)
+    return states
+
+
+# The current leg
+
+@pytest.mark.parametrize('elapsed_s, power_w, reason', [
+    (-0.001, 0.0, HEATS),
+    (0.0, FIRST_W, HEATS), (599.999, FIRST_W, HEATS),
+    (600.0, 0.0, Status.CHARGING), (899.999, 0.0, Status.CHARGING),
+    (900.0, SECOND_W, HEATS), (1499.999, SECOND_W, HEATS),
+    (1500.0, 0.0, Status.CHARGING), (1699.999, 0.0, Status.CHARGING),
+    (1700.0, 0.0, Status.NO_CHARGING_PLANNED), (1999.999, 0.0, Status.NO_CHARGING_PLANNED),
+    (2000.0, 0.0, Status.ARRIVED), (9000.0, 0.0, Status.ARRIVED)])
+def test_the_leg_that_is_now_is_commanded(elapsed_s, power_w, reason):
+    assert outcome(supervisor_at(elapsed_s)) == (pytest.approx(power_w), reason)
+
+
+@pytest.mark.parametrize('elapsed_s, rest_s, target_c', [
+    (250.0, 350.0, 25.0), (1000.0, 500.0, 20.0), (1800.0, 200.0, 25.0)])
+def test_the_rest_of_the_leg_that_is_now_is_planned_from_the_measured_state_for_its_own_target(
+        elapsed_s, rest_s, target_c):
+    plan = supervisor_at(elapsed_s).state.decision.plan
+    assert (plan.target_temperature_c, plan.arrival_time_s, plan.battery_temperature_c[0], plan.soc[0]) == (
+        target_c, pytest.approx(rest_s), COLD.temperature_c, COLD.soc)
+
+
+def test_a_state_from_before_the_departure_counts_from_the_departure():
+    supervisor = Stepwise(VEHICLE, MEASURED)
+    supervisor.accept_mission(make_mission(NOW_NS - ns(SECOND_S + 0.2)))
+    decision = feed(supervisor, stamp_ns=NOW_NS - ns(0.5))
+    assert (decision.plan_start_ns, outcome(supervisor)[0]) == (
+        NOW_NS - ns(0.2), pytest.approx(SECOND_W))
+
+
+PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
+
+
+@pytest.mark.parametrize('elapsed_s, expected', [
+    (599.999, (pytest.approx(FIRST_W), HEATS)), (600.0, (0.0, Status.CHARGING)),
+    # No heating for the next leg before it has a plan.
+    (SECOND_S + 50.0, (0.0, Status.CHARGING))])
+def test_time_alone_ends_a_leg(elapsed_s, expected):
+    supervisor = supervisor_at(0.0, PATIENT)
+    assert outcome(supervisor, NOW_NS + ns(elapsed_s)) == expected
+
+
+@pytest.mark.parametrize('elapsed_s, sentence', [
+    (660.0, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
+    # 239.6 s
+    (660.4, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
+    (1605.0, 'Charging until departure in 1:35 min; then 5:00 min of driving without fast '
+     'charging at its end.')])
+def test_a_stop_is_explained(elapsed_s, sentence):
+    assert supervisor_at(elapsed_s).state.decision.explanation == sentence
+
+
+def test_a_stop_may_last_longer_than_a_simulated_clock_has_run():
+    supervisor = Stepwise(VEHICLE, MEASURED)
+    supervisor.accept_mission(Mission('a long stop', with_stops(
+        make_mission(start_ns=0).legs, (1000.0, 200.0))))
+    assert feed(supervisor, ns(700.0)).explanation.startswith(
+        'Charging until departure in 15:00 min; ')
+
+
+def test_switched_off_is_off_at_a_stop_too():
+    supervisor = supervisor_at(700.0)
+    supervisor.enabled = False
+    assert outcome(supervisor) == (0.0, Status.DISABLED)
+
+
+def test_arrival_is_counted_from_the_end_of_the_last_leg():
+    assert supervisor_at(2075.0).state.decision.explanation == (
+        'The route has ended: arrived 1:15 min ago.')
+
+
+# Beyond the next stop
+
+@pytest.mark.parametrize('elapsed_s, starts_s', [
+    (-10.0, [SECOND_S, THIRD_S]), (300.0, [SECOND_S, THIRD_S]), (700.0, [SECOND_S, THIRD_S]),
+    (1000.0, [THIRD_S]), (1600.0, [THIRD_S]), (1800.0, []), (2100.0, [])])
+def test_what_lies_beyond_the_next_stop_is_planned(elapsed_s, starts_s):
+    decisions = supervisor_at(elapsed_s).later_decisions()
+    assert [(decision.plan_start_ns - NOW_NS) / NS_PER_S + elapsed_s
+            for decision in decisions] == pytest.approx(starts_s)
+
+
+def test_a_later_leg_is_planned_from_its_departure_for_its_goal():
+    decision, _ = supervisor_at(0.0).later_decisions()
+    alone = plan_preheating(
+        VEHICLE, make_mission().legs[1].route, AFTER_FIRST, Goal(20.0, 0.15, True))
+    assert alone.heating_start_s > 0.0
+    assert (decision.status, decision.plan.heating_start_s, decision.plan.arrival_temperature_c,
+            decision.plan.arrival_soc) == (
+        alone.status, alone.heating_start_s, alone.arrival_temperature_c, alone.arrival_soc)
+
+
+def test_a_leg_without_charging_is_planned_without_heating():
+    _, decision = supervisor_at(0.0).later_decisions()
+    assert (decision.status, decision.plan.heating_start_s, decision.plan.soc[0]) == (
+        Status.NO_CHARGING_PLANNED, None, AFTER_SECOND.soc)
+
+
+def test_the_setting_for_the_target_holds_for_a_leg_without_one():
+    supervisor = supervisor_at(0.0, replace(MEASURED, target_temperature_c=18.0), target_temperature_c=None)
+    assert supervisor.later_decisions()[0].plan.target_temperature_c == 18.0
+
+
+def test_later_legs_are_planned_once_and_the_one_that_is_now_for_each_state(planned_states):
+    supervisor = supervisor_at(0.0)
+    states = [BatteryState(-7.0 + 0.1 * second, 0.8) for second in range(1, 5)]
+    for second, state in enumerate(states, start=1):
+        feed(supervisor, NOW_NS + ns(second), state)
+    assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND, *states]
+
+
+def test_the_command_does_not_wait_for_later_legs(planned_states):
+    supervisor = Stepwise(VEHICLE, MEASURED)
+    supervisor.accept_mission(make_mission())
+    output = supervisor.step(NOW_NS, BatteryStateArrived(Measurement(COLD, NOW_NS)))
+    assert output.command.battery_heating_power_w == pytest.approx(FIRST_W)
+    assert planned_states == [COLD]
+    assert len(supervisor.later_decisions()) == 2
+    assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND]
+
+
+def set_vehicle(supervisor):
+    supervisor.vehicle = load_vehicle('reference')
+
+
+def set_settings(supervisor):
+    supervisor.settings = replace(MEASURED, target_temperature_c=12.0)
+
+
+def set_equal_settings(supervisor):
+    supervisor.settings = replace(MEASURED)
+
+
+def set_route(supervisor):
+    supervisor.accept_mission(make_mission())
+
+
+def switch_off_and_on(supervisor):
+    supervisor.enabled = False
+    supervisor.enabled = True
+
+
+# The second leg has a target of its own, which another target in the settings leaves.
+@pytest.mark.parametrize('change, planned_again', [
+    (set_vehicle, [AFTER_FIRST, AFTER_SECOND]), (set_settings, [AFTER_SECOND]),
+    (set_route, [AFTER_FIRST, AFTER_SECOND]), (switch_off_and_on, []), (set_equal_settings, [])])
+def test_later_legs_are_planned_again_where_they_must(planned_states, change, planned_again):
+    supervisor = supervisor_at(0.0)
+    planned_states.clear()
+    change(supervisor)
+    assert planned_states == [COLD, *planned_again]
+
+
+def test_legs_of_a_route_that_was_replaced_are_forgotten():
+    supervisor = supervisor_at(0.0)
+    gone = weakref.ref(supervisor.state.mission.legs[1])
+    supervisor.accept_mission(make_mission())
+    supervisor.replan(NOW_NS)
+    gc.collect()
+    assert gone() is None
+
+
+def test_switched_off_nothing_is_promised_for_later():
+    supervisor = supervisor_at(0.0)
+    supervisor.enabled = False
+    supervisor.replan(NOW_NS)
+    assert supervisor.later_decisions() == ()
+
+
+def test_a_later_leg_that_cannot_be_planned_is_told_and_leaves_this_one(monkeypatch):
+    def plan(case):
+        if case.state is AFTER_FIRST:
+            raise PlanningFailure('no finite temperatures')
+        return plan_case(case)
+
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', plan)
+    supervisor = supervisor_at(0.0)
+    second, third = supervisor.later_decisions()
+    assert (outcome(supervisor)[0], second.status, second.explanation, third.status) == (
+        pytest.approx(FIRST_W), Status.INVALID_INPUT, 'no finite temperatures',
+        Status.NO_CHARGING_PLANNED)
+
+
+# Refusals
+
+@pytest.mark.parametrize('second, message', [
+    ({'departure': BatteryState(61.5, 0.5)}, 'leg 2: battery temperature: 61.5 is not allowed; '
+     "it must be -40 ... 60 degC, the range of the vehicle's battery"),
+    ({'departure': BatteryState(20.0, 1.5)},
+     'leg 2: state of charge: 1.5 is not allowed; it must be 0 ... 1'),
+    ({'target_temperature_c': -41.0}, 'leg 2: target battery temperature: -41 is not allowed; '
+     "it must be -40 ... 60 degC, the range of the vehicle's battery"),
+    ({'minimum_arrival_soc': 1.25},
+     'leg 2: minimum arrival state of charge: 1.25 is not allowed; it must be 0 ... 1'),
+], ids=['temperature', 'soc', 'target', 'minimum_soc'])
+def test_a_leg_outside_the_model_is_refused_by_its_number(second, message):
+    supervisor = supervisor_at(0.0)
+    legs = list(make_mission().legs)
+    legs[1] = make_leg(600.0, SECOND_W, start_ns=legs[1].start_ns,
+                       **{'departure': AFTER_FIRST, **second})
+    with pytest.raises(InvalidInput) as refusal:
+        supervisor.accept_mission(Mission('bad', tuple(legs)))
+    assert str(refusal.value) == message

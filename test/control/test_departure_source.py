@@ -8,7 +8,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from bev_preheat.control.departure_source import DepartureSource, DepartureState
-from bev_preheat.control.departures import Departure, Departures
+from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices
 from bev_preheat.control.events import (
     BatteryStateArrived,
     PreheatingSwitched,
@@ -17,7 +17,6 @@ from bev_preheat.control.events import (
     RouteArrived,
     TripCancelled,
 )
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings

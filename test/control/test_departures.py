@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.control.departures import Departure, Departures
+from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices, PricePeriod
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S

@@ -10,15 +10,13 @@ from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
+from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
-from bev_preheat.simulation.heater_faults import HeaterFault
-from bev_preheat.simulation.heater_lease import HeaterLease
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.heater import HeaterFault, HeaterLease
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.tunables import LAG_DEVIATION, NOMINAL_HEAT_LAG_S
 from bev_preheat.vehicle import load_vehicle

@@ -3,8 +3,8 @@
 
 import pytest
 
-from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.expected_drive import intervals_between
+from bev_preheat.control.heater_power import CommandHistory
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
@@ -67,35 +67,6 @@ def test_power_varies_by_what_its_mean_leaves_of_the_mean_square():
     assert between(130.0, 140.0)[0].power_variance_w2 == pytest.approx(12e3**2)
 
 
-def test_segments_may_be_shorter_than_a_second():
-    columns = {'duration_s': [0.25] * 4, 'speed_mps': [20.0], 'ambient_temperature_c': [-7.0],
-               'propulsion_power_w': [1e3, 2e3, 3e3, 4e3]}
-    mission = Mission('a second', (
-        Leg(make_route(columns, VEHICLE.defaults), START_S * NS_PER_S),))
-    powers_w = [between(at_s, at_s + 0.25, mission)[0].propulsion_power_w
-                for at_s in (0.0, 0.25, 0.5, 0.75)]
-    assert powers_w == [1e3, 2e3, 3e3, 4e3]
-
-
-def test_a_simulated_clock_may_have_begun_a_moment_ago():
-    mission = Mission('soon', (leg(1, [10e3, 20e3, -5e3]),))
-    edges_ns = [at_s * NS_PER_S for at_s in (1, 60, 62, 120, 180)]
-    intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(mission), CommandHistory())
-    assert [interval.drive.propulsion_power_w for interval in intervals] == [10e3, 20e3, 20e3, -5e3]
-
-
-def test_instants_of_today_are_not_rounded():
-    # As a float, this instant is a nanosecond earlier.
-    start_ns = 1_700_000_000_000_000_001
-    drive = Leg(MISSION.legs[0].route, start_ns)
-    intervals = intervals_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
-                                  Timetable.of(Mission('today', (drive,))), CommandHistory())
-    assert [interval.drive is None for interval in intervals] == [True, False]
-    begins, = intervals_between((start_ns - 1, start_ns + 1), VEHICLE, Timetable.of(Mission('today', (drive,))),
-                                CommandHistory())
-    assert begins.drive.propulsion_power_w == 10e3
-
-
 def test_a_cabin_that_takes_all_leaves_nothing():
     assert between(590.0, 591.0)[1] == 0.0
 
@@ -121,17 +92,6 @@ def test_each_step_has_its_mean_command():
     intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(MISSION), commands)
     assert [(interval.duration_s, interval.command_w) for interval in intervals] == [
         (10.0, 1000.0), (10.0, 2500.0)]
-
-
-def test_steps_need_not_last_whole_seconds():
-    # On a simulated clock that started a moment ago.
-    edges_ns = [round(at_s * NS_PER_S) for at_s in (1.0, 2.5, 12.0, 12.25)]
-    intervals = intervals_between(edges_ns, VEHICLE, None, CommandHistory())
-    assert [interval.duration_s for interval in intervals] == [1.5, 9.5, 0.25]
-
-
-def test_between_no_instants_there_is_no_step():
-    assert intervals_between((), VEHICLE, Timetable.of(MISSION), CommandHistory()) == ()
 
 
 def along(places, from_s, to_s):

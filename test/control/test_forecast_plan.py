@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask, seen_from_now
+from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -131,12 +131,6 @@ def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
     make(estimate, maker.for_new_mission())
     assert len(asked) == 4
     assert [question.uncertainty is None for question in asked] == [True, False, True, False]
-
-
-@pytest.mark.parametrize('is_heating', [False, True])
-def test_the_plan_knows_whether_the_heater_is_on(asked, is_heating):
-    make(make_estimate(), is_heating=is_heating)
-    assert asked[-1].uncertainty.is_heating is is_heating
 
 
 def test_a_long_least_time_on_does_not_leave_the_battery_cold():
@@ -273,15 +267,3 @@ def test_sentences_count_from_now(heated_s, starts_in_s, beginning):
 
 
 # A plan as of now
-
-@pytest.mark.parametrize('status, starts_in_s, status_now', [
-    (Status.HEATING, -0.5, Status.HEATING), (Status.HEATING, 0.0, Status.HEATING),
-    (Status.HEATING, 1e-9, Status.WAITING), (Status.HEATING, 0.5, Status.WAITING),
-    (Status.HEATING, 60.0, Status.WAITING), (Status.NOT_NEEDED, 60.0, Status.NOT_NEEDED),
-    (Status.TARGET_UNREACHABLE, 60.0, Status.TARGET_UNREACHABLE)])
-def test_what_heats_at_the_start_waits_until_then(status, starts_in_s, status_now):
-    plan = replace(plan_preheating(VEHICLE, ROUTE, BatteryState(20.0, 0.8), GOAL),
-                   status=status, heating_start_s=0.0)
-    now = seen_from_now(plan, VEHICLE, GOAL, starts_in_s)
-    assert now.status is status_now
-    assert ('Heating starts in' in now.explanation) == (status_now is Status.WAITING)

@@ -53,10 +53,6 @@ def test_what_is_held_on_keeps_its_power_within_what_there_is(heating):
     assert heating.at(1007.0, 0.0, limit_w=0.0) == 0.0
 
 
-def test_a_request_for_another_power_is_granted_at_once(heating):
-    assert heating.at(1001.0, 700.0) == 700.0
-
-
 def test_a_request_withdrawn_in_time_is_no_switching(heating):
     heating.at(1010.0, 0.0)
     assert heating.at(1012.0, FULL_W) == FULL_W
@@ -74,11 +70,6 @@ def test_allow_lets_the_next_request_through(heating):
     heating.at(1030.0, 0.0)
     heating.become('allowed')
     assert heating.at(1031.0, FULL_W) == FULL_W
-
-
-def test_asking_twice_at_one_instant_gives_the_same(heating):
-    for now_s, wanted_w in ((1001.0, 0.0), (1020.0, 0.0), (1021.0, FULL_W), (1140.0, FULL_W)):
-        assert heating.at(now_s, wanted_w) == heating.at(now_s, wanted_w)
 
 
 WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, FULL_W]),
@@ -267,11 +258,6 @@ def test_another_status_of_a_plan_shows_when_it_has_held_for_ten_seconds():
     rows = [(0, Status.WAITING, False), (1, Status.NOT_NEEDED, False), (10.9, Status.NOT_NEEDED, False),
             (11, Status.NOT_NEEDED, False)]
     assert shown(*rows) == [Status.WAITING] * 3 + [Status.NOT_NEEDED]
-
-
-def test_a_status_that_comes_and_goes_is_never_shown():
-    rows = [(second, Status.TARGET_UNREACHABLE if second % 9 else Status.HEATING, True) for second in range(100)]
-    assert set(shown(*rows)) == {Status.HEATING}
 
 
 @pytest.mark.parametrize('status', AT_ONCE)

@@ -3,14 +3,14 @@
 
 import random
 
-from bev_preheat.control.admitted import AdmittedInputs
-from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.decision import AdmittedInputs
+from bev_preheat.control.heater_power import CommandHistory
 from bev_preheat.control.inputs import Leg, Measurement, Mission, SupplyStatus
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
-from bev_preheat.estimation.signal_verdict import CURRENT, SOURCE, TEMPERATURE, VOLTAGE
+from bev_preheat.estimation.signal_checks import CURRENT, SOURCE, TEMPERATURE, VOLTAGE
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import load_route

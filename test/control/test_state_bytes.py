@@ -9,15 +9,14 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+from bev_preheat.control.departures import DailyPrice, GridPrices, PricePeriod
 from bev_preheat.control.events import BatteryStateArrived, PreparationWanted
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.settings import Settings, settings_of
 from bev_preheat.control.state import State
 from bev_preheat.control.state_bytes import state_bytes, state_of
-from bev_preheat.control.step import step
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.supervisor import step, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.scenario import load_scenario

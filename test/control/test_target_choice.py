@@ -39,9 +39,8 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.heater_lease import HeaterLease
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.heater import HeaterLease
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K

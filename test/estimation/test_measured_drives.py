@@ -20,9 +20,9 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
 from bev_preheat.estimation.state import HEATER, LEAKAGE
+from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route

@@ -9,9 +9,9 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, prior_factor_covariance, unknown_lags
 from bev_preheat.estimation.state import FACTORS
+from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
 from bev_preheat.tunables import OVERNIGHT
 
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')

@@ -15,11 +15,17 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
-from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
-from bev_preheat.estimation.last_seen import LastSeen
-from bev_preheat.estimation.memory import as_entry, learned_from
+from bev_preheat.estimation.before_restart import CancelledTrip, DriverChoices, EndedTrip, LastSeen, NO_CHOICES
 from bev_preheat.estimation.prior import nothing_learned
-from bev_preheat.estimation.state_file import check_state_file, load_state, MOST_CARS, Recalled, save_state
+from bev_preheat.estimation.state_file import (
+    as_entry,
+    check_state_file,
+    learned_from,
+    load_state,
+    MOST_CARS,
+    Recalled,
+    save_state,
+)
 
 CAR, OTHER = 'a' * 64, 'b' * 64
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mutation import mutated
 import pytest
 
-from bev_preheat.charging.chargers_file import load_chargers
+from bev_preheat.charging.chargers import load_chargers
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput

@@ -5,7 +5,7 @@ from jsonschema import Draft7Validator
 import pytest
 import yaml
 
-from bev_preheat.charging import chargers_file
+from bev_preheat.charging import chargers
 from bev_preheat.control import itinerary
 from bev_preheat.files.checked_yaml import load_schema, surely_obeys
 from bev_preheat.files.configuration import configuration_folder
@@ -13,7 +13,7 @@ from bev_preheat.route import legs
 from bev_preheat.simulation import scenario
 from bev_preheat.vehicle import loading
 
-SCHEMAS = {'vehicles': loading.SCHEMA, 'scenarios': scenario.SCHEMA, 'chargers': chargers_file.SCHEMA,
+SCHEMAS = {'vehicles': loading.SCHEMA, 'scenarios': scenario.SCHEMA, 'chargers': chargers.SCHEMA,
            'itineraries': itinerary.SCHEMA, 'routes/legs': legs.SCHEMA}
 ODD_VALUES = (-1e9, 1e9, 0, 0.5, True, None, '', 'x' * 101, [], [1.0, [2.0], 'x'], {}, {'key': 1})
 

@@ -24,9 +24,8 @@ from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
-from bev_preheat.planning.outcome import Stranding
 from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.schedule import HeatingInterval, Reason, Stranding
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

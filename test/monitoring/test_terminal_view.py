@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from seen_examples import a_board, START_S
 
-from bev_preheat.control.heater_answer import HeaterStatus
+from bev_preheat.control.heater_power import HeaterStatus
 from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.health import Surroundings
 from bev_preheat.monitoring.seen import entries_seen, EntrySeen, plan_seen, RouteSeen

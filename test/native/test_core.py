@@ -17,8 +17,7 @@ from bev_preheat.native.calls import place, vehicle_in_core
 from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
 from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.core_engine import trip_in_core
-from bev_preheat.planning.engine import run_forward
+from bev_preheat.planning.engine import run_forward, trip_in_core
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.heat_path import HeatPath

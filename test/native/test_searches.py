@@ -12,10 +12,10 @@ from bev_preheat.native import library as library_module
 from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import core, core_in_words, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
-from bev_preheat.planning.core_engine import trip_in_core
+from bev_preheat.planning.engine import trip_in_core
+from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 

@@ -19,13 +19,12 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.core_engine import trip_in_core
-from bev_preheat.planning.engine import plan_by_paper, plan_switch
+from bev_preheat.planning.engine import plan_by_paper, plan_switch, trip_in_core
 from bev_preheat.planning.heat_run import roll_heated
 from bev_preheat.planning.limits import limits_along
+from bev_preheat.planning.methods import is_best, plan_optimal_switch
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.switch_methods import is_best, plan_optimal_switch
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath

@@ -8,7 +8,7 @@ import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.charging.candidates import Candidate, rank_chargers, ranking_verdict
+from bev_preheat.charging.chargers import Candidate, rank_chargers, ranking_verdict
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of
 from bev_preheat.planning import situation

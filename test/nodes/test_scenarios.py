@@ -19,9 +19,8 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.simulation.evaluation import evaluate_chain
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulation.scenario_drive import drive_scenario
+from bev_preheat.simulation.scenario_drive import drive_scenario, evaluate_chain
 
 pytestmark = pytest.mark.costly
 

@@ -71,14 +71,6 @@ def test_closing_in_makes_no_more_trials_than_allowed_and_keeps_the_best_that_is
         value for value in attempt.values if value > 0.3)
 
 
-@given(root=st.floats(0.01, 0.99), most_trials=st.integers(0, 5))
-def test_what_jumps_is_halved_once_the_straight_line_has_not_led_there(root, most_trials):
-    attempt = Counted(lambda value: 1.0 if value > root else -1e-4)
-    found = close_in(attempt(1.0), attempt(0.0), attempt, lambda above, below: above.value - below.value <= 1e-3,
-                     most_trials, halvings=10)
-    assert root < found.value <= root + 1e-3
-
-
 @given(root=ROOTS, interval=STRETCHES, bend=st.sampled_from([0.0, 0.5, 2.0]), rises=st.booleans(),
        start=st.floats(0.0, 1.0), slope=st.sampled_from([1.0, 0.2, 3.0, 0.0, -1.0]))
 def test_following_the_slope_finds_the_root_from_anywhere(root, interval, bend, rises, start, slope):

@@ -15,9 +15,9 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.heat_run import state_with_heat_under_way
-from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip

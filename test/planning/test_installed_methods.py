@@ -17,8 +17,12 @@ import pytest
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.native.library import use_core
 from bev_preheat.planning import installed_methods
-from bev_preheat.planning.installed_methods import InstalledMethod, limit_answer_time, MethodFailure
-from bev_preheat.planning.method_situation import MethodSituation
+from bev_preheat.planning.installed_methods import (
+    InstalledMethod,
+    limit_answer_time,
+    MethodFailure,
+    MethodSituation,
+)
 from bev_preheat.planning.planner import (
     check_method,
     is_method,

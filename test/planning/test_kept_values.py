@@ -13,9 +13,9 @@ import pytest
 
 from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.kept_values import KeptValues
+from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route import load_route
 from bev_preheat.tunables import VALUES_KEPT_S
 from bev_preheat.vehicle import load_vehicle

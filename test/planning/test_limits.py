@@ -10,12 +10,11 @@ import pytest
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.engine import run_forward
+from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near, limits_hold, run_within_limits
+from bev_preheat.planning.methods import plan_by_values, plan_optimal_switch
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.switch_methods import plan_optimal_switch
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.value_function import plan_by_values
-from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table

@@ -13,10 +13,9 @@ import pytest
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.engine import limits_of_steps_w
-from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_unheated, plan_without_heating
-from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.schedule import HeldBack, Reason
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip

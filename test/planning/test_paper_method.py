@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.methods import plan_paper
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.switch_methods import plan_paper
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

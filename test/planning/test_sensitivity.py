@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from bev_preheat.planning import sensitivity as module
-from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -15,6 +15,7 @@ from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
+from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import (
     as_driven,
@@ -27,7 +28,6 @@ from bev_preheat.planning.planner import (
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route import load_route, make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath

@@ -20,7 +20,7 @@ from bev_preheat.recording.beginning import Beginning
 from bev_preheat.recording.recorded_steps import command_values, event_values, GoalNumbers, RecordedStep
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
 from bev_preheat.route import load_route
-from bev_preheat.simulation.heater_lease import HeaterLease
+from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle, vehicle_contents

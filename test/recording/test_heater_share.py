@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
 
-from bev_preheat.control.heater_answer import HeaterAnswerReport, HeaterStatus
+from bev_preheat.control.heater_power import HeaterAnswerReport, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.flight_file import read_flight
@@ -14,7 +14,7 @@ from bev_preheat.recording.heater_share import alter_status, HeaterShares
 from bev_preheat.recording.player import Changes
 from bev_preheat.recording.signal_changes import SignalChange
 from bev_preheat.recording.what_if import replay, replay_changed
-from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchStatus
 

@@ -9,9 +9,8 @@ from typing import get_args
 import pytest
 
 from bev_preheat.control import events
+from bev_preheat.control.departures import DailyPrice, GridPrices, PricePeriod, zone_of
 from bev_preheat.control.events import PreparationEnded, PreparationWanted, Reconfigured, RouteUnreadable
-from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
-from bev_preheat.control.local_time import zone_of
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS

@@ -10,10 +10,8 @@ import pytest
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
-from bev_preheat.simulation.heater_faults import HeaterFault
-from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch, true_route, true_vehicle
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle

@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.simulation.pace import Pace
+from bev_preheat.simulator.simulated_time import Pace
 
 
 def test_time_starts_with_the_first_call():

@@ -11,12 +11,10 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
-from bev_preheat.simulation.heater_faults import HeaterFault
-from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, DrivePhase, Park
-from bev_preheat.simulation.position import PositionReports
-from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle

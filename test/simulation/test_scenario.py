@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: the shipped ones, and the messages about wrong ones."""
 
+from pathlib import Path
 import re
 
 import pytest
@@ -10,11 +11,10 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import Goal
-from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.phases import Charge, Park
-from bev_preheat.simulation.position import PositionReports
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulation.sensors import OtherBattery, Spike
+from bev_preheat.simulation.scenario_drive import evaluate
+from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Spike
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.vehicle.heat_path import HeatPath
 
@@ -254,3 +254,17 @@ def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
     assert [(finding.what.split()[0], finding.good) for finding in findings] == [
         ('arrival', False), ('heater', False), ('statuses', True), ('statuses', False),
         ('command', False), ('command', True), ('heater', False)]
+
+
+SCENARIO = Path(__file__).resolve().parents[2] / 'config/scenarios/two_batteries.yaml'
+
+
+def test_whole_numbers_of_another_battery_are_floats(tmp_path):
+    contents = yaml.safe_load(SCENARIO.read_text())
+    contents['sensors']['other'].update(temperature_c=20, soc=1, voltage_v=12)
+    file = tmp_path / 'whole.yaml'
+    file.write_text(yaml.safe_dump(contents))
+    other = load_scenario(file).imperfections.sensors.other
+    numbers = (other.temperature_c, other.soc, other.voltage_v)
+    assert numbers == (20.0, 1.0, 12.0)
+    assert all(isinstance(number, float) for number in numbers)

@@ -11,8 +11,7 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.vehicle_plant import VehiclePlant

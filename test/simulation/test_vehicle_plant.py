@@ -10,7 +10,7 @@ from varying_power import magnitude_w
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
 from bev_preheat.simulation import vehicle_plant
-from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.heater import HeaterLease, NO_LEASE
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table

@@ -12,9 +12,8 @@ from bev_preheat.commands.main import main
 from bev_preheat.control.settings import Settings
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
-from bev_preheat.simulation.evaluation import DriveRecord
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.scenario_drive import DriveRecord
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.robustness.cars import drive_car, summarise_drives

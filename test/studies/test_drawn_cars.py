@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from short_drives import short_conditions
 
-from bev_preheat.simulation.heater_lease import NO_LEASE
+from bev_preheat.simulation.heater import NO_LEASE
 from bev_preheat_studies.robustness.drawn_cars import draw_car
 
 CONDITIONS = short_conditions()

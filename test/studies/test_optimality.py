@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.charging.prospect import ChargingProspect
+from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.nonlinear_program import solve
 from bev_preheat.nonlinear_program.solve import (
     ARRIVAL_SOC,

@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
-from bev_preheat.simulation.evaluation import SIGNALS
+from bev_preheat.simulation.scenario_drive import SIGNALS
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.robustness.drawn_cars import Conditions

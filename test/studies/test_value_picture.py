@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.methods import value_table
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.value_function import value_table
 from bev_preheat.route import load_route
 from bev_preheat.tunables import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle

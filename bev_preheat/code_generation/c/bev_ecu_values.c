@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The method value_function: bev_preheat.planning.value_function, and the check whether its plan may be used: no
+ * The method value_function: bev_preheat.planning.methods, and the check whether its plan may be used: no
  * plan may be worse than not heating (bev_preheat.planning.no_regret).
  */
 #include "bev_ecu_shared.h"

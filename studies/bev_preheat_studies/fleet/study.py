@@ -21,10 +21,10 @@ from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_O
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH
+from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat_studies.fleet.groups import ALWAYS, AMBIENTS, BEST, LENGTHS, NONE, USUAL, WAYS
 from bev_preheat_studies.fleet.winter_trips import CARS, draw_winter_trip
 from bev_preheat_studies.study import (

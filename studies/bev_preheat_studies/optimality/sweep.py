@@ -16,7 +16,7 @@ from bev_preheat.commands.method_argument import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.plan import energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip

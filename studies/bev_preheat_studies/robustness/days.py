@@ -10,8 +10,8 @@ import numpy as np
 
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.simulation.evaluation import HEALTHY
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park
+from bev_preheat.simulation.scenario_drive import HEALTHY
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat_studies.robustness.cars import (
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.simulation.evaluation import DriveRecord
     from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
+    from bev_preheat.simulation.scenario_drive import DriveRecord
     from bev_preheat_studies.robustness.cars import Figures
     from bev_preheat_studies.robustness.drawn_cars import Conditions
 

@@ -9,11 +9,9 @@ import numpy as np
 
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
-from bev_preheat.simulation.heater_faults import HeaterFault
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.mismatch import Mismatch
-from bev_preheat.simulation.position import PositionReports
-from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.heater import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.heat_path import HeatPath

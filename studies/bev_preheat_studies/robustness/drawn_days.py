@@ -12,7 +12,7 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park
-from bev_preheat.simulation.position import PositionReports
+from bev_preheat.simulation.sensors import PositionReports
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat_studies.robustness.drawn_cars import draw_car, POSITION_NOISE_M
 

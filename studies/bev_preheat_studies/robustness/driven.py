@@ -15,16 +15,15 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.evaluation import HEALTHY
-from bev_preheat.simulation.scenario_drive import drive_observed
+from bev_preheat.simulation.scenario_drive import drive_observed, HEALTHY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from bev_preheat.planning.situation import Goal
-    from bev_preheat.simulation.evaluation import DriveRecord
-    from bev_preheat.simulation.heater_faults import HeaterFault
+    from bev_preheat.simulation.heater import HeaterFault
     from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.scenario_drive import DriveRecord
 
 # The compared planners, by the method they are set to.
 COMPARED = {

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The heater's power: as commanded, and as its controller answers (`hvch_status`), with doubt about answers.
+
+Without answers the planner takes its own commands for the heater's power, as it does once they are silent or
+doubted. Instants are integers, in nanoseconds of the node's clock.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.errors import age_beyond, InvalidInput
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
+from bev_preheat.vehicle.heater_controller import Refusal
+
+if TYPE_CHECKING:
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.estimation.hypotheses import HeaterReport
+
+# No caller asks further back.
+KEPT_NS = 70_000_000_000
+NO_CHANGES: tuple[tuple[int, float], ...] = ((0, 0.0),)
+
+
+@dataclass(frozen=True)
+class CommandHistory:
+    """
+    The heater's commanded power [W] over the last minutes; instants in nanoseconds.
+
+    `changes` are the instants of changes with the power after each; `heated_ns` is the time of heating up to the
+    latest change, since `without_heating`.
+    """
+
+    changes: tuple[tuple[int, float], ...] = NO_CHANGES
+    heated_ns: int = 0
+
+    def noted(self, instant_ns: int, power_w: float) -> CommandHistory:
+        """Return the history with `power_w` commanded from an instant on; instants do not fall."""
+        # A clock that was set back voids earlier entries.
+        changes = NO_CHANGES if self.changes[-1][0] > instant_ns else self.changes
+        if changes[-1][1] == power_w:
+            return self if changes is self.changes else replace(self, changes=changes)
+        heated_ns = self.heated_ns + _heating_for_ns(changes, instant_ns)
+        changes = (*changes, (instant_ns, power_w))
+        while len(changes) > 2 and changes[1][0] < instant_ns - KEPT_NS:
+            changes = changes[1:]
+        return CommandHistory(changes, heated_ns)
+
+    def heating_for_s(self, now_ns: int) -> float:
+        """Return for how long [s] the latest power, if it is not 0, has been commanded."""
+        return _heating_for_ns(self.changes, now_ns) / NS_PER_S
+
+    def heated_s(self, now_ns: int) -> float:
+        """Return for how long [s] heating has been commanded since `without_heating`."""
+        return (self.heated_ns + _heating_for_ns(self.changes, now_ns)) / NS_PER_S
+
+    def without_heating(self, now_ns: int) -> CommandHistory:
+        """Return the history that counts the time of heating from 0 again, because another drive begins."""
+        return replace(self, heated_ns=-_heating_for_ns(self.changes, now_ns))
+
+    def mean_w(self, from_ns: int, to_ns: int) -> float:
+        """Return the mean commanded power [W] between two instants; the power then if they are equal."""
+        if to_ns <= from_ns:
+            return self.power_w(to_ns)
+        later_ns, energy = to_ns, 0.0
+        for changed_ns, power_w in reversed(self.changes):
+            if changed_ns >= later_ns:
+                continue
+            start_ns = max(changed_ns, from_ns)
+            energy += power_w * (later_ns - start_ns)
+            later_ns = start_ns
+            if later_ns <= from_ns:
+                break
+        return energy / (to_ns - from_ns)
+
+    def power_w(self, instant_ns: int) -> float:
+        """Return the power [W] that was commanded at an instant."""
+        for changed_ns, power_w in reversed(self.changes):
+            if changed_ns <= instant_ns:
+                return power_w
+        return 0.0
+
+
+def _heating_for_ns(changes: tuple[tuple[int, float], ...], now_ns: int) -> int:
+    since_ns, power_w = changes[-1]
+    return max(0, now_ns - since_ns) if power_w > 0.0 else 0
+
+
+HEATER_STATUS = 'hvch_status'
+# These do not depend on a command: they hold at once.
+HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
+IN_WORDS = {
+    Heater.DERATED: 'battery temperature and power show less heat than it reports',
+    Heater.DEAD: 'battery temperature and power show no heat',
+    Heater.STUCK_ON: 'battery temperature and power show more heat than it reports',
+}
+
+
+class HeaterStatus(NamedTuple):
+    """
+    An answer at an instant [ns]: requested and active power [W], and the Refusal with its sentence.
+
+    `measured_w` [W] None: not measured.
+    """
+
+    stamp_ns: int
+    requested_w: float
+    active_w: float
+    refusal: Refusal = Refusal.NOT_REFUSED
+    sentence: str = ''
+    measured_w: float | None = None
+
+    @property
+    def confirmed_w(self) -> float:
+        """The confirmed power [W]: the measured one if there is one."""
+        return self.active_w if self.measured_w is None else self.measured_w
+
+
+class HeaterAnswerReport(NamedTuple):
+    """
+    The latest HeaterStatus (None: all were refused), and sentences on it; '' for none.
+
+    On the heater's refusal, on the doubt about the answers, on their silence, and on the latest unreadable one.
+    """
+
+    status: HeaterStatus | None
+    refusal: str = ''
+    doubt: str = ''
+    silence: str = ''
+    problem: str = ''
+
+
+class HeaterAnswers(NamedTuple):
+    """
+    The latest HeaterStatus and the history of the heater's power; a value: each answer makes another one.
+
+    `history` has the confirmed power while the answers are used, otherwise the commanded one. `doubt` is the
+    sentence on answers that are contradicted, `problem` that on the latest unreadable one; '' for none. `status`
+    None: no answer yet, commands count as served.
+    """
+
+    history: CommandHistory = CommandHistory()
+    status: HeaterStatus | None = None
+    doubt: str = ''
+    problem: str = ''
+
+    def with_answer(self, status: HeaterStatus, now_ns: int, settings: Settings) -> HeaterAnswers:
+        """Return the answers with a HeaterStatus; raise InvalidInput if its stamp is implausible."""
+        age_s = (now_ns - status.stamp_ns) / NS_PER_S
+        oldest_s, ahead_s = settings.battery_state_timeout_s, settings.clock_tolerance_s
+        if not -ahead_s <= age_s <= oldest_s:
+            raise InvalidInput(f'header.stamp: the status is {age_beyond(age_s, ahead_s, oldest_s)}')
+        if self.status is not None and status.stamp_ns < self.status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
+            # Overtaken.
+            return self
+        history = self.history if self.doubt else self.history.noted(now_ns, status.confirmed_w)
+        return self._replace(status=status, problem='', history=history)
+
+    def with_problem(self, error: InvalidInput) -> HeaterAnswers:
+        """Return the answers after a status that could not be used."""
+        return self._replace(problem=f'{HEATER_STATUS} refused: {error}')
+
+    def with_command(self, now_ns: int, power_w: float, settings: Settings) -> HeaterAnswers:
+        """Return the answers after a command [W]; it counts as served while no answer is used."""
+        return self if self.are_used(now_ns, settings) else self._replace(
+            history=self.history.noted(now_ns, power_w))
+
+    def without_heating(self, now_ns: int) -> HeaterAnswers:
+        """Return the answers that count the time of heating from 0 again, because another drive begins."""
+        return self._replace(history=self.history.without_heating(now_ns))
+
+    def are_used(self, now_ns: int, settings: Settings) -> bool:
+        """Return whether the latest answer is recent and not doubted."""
+        return not self.doubt and self._is_recent(now_ns, settings)
+
+    def _is_recent(self, now_ns: int, settings: Settings) -> bool:
+        return self.status is not None and abs(
+            now_ns - self.status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
+
+    def refusal(self, now_ns: int, settings: Settings, commands: CommandHistory) -> str:
+        """Return the sentence on heat that the heater refuses at an instant; '' if it does not."""
+        status = self.status
+        if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
+            return ''
+        if status.refusal not in HOLD_AT_ONCE and commands.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
+            return ''
+        reason = status.sentence or status.refusal.name.lower().replace('_', ' ')
+        if status.refusal is Refusal.NOT_REFUSED:
+            reason = f'it reports {status.confirmed_w:.0f} W'
+        return f'The heater does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
+
+    def judged(self, report: HeaterReport, now_ns: int, settings: Settings,
+               commands: CommandHistory) -> tuple[HeaterAnswers, bool]:
+        """
+        Return the answers in doubt for the rest of the trip if a HeaterReport contradicts them.
+
+        Also whether the report then falls with them: it rests on powers that were not commanded.
+        """
+        if self.status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
+            return self, False
+        doubt = (f'{HEATER_STATUS} is in doubt: it reports {self.status.confirmed_w:.0f} W, but '
+                 f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
+                 'goes by battery temperature and power')
+        from_ns = now_ns - COMPARED_OVER_NS
+        return self._replace(doubt=doubt), abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(
+            from_ns, now_ns)) > LEAST_DIFFERENCE_W
+
+    def on_new_trip(self, now_ns: int) -> HeaterAnswers:
+        """Return the answers at the beginning of a trip: they are trusted again, and nothing has been heated."""
+        return self._replace(doubt='').without_heating(now_ns)
+
+    def without_instants(self) -> HeaterAnswers:
+        """Return the answers without the latest one, because the clock was restarted."""
+        return self._replace(status=None)
+
+    def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
+        """Return the HeaterAnswerReport of an instant; None before the first answer."""
+        if self.status is None and not self.problem:
+            return None
+        silence = ''
+        if self.status is not None and not self._is_recent(now_ns, settings):
+            silence = (f'{HEATER_STATUS} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
+                       'count as served')
+        return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hot end of a charging session: active cooling, derating, polarization, and the answer "too warm"."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings, strategies
+import numpy as np
+from plain_car import CAPACITY_AH, HEAT_CAPACITY_J_PER_K, own_session, plain_car, stored_wh, VOLTAGE_V
+import pytest
+
+from bev_preheat.charging.equations import make_cooling
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.verdict import derating_in, too_warm
+from bev_preheat.charging.worth import find_worth
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.charging import derated
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Cooling
+
+CHILLER = Cooling(30.0, 1600.0, 4800.0, 2.5)
+RADIATOR = replace(CHILLER, radiator_conductance_w_per_k=170.0)
+LEVEL = Table((0.0, 1.0), (-20.0, 0.0, 25.0), ((-20e3, -60e3, -110e3), (-15e3, -40e3, -70e3)))
+
+
+def hot_car(cooling=CHILLER, factor=1.0, resistance_ohm=0.11, leakage_w_per_k=9.0, limit=LEVEL, **changes):
+    car = plain_car(resistance_ohm, leakage_w_per_k, limit, **changes)
+    return replace(car, charging=replace(car.charging, cooling=cooling, polarization_factor=factor))
+
+
+def a_stop(charger_w=105e3, departure_soc=0.85, ambient_c=24.0):
+    return ChargingStop(charger_w, departure_soc, ambient_c, 700.0, 350.0)
+
+
+# --- active cooling ---
+
+
+def test_the_cooling_by_hand():
+    powers = make_cooling(CHILLER, 24.0, FLOATS)
+    assert powers(29.0, 50e3) == (0.0, 0.0)
+    # A kelvin above the set point: two fifths of the band.
+    assert powers(31.0, 50e3) == pytest.approx((640.0, 1920.0))
+    assert powers(45.0, 50e3) == pytest.approx((1600.0, 4800.0))
+    # The charger leaves 500 W.
+    assert powers(45.0, 500.0) == pytest.approx((500.0, 1500.0))
+    assert powers(45.0, -10.0) == (0.0, 0.0)
+    through_air = make_cooling(RADIATOR, 24.0, FLOATS)
+    assert through_air(33.0, 50e3) == pytest.approx((510.0, 1530.0))
+    assert make_cooling(RADIATOR, 41.0, FLOATS)(40.0, 50e3) == (0.0, 0.0)
+    assert make_cooling(None, 24.0, FLOATS)(60.0, 50e3) == (0.0, 0.0)
+
+
+def own_cooled_session(car, stop, temperature_c, soc, step_s=0.05):
+    """Return (charging time [s], bought [Wh], end [deg C]) by Euler's method, with its own lines of cooling."""
+    cooling, charging, battery = car.charging.cooling, car.charging, car.battery
+    limit, r = charging.power_limit.function(FLOATS), battery.resistance.function(FLOATS)(0.0, 0.0)
+    r *= charging.polarization_factor
+    elapsed_s = bought_j = 0.0
+    side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
+    while soc < stop.departure_soc:
+        share = min(1.0, max(0.0, (temperature_c - cooling.set_point_c) / cooling.proportional_band_k))
+        cooled_w = min(share * cooling.cooling_power_w, max(
+            0.0, cooling.radiator_conductance_w_per_k * (temperature_c - stop.ambient_c)) if share else 0.0)
+        fan_w = cooled_w * cooling.electrical_power_w / cooling.cooling_power_w
+        power_w = min(stop.charger_power_w - side_w - fan_w, -limit(soc, temperature_c))
+        current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * r * power_w) - VOLTAGE_V) / (2.0 * r)
+        rate = current_a / (3600.0 * CAPACITY_AH)
+        duration_s = min(step_s, (stop.departure_soc - soc) / rate)
+        temperature_c += duration_s / HEAT_CAPACITY_J_PER_K * (
+            r * current_a**2 - cooled_w + battery.leakage.gamma_0_w_per_k * (stop.ambient_c - temperature_c))
+        soc = stop.departure_soc if duration_s < step_s else soc + duration_s * rate
+        elapsed_s += duration_s
+        bought_j += duration_s * (power_w + side_w + fan_w)
+    return elapsed_s, bought_j / 3600.0, temperature_c
+
+
+@pytest.mark.parametrize('cooling', [CHILLER, RADIATOR], ids=['chiller', 'radiator'])
+@pytest.mark.parametrize('charger_w, start_c', [(105e3, 29.0), (60e3, 44.0)])
+def test_a_cooled_session_is_that_of_small_euler_steps(cooling, charger_w, start_c):
+    car, stop = hot_car(cooling, 1.6), a_stop(charger_w)
+    session = charge(car, stop, BatteryState(start_c, 0.1))
+    time_s, bought_wh, end_c = own_cooled_session(car, stop, start_c, 0.1)
+    assert session.charging_time_s == pytest.approx(time_s, rel=1e-4)
+    assert session.bought_energy_wh == pytest.approx(bought_wh, rel=1e-4)
+    assert session.battery_temperature_c[-1] == pytest.approx(end_c, abs=0.01)
+    assert session.energy_wh.cooling_electric > 10.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(strategies.floats(26.0, 50.0), strategies.floats(200.0, 20e3), strategies.floats(0.5, 12.0),
+       strategies.floats(0.5, 8.0), strategies.floats(2e3, 250e3), strategies.floats(-10.0, 45.0),
+       strategies.floats(1.0, 4.0), strategies.booleans(), strategies.floats(1.0, 300.0))
+def test_the_energies_of_a_cooled_session_balance(
+        set_point_c, electrical_w, ratio, band_k, charger_w, ambient_c, factor, is_radiator, conductance):
+    cooling = Cooling(set_point_c, electrical_w, ratio * electrical_w, band_k,
+                      conductance if is_radiator else math.inf)
+    car = hot_car(cooling, factor, heats=True, limit_c=25.0)
+    session = charge(car, a_stop(charger_w, 0.6, ambient_c), BatteryState(33.0, 0.3))
+    energy, course_c = session.energy_wh, session.battery_temperature_c
+    # joule closes the heat balance by definition, so that of the energies is independent of it.
+    assert energy.terminal - energy.joule == pytest.approx(
+        stored_wh(car, session.soc, course_c), abs=2e-4 * energy.terminal + 1e-3)
+    assert energy.bought == pytest.approx(
+        energy.terminal + energy.hvch_electric + energy.cooling_electric + energy.cabin + energy.auxiliary)
+    assert energy.cooling_heat == pytest.approx(ratio * energy.cooling_electric, rel=1e-9, abs=1e-9)
+    assert min(energy.joule, energy.cooling_heat) >= -1e-9
+    durations_s = np.diff(session.time_s)
+    drawn_w = session.charging_power_w + session.hvch_battery_power_w + session.cooling_power_w
+    assert (drawn_w <= charger_w - 1050.0 + 1e-6).all()
+    assert float(durations_s @ session.cooling_power_w) / 3600.0 == pytest.approx(energy.cooling_electric)
+    warmest_c = max(33.0, ambient_c)
+    if is_radiator and ambient_c >= course_c.max():
+        assert energy.cooling_heat == 0.0
+    assert course_c.min() >= min(ambient_c, 25.0) - 0.5 and course_c.max() >= warmest_c - 40.0
+
+
+def test_a_strong_cooling_holds_the_battery_within_its_band():
+    session = charge(hot_car(replace(CHILLER, cooling_power_w=40e3, electrical_power_w=9e3)), a_stop(),
+                     BatteryState(30.0, 0.1))
+    assert 30.0 < session.battery_temperature_c.max() < 32.5
+
+
+def test_a_charger_that_only_feeds_the_cooling_charges_once_the_battery_is_cool():
+    car, stop = hot_car(), a_stop(2200.0, 0.12, 20.0)
+    session = charge(car, stop, BatteryState(45.0, 0.1))
+    assert session.problem is None
+    assert session.charging_power_w[0] == 0.0 and session.charging_power_w[-1] > 900.0
+
+
+def test_a_cooling_that_takes_all_the_power_for_ever_is_the_problem():
+    """In air that is warmer than the cooling can bring the battery below, nothing is left for it."""
+    weak = hot_car(replace(CHILLER, cooling_power_w=160.0, electrical_power_w=1600.0), leakage_w_per_k=20.0)
+    never = charge(weak, a_stop(2200.0, 0.12, 48.0), BatteryState(45.0, 0.1))
+    assert never.problem is not None and 'the cooling takes all the power' in never.problem
+
+
+# --- polarization ---
+
+
+def test_polarization_is_resistance_in_the_session_alone():
+    car = hot_car(None, 1.8)
+    other = hot_car(None, 1.0, resistance_ohm=1.8 * 0.11)
+    one, two = (charge(each, a_stop(), BatteryState(20.0, 0.1)) for each in (car, other))
+    assert one.charging_time_s == pytest.approx(two.charging_time_s, rel=1e-12)
+    assert one.battery_temperature_c == pytest.approx(two.battery_temperature_c, rel=1e-12)
+    assert car.battery.resistance.function(FLOATS)(0.5, 20.0) == 0.11
+
+
+# --- derating ---
+
+
+@given(strategies.floats(25.0, 50.0), strategies.floats(1.0, 20.0), strategies.floats(0.0, 1.0),
+       strategies.floats(0.0, 12.0), strategies.floats(28.0, 59.0))
+def test_more_derating_never_charges_faster(begins_c, width_k, middle, earlier_k, start_c):
+    """Of a battery without resistance, whose temperature does not depend on its power."""
+    def times_s(start_of_fall_c, middle_share):
+        points = ((start_of_fall_c, start_of_fall_c + 0.5 * width_k, start_of_fall_c + width_k),
+                  (1.0, middle_share, 0.0))
+        car = plain_car(1e-9, 40.0, derated(LEVEL, *points))
+        return charge(car, a_stop(ambient_c=5.0), BatteryState(start_c, 0.1)).charging_time_s
+
+    mild, harder = times_s(begins_c, middle), times_s(begins_c - earlier_k, 0.7 * middle)
+    assert harder >= mild * (1.0 - 1e-6)
+    assert mild >= charge(plain_car(1e-9, 40.0, LEVEL), a_stop(ambient_c=5.0),
+                          BatteryState(start_c, 0.1)).charging_time_s * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize('name', ['reference', 'small_car', 'large_suv', 'mid_size_lfp', 'mid_size_suv'])
+def test_no_battery_charges_beyond_its_highest_temperature(name):
+    """From 60 degC in air of 40 degC the reference car charged with 150 kW up to 71.7 degC."""
+    vehicle = load_vehicle(name)
+    vehicle = replace(vehicle, charging=replace(vehicle.charging, maximum_inlet_power_w=math.inf))
+    highest_c = vehicle.battery.temperature_range_c[1]
+    session = charge(vehicle, ChargingStop(300e3, 0.5, 40.0, 0.0, 300.0), BatteryState(highest_c, 0.1))
+    assert session.battery_temperature_c.max() <= highest_c + (5.0 if name == 'mid_size_lfp' else 1e-6)
+    full_kw = -vehicle.charging.power_limit.function(FLOATS)(0.1, 30.0)
+    assert session.charging_power_w.max() < 0.75 * full_kw
+    assert derating_in(vehicle, ChargingStop(300e3, 0.5, 40.0, 0.0, 300.0), session) is not None
+
+
+# --- too warm ---
+
+FALLING = derated(LEVEL, (38.0, 48.0), (1.0, 0.1))
+
+
+def test_too_warm_is_an_answer_with_minutes_and_why():
+    car, stop = hot_car(None, limit=FALLING, leakage_w_per_k=0.0), a_stop()
+    session = charge(car, stop, BatteryState(43.0, 0.1))
+    found = too_warm(car, stop, session)
+    times_s = {at_c: own_session(car, stop, at_c, 0.1, 0.5)[0] for at_c in (43.0, found.fastest_c)}
+    assert found.slower_s == pytest.approx(times_s[43.0] - times_s[found.fastest_c], rel=0.01)
+    assert found.fastest_c < 38.0 and found.derating.above_c == 38.0
+    hours, (minutes, seconds) = round(found.slower_s) // 3600, divmod(round(found.slower_s) % 3600, 60)
+    assert found.sentence == (
+        f'Too warm: arriving at 43 degC charges {hours}:{minutes:02d}:{seconds:02d} h slower than at '
+        f'{found.fastest_c:.0f} degC, because the power is derated above 38 degC, from 10 % on.')
+
+
+def test_a_battery_that_gets_warm_only_on_the_way_is_told_from_where():
+    car, stop = hot_car(None, limit=FALLING, leakage_w_per_k=0.0, resistance_ohm=0.2), a_stop()
+    session = charge(car, stop, BatteryState(25.0, 0.1))
+    found = too_warm(car, stop, session)
+    from_soc = np.interp(38.0, session.battery_temperature_c, session.soc)
+    assert found.derating.from_soc == pytest.approx(from_soc, abs=0.02)
+    assert f'from {100.0 * found.derating.from_soc:.0f} % on' in found.sentence
+
+
+def test_cold_and_cooled_batteries_are_not_too_warm():
+    for car, start_c, charger_w in ((hot_car(None, limit=FALLING), 5.0, 40e3),
+                                    (hot_car(limit=FALLING), 33.0, 40e3),
+                                    # The charger is weaker than the derated map.
+                                    (hot_car(None, limit=FALLING), 40.0, 6e3)):
+        stop = a_stop(charger_w=charger_w)
+        assert too_warm(car, stop, charge(car, stop, BatteryState(start_c, 0.1))) is None
+
+
+def drive(ambient_c, power_w=14e3):
+    return make_route({
+        'duration_s': [60.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
+        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [300.0]}, None)
+
+
+def test_the_worth_of_heating_says_where_it_gets_too_warm():
+    car = hot_car(None, limit=derated(LEVEL, (28.0, 40.0), (1.0, 0.05)), resistance_ohm=0.15)
+    worth = find_worth(car, drive(-2.0), BatteryState(4.0, 0.5), Goal(25.0), 150e3, 0.8, Prices(0.4, 40.0))
+    assert worth.best.target_c < 28.0
+    assert 'because the power is derated above 28 degC' in worth.verdict
+    hottest = max(worth.targets, key=lambda item: item.arrival_temperature_c)
+    assert f'Arriving at {hottest.arrival_temperature_c:.0f} degC would ' in worth.verdict
+
+
+def test_a_battery_that_arrives_too_warm_without_heating_is_told_so():
+    car = hot_car(None, limit=FALLING, leakage_w_per_k=2.0)
+    worth = find_worth(car, drive(35.0), BatteryState(44.0, 0.5), Goal(25.0), 150e3, 0.8, Prices(0.4, 40.0))
+    assert worth.best is worth.without_heating
+    assert worth.verdict.startswith('Not worth it') and 'Too warm: arriving at 4' in worth.verdict
+
+
+# --- defaults ---
+
+
+def test_neutral_values_change_no_digit():
+    plain = load_vehicle('reference')
+    neutral = replace(plain, charging=replace(plain.charging, polarization_factor=1.0, cooling=Cooling(
+        59.0, 1.0, 1.0)))
+    for start_c in (-10.0, 12.0, 40.0):
+        one, two = (charge(car, ChargingStop(150e3, 0.8, 3.0, 900.0, 350.0), BatteryState(start_c, 0.1))
+                    for car in (plain, neutral))
+        assert one.as_dictionary() == two.as_dictionary()

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The heater's power: commands, compared with sums over every millisecond, and the answers of its controller."""
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
+from bev_preheat.control.heater_power import CommandHistory, HeaterAnswers, HeaterStatus
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route import load_route
+from bev_preheat.simulation.heater import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.supervised_drive import moments, START_NS
+from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
+from bev_preheat.vehicle.heating_gates import HeatingGates
+
+MS = 1_000_000
+COMMANDS = st.lists(st.tuples(st.integers(1, 400), st.sampled_from([0.0, 900.0, 5300.0, 7000.0])),
+                    max_size=12)
+
+
+@pytest.mark.costly
+@given(commands=COMMANDS, start_ms=st.integers(0, 3000), length_ms=st.integers(1, 3000))
+def test_mean_is_that_of_every_millisecond(commands, start_ms, length_ms):
+    history, now_ms, noted = CommandHistory(), 0, []
+    for later_ms, power_w in commands:
+        now_ms += later_ms
+        history = history.noted(now_ms * MS, power_w)
+        noted.append((now_ms, power_w))
+
+    def at(instant_ms):
+        return next((power_w for since_ms, power_w in reversed(noted) if since_ms <= instant_ms), 0.0)
+
+    every_w = [at(instant_ms) for instant_ms in range(start_ms, start_ms + length_ms)]
+    assert history.mean_w(start_ms * MS, (start_ms + length_ms) * MS) == pytest.approx(
+        sum(every_w) / length_ms, abs=1e-6)
+    assert history.mean_w(start_ms * MS, start_ms * MS) == at(start_ms)
+
+
+@given(commands=COMMANDS, forgotten_ms=st.integers(0, 5000), later_ms=st.integers(0, 5000))
+def test_time_of_heating_is_that_of_every_millisecond(commands, forgotten_ms, later_ms):
+    history, now_ms, noted, forgotten = CommandHistory(), 0, [(0, 0.0)], False
+    for after_ms, power_w in commands:
+        now_ms += after_ms
+        if now_ms > forgotten_ms and not forgotten:
+            history = history.without_heating(forgotten_ms * MS)
+            forgotten = True
+        history = history.noted(now_ms * MS, power_w)
+        noted.append((now_ms, power_w))
+    if not forgotten:
+        forgotten_ms = now_ms
+        history = history.without_heating(now_ms * MS)
+    end_ms = now_ms + later_ms
+    ends_ms = [since_ms for since_ms, _ in noted[1:]] + [end_ms]
+    heated_ms = sum(max(0, until_ms - max(since_ms, forgotten_ms))
+                    for (since_ms, power_w), until_ms in zip(noted, ends_ms) if power_w > 0.0)
+    assert history.heated_s(end_ms * MS) == pytest.approx(heated_ms / 1e3, abs=1e-9)
+
+
+def test_a_clock_that_was_set_back_forgets_what_now_lies_ahead():
+    history = CommandHistory()
+    history = history.noted(1000 * MS, 7000.0)
+    history = history.noted(400 * MS, 900.0)
+    assert history.mean_w(0, 400 * MS) == 0.0
+    assert history.mean_w(400 * MS, 2000 * MS) == 900.0
+
+
+VEHICLE = load_vehicle('reference')
+ROUTE = load_route('reference', VEHICLE.defaults)
+STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
+# So cold that it is heated within a quarter of an hour.
+COLD = BatteryState(-25.0, 0.9)
+NOW_NS = 5_000 * NS_PER_S
+SETTINGS = Settings()
+# Of battery states and heater statuses [s], within all timeouts: fewer plans than with one a second.
+PERIOD_S = 4.0
+
+
+def as_it_is(answer, measured_w, now_ns):
+    return HeaterStatus(now_ns, answer.requested_w, answer.active_w, answer.refusal, answer.sentence)
+
+
+def measured(answer, measured_w, now_ns):
+    return HeaterStatus(
+        now_ns, answer.requested_w, answer.active_w, answer.refusal, answer.sentence, measured_w=measured_w)
+
+
+def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, state=STATE, period_s=PERIOD_S,
+           route=ROUTE, goal=GOAL):
+    """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
+    vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
+    car = ImperfectCar(vehicle, route, state, goal, Imperfections(
+        sensors=Sensors(period_s=period_s), heater_faults=faults))
+    supervisor = Supervisor(VEHICLE, settings)
+    steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
+        car, supervisor, lambda: car.time_s >= until_s, told_by_heater)]
+    return supervisor, car, steps
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+def test_what_the_car_refuses_is_not_promised(estimation):
+    settings = replace(SETTINGS, estimation=estimation)
+    supervisor, car, steps = driven(
+        as_it_is, 500.0 if estimation else 1000.0, HeatingGates(minimum_soc=0.95), settings=settings, state=COLD)
+    decision = supervisor.state.decision
+    assert decision.status is Status.TARGET_UNREACHABLE
+    assert decision.sentence is None or decision.explanation == decision.sentence
+    assert decision.explanation.startswith(
+        'The heater does not heat (LOW_CHARGE): the state of charge is ')
+    # The promise is the drive without heating, which an independent plan gives from the start.
+    unheated = plan_unheated(VEHICLE, ROUTE, COLD, GOAL)
+    assert decision.plan.arrival_temperature_c == pytest.approx(unheated.arrival_temperature_c, abs=0.3)
+    assert car.plant.energy_wh.hvch_electric == 0.0
+    # Never claimed, although heat is commanded, so that it begins as soon as the car allows it.
+    assert all(decision.status is not Status.HEATING for _, decision, _ in steps if decision is not None)
+    assert steps[-1][2].battery_heating_power_w > 0.0
+    # The heater does as its controller says.
+    if estimation:
+        assert supervisor.state.estimate.heater.heater is Heater.ANSWERS
+
+
+def test_refusal_that_ends_is_forgotten():
+    def refuses_for_a_while(answer, measured_w, now_ns):
+        # The first 500 s of the drive.
+        if now_ns < START_NS + 500 * NS_PER_S:
+            return HeaterStatus(now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'coolant is low')
+        return as_it_is(answer, measured_w, now_ns)
+
+    supervisor, _, steps = driven(refuses_for_a_while, 600.0)
+    said = [decision.explanation for time_s, decision, _ in steps if decision is not None and time_s < 480.0]
+    assert 'The heater does not heat (HEATER_FAULT): coolant is low.' in said[-1]
+    assert supervisor.state.decision.status is Status.WAITING
+    assert 'does not heat' not in supervisor.state.decision.explanation
+
+
+def test_honest_answers_change_no_drive():
+    # Heated for some minutes in the middle.
+    short = {'route': ROUTE.before(600.0), 'goal': Goal(-4.0)}
+    *_, silent = driven(None, 590.0, **short)
+    _, _, honest = driven(measured, 590.0, **short)
+    by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
+                   if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
+    assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0) and by_command[0][0][0] > 60.0
+    # A heater is on or off, and half a minute more or less is worth little.
+    assert len(by_command[0]) == pytest.approx(len(by_command[1]), abs=30.0)
+
+
+def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
+    supervisor, car, steps = driven(
+        measured, 300.0, faults=(HeaterFault(0.0, share=0.0),), state=COLD, period_s=1.0)
+    commanded_s = next(time_s for time_s, _, command in steps
+                       if command is not None and command.battery_heating_power_w > 0.0)
+    refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
+                     and 'it reports 0 W' in decision.explanation)
+    assert refused_s - commanded_s <= CONFIRMED_WITHIN_S + LEAST_STATUS_S + 1.0
+    assert supervisor.state.heater_answer.doubt == ''
+
+
+@pytest.mark.parametrize('lie, fault, words', [
+    (as_it_is, HeaterFault(0.0, share=0.0), 'battery temperature and power show no heat'),
+    (lambda answer, measured_w, now_ns: HeaterStatus(
+        now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'broken'), None,
+     'battery temperature and power show more heat than it reports'),
+], ids=['claims heat', 'denies heat'])
+def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words):
+    supervisor, car, _ = driven(lie, 1400.0, faults=() if fault is None else (fault,), state=COLD)
+    answer = supervisor.state.heater_answer
+    assert words in answer.doubt
+    assert answer.doubt.startswith('hvch_status is in doubt: it reports ')
+    assert answer.refusal == ''
+
+
+@pytest.mark.parametrize('from_c, measured_w, faults, accused', [
+    (COLD.temperature_c, 0.0, (), set()), (-7.0, 5022.0, (), set()),
+    (-7.0, 0.0, (HeaterFault(0.0, stuck_on=True),), {Heater.STUCK_ON})])
+def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measured_w, faults, accused):
+    told, doubts = {Heater.ANSWERS}, ['']
+    supervisor = Supervisor(VEHICLE, SETTINGS)
+    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(from_c, 0.9), GOAL, Imperfections(
+        sensors=Sensors(period_s=PERIOD_S), heater_faults=faults))
+    # On for half a minute after the doubt.
+    for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: measured(
+            answer, measured_w, now_ns)):
+        if supervisor.state.estimate is not None and supervisor.state.heater_answer is not None:
+            told.add(supervisor.state.estimate.heater.heater)
+            doubts.append(supervisor.state.heater_answer.doubt)
+    assert told == {Heater.ANSWERS} | accused
+    assert doubts[-1].startswith(f'hvch_status is in doubt: it reports {measured_w:.0f} W')
+
+
+def answers_with(**fields):
+    return HeaterAnswers().with_answer(HeaterStatus(
+        **{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS, SETTINGS)
+
+
+def commanded_since(seconds):
+    return CommandHistory().noted(NOW_NS - round(seconds * NS_PER_S), 5000.0)
+
+
+@pytest.mark.parametrize('refusal, heated_s, words', [
+    (Refusal.LOW_CHARGE, 0.0, 'The heater does not heat (LOW_CHARGE): low charge.'),
+    (Refusal.NO_COMMAND, 2.0, ''),
+    (Refusal.NO_COMMAND, 4.0, 'The heater does not heat (NO_COMMAND): no command.'),
+    (Refusal.RATE_LIMITED, 1.0, ''),
+    (Refusal.NOT_REFUSED, 4.0, 'The heater does not heat (NOT_REFUSED): it reports 0 W.'),
+])
+def test_refusal_in_words(refusal, heated_s, words):
+    assert answers_with(refusal=refusal).refusal(NOW_NS, SETTINGS, commanded_since(heated_s)) == words
+
+
+def test_any_confirmed_heat_is_no_refusal():
+    assert answers_with(active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(
+        NOW_NS, SETTINGS, commanded_since(60.0)) == ''
+
+
+def test_silent_heater_refuses_nothing_and_is_reported():
+    answers = answers_with(refusal=Refusal.LOW_CHARGE)
+    later_ns = NOW_NS + 6 * NS_PER_S
+    assert answers.refusal(later_ns, SETTINGS, commanded_since(60.0)) == ''
+    assert 'hvch_status is 6 s old' in answers.report(later_ns, SETTINGS, '').silence
+    # Commands count as served again.
+    answers = answers.with_command(later_ns, 4000.0, SETTINGS)
+    assert answers.history.power_w(later_ns) == 4000.0
+
+
+@pytest.mark.parametrize('age_s, words', [(6.0, '6 s old; at most 5 s'), (-2.0, '2 s ahead of the clock')])
+def test_status_of_another_time_is_refused(age_s, words):
+    answers = HeaterAnswers()
+    with pytest.raises(InvalidInput, match=words):
+        answers.with_answer(HeaterStatus(NOW_NS - round(age_s * NS_PER_S), 0.0, 0.0), NOW_NS, SETTINGS)
+
+
+def test_confirmed_power_is_the_measured_one_if_there_is_one():
+    answers = answers_with(active_w=5000.0, measured_w=4200.0)
+    assert answers.history.power_w(NOW_NS) == 4200.0
+    # The command does not outrank it.
+    answers = answers.with_command(NOW_NS + 1, 7000.0, SETTINGS)
+    assert answers.history.power_w(NOW_NS + 1) == 4200.0
+
+
+def test_doubt_ends_with_the_trip():
+    answers = answers_with(active_w=5000.0)
+    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
+    assert not is_refuted
+    assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
+    assert not answers.are_used(NOW_NS, SETTINGS)
+    assert answers.on_new_trip(NOW_NS).are_used(NOW_NS, SETTINGS)
+
+
+def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
+    supervisor = Supervisor(VEHICLE, SETTINGS)
+    output = supervisor.step(NOW_NS, HeaterStatusArrived(HeaterStatus(NOW_NS, 0.0, 0.0)))
+    assert (output.command, output.decision, output.refusals) == (None, None, ())
+    output = supervisor.step(NOW_NS, HeaterStatusUnreadable(InvalidInput('active_power: nan W')))
+    assert [refusal.source for refusal in output.refusals] == ['hvch_status']
+    assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
+
+
+# A quarter of an hour, which is too short for the target, so it is heated until the gate closes on the way.
+@pytest.mark.parametrize('estimation, gates', [
+    (False, HeatingGates(maximum_temperature_c=-3.0)), (True, HeatingGates(minimum_soc=0.87)),
+    (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
+def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
+    vehicle = replace(VEHICLE, heating_gates=gates)
+    car = ImperfectCar(vehicle, ROUTE.before(900.0), STATE, GOAL, Imperfections(
+        sensors=Sensors(period_s=PERIOD_S)))
+    supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
+    heated_w = set()
+    for moment in moments(car, supervisor, lambda: car.time_s >= 850.0):
+        command, measured = moment.output.command, supervisor.state.measurement
+        if command is not None and command.battery_heating_power_w > 0.0:
+            assert measured.state.temperature_c < gates.maximum_temperature_c
+            assert measured.state.soc >= gates.minimum_soc
+            heated_w.add(command.battery_heating_power_w)
+    assert heated_w
+    if not gates.power_steps_w:
+        # The gate has closed.
+        assert (measured.state.temperature_c >= gates.maximum_temperature_c
+                or measured.state.soc < gates.minimum_soc)
+    assert not gates.power_steps_w or heated_w == {4000.0}

@@ -1,0 +1,351 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Method `optimal_switch`: properties on drawn trips, against forward runs written here."""
+
+from dataclasses import replace
+from itertools import product
+import math
+from types import SimpleNamespace
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+import short_stretches
+from varying_power import spread_magnitude_w
+
+from bev_preheat.native.library import without_core
+from bev_preheat.planning.engine import run_forward
+from bev_preheat.planning.methods import plan_optimal_switch
+from bev_preheat.planning.one_interval import find_prices, is_cheaper_elsewhere
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import LEAST_SAVING_WH
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
+from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.model import make_runge_kutta_4
+
+# The numbers below are written out; the shipped car's are fitted and may change.
+VEHICLE = load_vehicle('reference')
+VEHICLE = replace(
+    VEHICLE,
+    battery=replace(
+        VEHICLE.battery, capacity_ah=190.0, heat_capacity_j_per_k=371000.0,
+        open_circuit_voltage=PolynomialVoltage((361.0, 72.0, 0.0, 13.0)),
+        resistance=InverseTemperatureResistance(4.4, 46.0), leakage=Leakage(31.0, 0.6)),
+    drivetrain=Drivetrain(0.91, 0.7, 340e3), hvch=Hvch(6800.0, 0.86))
+
+# The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
+# this power, and stays within the model's range of charge.
+SEGMENT = st.fixed_dictionaries({
+    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
+    'propulsion_power_w': st.floats(-5e3, 35e3), 'spread_w': st.floats(0.0, 15e3),
+    'ambient_temperature_c': st.floats(-15.0, 6.0), 'cabin_heating_power_w': st.floats(0.0, 7e3),
+    'auxiliary_power_w': st.floats(0.0, 2e3)})
+SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=40)
+START_C = st.floats(-10.0, 12.0)
+SOC = st.floats(0.6, 0.97)
+# Position of the target between the unheated and the fully heated arrival.
+SHARE = st.floats(0.01, 0.99)
+
+
+def change(segment, soc, t, heater_w):
+    """Rates of (soc, temperature), eqs. (1)-(5)."""
+    power_w = segment['propulsion_power_w']
+    terminal_w = (power_w + segment['cabin_heating_power_w'] + segment['auxiliary_power_w']
+                  + heater_w)
+    u, r = 361.0 + 72.0 * soc + 13.0 * soc**3, 4.4 / (t + 46.0)
+    ripple_w = r * segment['spread_w']**2 / u**2
+    current_a = (u - math.sqrt(u**2 - 4.0 * r * terminal_w)) / (2.0 * r)
+    heat_w = (0.86 * heater_w + 0.7 * (1.0 - 0.91) * spread_magnitude_w(power_w, segment['spread_w'])
+              + r * current_a**2 + ripple_w
+              + (31.0 + 0.6 * segment['speed_mps']) * (segment['ambient_temperature_c'] - t))
+    return np.array([-(current_a + ripple_w / u) / (3600.0 * 190.0), heat_w / 371000.0])
+
+
+def heater_limit_w(segment):
+    return max(6800.0 - segment['cabin_heating_power_w'], 0.0)
+
+
+def arrival_c(segments, state, heater_w):
+    """Arrival temperature of a Runge-Kutta run under heater powers, one per segment."""
+    y = np.array([state.soc, state.temperature_c])
+    for segment, heater in zip(segments, heater_w):
+        h = segment['duration_s']
+        k1 = change(segment, *y, heater)
+        k2 = change(segment, *(y + h / 2 * k1), heater)
+        k3 = change(segment, *(y + h / 2 * k2), heater)
+        k4 = change(segment, *(y + h * k3), heater)
+        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return float(y[1])
+
+
+def span_c(segments, state):
+    """Arrival temperatures without heating and with all the power that the cabin leaves."""
+    return (arrival_c(segments, state, [0.0] * len(segments)),
+            arrival_c(segments, state, map(heater_limit_w, segments)))
+
+
+def target_within(segments, state, share):
+    """A target that partial heating reaches."""
+    idle_c, full_c = span_c(segments, state)
+    return idle_c + share * (full_c - idle_c)
+
+
+def drawn_target(segments, state, share):
+    """The same for drawn trips, on which the cabin may leave the heater next to no power."""
+    idle_c, full_c = span_c(segments, state)
+    assume(full_c - idle_c > 0.01)
+    return target_within(segments, state, share)
+
+
+def route_of(segments):
+    columns = {name: [segment[name] for segment in segments]
+               for name in segments[0] if name != 'spread_w'}
+    columns['propulsion_power_rms_w'] = [
+        math.hypot(segment['propulsion_power_w'], segment['spread_w']) for segment in segments]
+    return make_route(columns, VEHICLE.defaults)
+
+
+def plan_of(segments, state, target_c):
+    return plan_preheating(VEHICLE, route_of(segments), state, Goal(target_c), 'optimal_switch')
+
+
+def steady(count=80, duration_s=30.0, **changed):
+    return [{'duration_s': duration_s, 'speed_mps': 23.0, 'propulsion_power_w': 17e3,
+             'spread_w': 6e3, 'ambient_temperature_c': -5.0, 'cabin_heating_power_w': 1600.0,
+             'auxiliary_power_w': 400.0, **changed}] * count
+
+
+START = BatteryState(temperature_c=-3.0, soc=0.86)
+
+
+@settings(max_examples=3 * settings.default.max_examples)
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
+def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one_instant_on(
+        segments, start_c, soc, share):
+    state = BatteryState(start_c, soc)
+    target_c = drawn_target(segments, state, share)
+    plan = plan_of(segments, state, target_c)
+    # A hundred times better than measurable; the search ends at half of this.
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-5)
+    # The same integrator written twice differs by rounding.
+    assert plan.arrival_temperature_c == pytest.approx(
+        arrival_c(segments, state, plan.hvch_battery_power_w), abs=1e-9)
+    limit_w = np.array([heater_limit_w(segment) for segment in segments])
+    after = int(np.searchsorted(plan.time_s, plan.heating_start_s, side='right'))
+    part = (plan.time_s[after] - plan.heating_start_s) / segments[after - 1]['duration_s']
+    expected_w = np.concatenate((
+        np.zeros(after - 1), [part * limit_w[after - 1]], limit_w[after:]))
+    assert plan.hvch_battery_power_w == pytest.approx(expected_w, rel=1e-12, abs=1e-9)
+
+
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, warmer_k=st.floats(-5.0, -0.001))
+def test_target_below_the_unheated_arrival_needs_no_heating(segments, start_c, soc, warmer_k):
+    state = BatteryState(start_c, soc)
+    idle_c, _ = span_c(segments, state)
+    plan = plan_of(segments, state, idle_c + warmer_k)
+    assert (plan.status, plan.hvch_battery_power_w.any()) == (Status.NOT_NEEDED, False)
+
+
+# Nearer than a fifth of a kelvin counts as reached.
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, colder_k=st.floats(0.201, 30.0))
+def test_target_above_the_fully_heated_arrival_is_unreachable(segments, start_c, soc, colder_k):
+    state = BatteryState(start_c, soc)
+    _, full_c = span_c(segments, state)
+    plan = plan_of(segments, state, full_c + colder_k)
+    assert plan.status is Status.TARGET_UNREACHABLE
+    assert plan.shortfall_k == pytest.approx(colder_k, abs=1e-9)
+
+
+@pytest.mark.costly
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, higher_k=st.floats(0.0, 9.0))
+def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_k):
+    state = BatteryState(start_c, soc)
+    target_c = drawn_target(segments, state, share)
+    lower, higher = (plan_of(segments, state, target_c + more_k) for more_k in (0.0, higher_k))
+    # Arrival is met to 5e-6 K, which even a weak heater provides in some milliseconds.
+    assert higher.heating_start_s <= lower.heating_start_s + 0.1
+
+
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, warmer_k=st.floats(0.0, 9.0))
+def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
+    cold, warm = BatteryState(start_c, soc), BatteryState(start_c + warmer_k, soc)
+    target_c = drawn_target(segments, cold, share)
+    cold_wh, warm_wh = (plan_of(segments, state, target_c).energy_wh.battery_total
+                        for state in (cold, warm))
+    # 5e-6 K of arrival is 0.6 mWh, on either side.
+    assert warm_wh <= cold_wh + 2e-3
+
+
+@pytest.mark.parametrize('target_c', [4.0, 11.0, 19.0])
+def test_shorter_segments_keep_the_switching_instant(target_c):
+    coarse = plan_of(steady(80, 30.0), START, target_c)
+    fine = plan_of(steady(240, 10.0), START, target_c)
+    # In the step of switching on, the heater has its mean power.
+    assert fine.heating_start_s == pytest.approx(coarse.heating_start_s, abs=1.0)
+
+
+def test_target_a_little_above_the_unheated_arrival_is_heated_for_just_before_it():
+    trip = make_trip(VEHICLE, route_of(steady()))
+    idle_c = float(plan_optimal_switch(trip, START, Goal(-30.0)).temperature_c[-1])
+    assert plan_of(steady(), START, idle_c).status is Status.NOT_NEEDED
+    plan = plan_of(steady(), START, idle_c + 1e-3)
+    # 0.86 * 5200 W warm 371 kJ/K by a millikelvin in 83 ms.
+    assert plan.arrival_time_s - plan.heating_start_s == pytest.approx(0.083, abs=0.002)
+
+
+def test_target_at_the_fully_heated_arrival_is_heated_for_all_the_way():
+    _, full_c = span_c(steady(), START)
+    plan = plan_of(steady(), START, full_c)
+    assert plan.status in (Status.HEATING, Status.WAITING)
+    assert plan.heating_start_s == pytest.approx(0.0, abs=0.01)
+
+
+def test_segment_that_is_longer_than_a_step_may_be():
+    state, target_c = BatteryState(1.0, 0.93), 13.0
+    one, many = plan_of(steady(1, 2400.0), state, target_c), plan_of(steady(), state, target_c)
+    # Steps of 300 s against 30 s: the mean power represents the heater in a longer step.
+    assert one.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
+    assert one.heating_start_s == pytest.approx(many.heating_start_s, abs=10.0)
+
+
+def planned(number, **drawn):
+    """Return (trip, state, goal, its Schedule of one switch) of a situation."""
+    vehicle, route, state, goal = short_stretches.draw(number, **drawn)
+    trip = make_trip(vehicle, route)
+    return trip, state, goal, plan_optimal_switch(trip, state, goal)
+
+
+def arrival(trip, state, heater_w):
+    soc, temperature_c = run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c, heater_w)
+    return float(soc[-1]), float(temperature_c[-1])
+
+
+def whole_wh(trip, soc):
+    """Return the energy of the whole charge at the voltage on arrival."""
+    c0, c1, c2, c3 = trip.vehicle.battery.open_circuit_voltage.coefficients_v
+    return trip.vehicle.battery.capacity_ah * (c0 + c1 * soc + c2 * soc**2 + c3 * soc**3)
+
+
+@pytest.mark.parametrize('number', range(4))
+def test_prices_are_what_heating_a_step_makes_on_arrival(number):
+    trip, state, _, schedule = planned(number)
+    prices = find_prices(trip, schedule)
+    for k in range(0, len(trip.route), 7):
+        ends = []
+        for step_w in (0.0, trip.heater_limit_w[k]):
+            heater_w = schedule.heater_power_w.copy()
+            heater_w[k] = step_w
+            ends.append(arrival(trip, state, heater_w))
+        (full_soc, cold_c), (less_soc, warm_c) = ends
+        assert prices.warmth_k_per_w[k] * trip.heater_limit_w[k] == pytest.approx(warm_c - cold_c, rel=2e-3)
+        assert prices.charge_per_w[k] * trip.heater_limit_w[k] == pytest.approx(full_soc - less_soc, rel=2e-3)
+
+
+@pytest.mark.parametrize('number', range(12))
+def test_the_core_has_the_same_prices(number):
+    trip, _, _, schedule = planned(number)
+    found = find_prices(trip, schedule), is_cheaper_elsewhere(trip, schedule)
+    with without_core():
+        expected = find_prices(trip, schedule), is_cheaper_elsewhere(trip, schedule)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+    assert found[1] == expected[1]
+
+
+def test_a_step_that_the_cabin_takes_has_no_price():
+    trip, _, _, schedule = planned(3)
+    limit_w = trip.heater_limit_w.copy()
+    limit_w[5] = 0.0
+    prices = find_prices(trip.changed(heater_limit_w=limit_w), schedule)
+    assert prices.warmth_k_per_w[5] == prices.charge_per_w[5] == 0.0
+
+
+def best_of_all_steps(trip, state, target_c):
+    """Return the most charge on arrival at a target: all choices of whole steps, and one heated in part."""
+    most = 0.0
+    for partial in range(len(trip.route)):
+        for others in product((0.0, 1.0), repeat=len(trip.route) - 1):
+            shares = np.insert(others, partial, 0.0)
+            full = np.insert(others, partial, 1.0)
+            if not (arrival(trip, state, shares * trip.heater_limit_w)[1] <= target_c
+                    <= arrival(trip, state, full * trip.heater_limit_w)[1]):
+                continue
+            low, high = 0.0, 1.0
+            for _ in range(30):
+                shares[partial] = 0.5 * (low + high)
+                if arrival(trip, state, shares * trip.heater_limit_w)[1] < target_c:
+                    low = shares[partial]
+                else:
+                    high = shares[partial]
+            most = max(most, arrival(trip, state, shares * trip.heater_limit_w)[0])
+    return most
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number', [2, *(pytest.param(number, marks=pytest.mark.deep) for number in (0, 9))])
+def test_where_no_step_is_cheaper_no_choice_of_steps_saves_more_than_that(number):
+    trip, state, goal, schedule = planned(number, steps=8)
+    saved_wh = (best_of_all_steps(trip, state, goal.target_temperature_c) - float(schedule.soc[-1])) * whole_wh(
+        trip, float(schedule.soc[-1]))
+    assert saved_wh < LEAST_SAVING_WH or is_cheaper_elsewhere(trip, schedule)
+
+
+def moved_saving_wh(trip, state, schedule):
+    """Return the most that moving heat from one step to another saves, at the same arrival temperature."""
+    most_wh, here_soc = 0.0, float(schedule.soc[-1])
+    heated = np.flatnonzero(schedule.heater_power_w > 0.0)
+    for to in np.flatnonzero(schedule.heater_power_w < trip.heater_limit_w)[::3]:
+        heater_w = schedule.heater_power_w.copy()
+        heater_w[to] = trip.heater_limit_w[to]
+        given_w = 0.0
+        for k in heated:
+            # The latest heat is the cheapest, but near high power; the earliest of the interval is given up.
+            low_w, high_w = 0.0, schedule.heater_power_w[k]
+            heater_w[k] = 0.0
+            if arrival(trip, state, heater_w)[1] > schedule.temperature_c[-1]:
+                given_w += high_w
+                continue
+            for _ in range(30):
+                heater_w[k] = 0.5 * (low_w + high_w)
+                if arrival(trip, state, heater_w)[1] < schedule.temperature_c[-1]:
+                    low_w = heater_w[k]
+                else:
+                    high_w = heater_w[k]
+            break
+        most_wh = max(most_wh, (arrival(trip, state, heater_w)[0] - here_soc) * whole_wh(trip, here_soc))
+    return most_wh
+
+
+def test_what_moving_heat_saves_is_known_in_advance():
+    situations = [planned(number) for number in range(30)]
+    saves = [moved_saving_wh(trip, state, schedule) >= LEAST_SAVING_WH for trip, state, _, schedule in situations]
+    known = [is_cheaper_elsewhere(trip, schedule) for trip, _, _, schedule in situations]
+    # By an upper bound: it may expect too much, but not too little.
+    assert all(is_known for is_known, is_saved in zip(known, saves) if is_saved)
+    assert any(saves) and not all(known)
+
+
+def test_a_plan_heats_where_it_is_cheapest_and_says_so():
+    saved = []
+    for number in range(60):
+        trip, _, _, schedule = planned(number)
+        if is_cheaper_elsewhere(trip, schedule):
+            situation = short_stretches.draw(number)
+            plans = SimpleNamespace(**{method: plan_preheating(*situation, method)
+                                       for method in ('optimal_switch', 'value_function')})
+            saved.append((plans.optimal_switch.energy_wh.battery_total
+                          - plans.value_function.energy_wh.battery_total, plans))
+            assert plans.value_function.shortfall_k < 1e-4
+    # At worst, as dear as its switch, by what a plan may lie above the optimum (decision 14).
+    assert min(saving_wh for saving_wh, _ in saved) > -1.5
+    saving_wh, plans = max(saved, key=lambda each: each[0])
+    assert saving_wh > 1.0
+    assert len(plans.optimal_switch.intervals) == 1 and len(plans.value_function.intervals) == 2
+    assert (plans.value_function.heating_start_s == plans.value_function.intervals[0].start_s
+            < plans.optimal_switch.heating_start_s)
+    assert plans.value_function.arrival_temperature_c == pytest.approx(
+        plans.optimal_switch.arrival_temperature_c, abs=1e-4)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of a drive with its expectations, on records written by hand."""
+
+from math import isnan, nan
+
+import pytest
+
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import make_route
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.scenario import Expectations, load_scenario
+from bev_preheat.simulation.scenario_drive import DriveRecord, evaluate, evaluate_chain, fill_phases, PhaseEnd
+from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
+from bev_preheat.vehicle import load_vehicle
+
+COMMANDS = [(0.0, 0.0, 'WAITING'), (10.0, 5000.0, 'HEATING'), (20.0, 5000.0, 'HEATING'),
+            (30.0, 0.0, 'STALE_INPUT'), (40.0, 3000.0, 'HEATING'), (50.0, 0.0, 'ARRIVED')]
+
+
+def a_record(arrival_c=25.3, seen_heater='answers'):
+    record = DriveRecord(25.0, list(COMMANDS), {'WAITING', 'HEATING', 'STALE_INPUT', 'ARRIVED'},
+                         arrival_c=arrival_c, hottest_heated_c=31.0)
+    for instant_s, regime, verdict, doubted in (
+            (0.0, 'driving', 'answers', ()), (20.0, 'driving', 'answers', ('current',)),
+            (30.0, 'standing', 'derated', ('current', 'source')), (40.0, 'driving', seen_heater, ()),
+            (50.0, 'driving', seen_heater, ('current',))):
+        record.regimes.append((instant_s, regime))
+        record.note_heater(instant_s, verdict)
+        record.note_signals(instant_s, doubted)
+    return record
+
+
+def found(arrival_c=25.3, seen_heater='answers', **expected):
+    record = a_record(arrival_c, seen_heater)
+    finding, = evaluate(Expectations(**expected), record)
+    return finding
+
+
+@pytest.mark.parametrize('expected, good', [
+    ({'arrival_error_k': (-0.5, 1.0)}, True), ({'arrival_error_k': (-0.5, 0.2)}, False),
+    ({'arrival_error_k': (0.4, 1.0)}, False),
+    ({'most_switch_ons': 2}, True), ({'most_switch_ons': 1}, False),
+    ({'statuses': ('WAITING', 'ARRIVED')}, True), ({'statuses': ('WAITING', 'CHARGING')}, False),
+    ({'never': ('INTERNAL_ERROR',)}, True), ({'never': ('STALE_INPUT',)}, False),
+    ({'off_during': ((30.0, 40.0),)}, True), ({'off_during': ((30.0, 40.1),)}, False),
+    ({'heats_during': ((0.0, 11.0),)}, True), ({'heats_during': ((0.0, 10.0),)}, False),
+    ({'heater': 'answers'}, True), ({'heater': 'dead'}, False),
+    ({'never_heater_verdict': True}, False),
+    ({'not_heated_above_c': 31.0}, True), ({'not_heated_above_c': 30.9}, False),
+    ({'regime_during': (('driving', 0.0, 30.0),)}, True), ({'regime_during': (('driving', 0.0, 30.1),)}, False),
+    ({'regime_during': (('standing', 30.0, 40.0),)}, True), ({'regime_during': (('driving', 60.0, 70.0),)}, False),
+    ({'never_regimes': ('charging', 'unknown')}, True), ({'never_regimes': ('charging', 'standing')}, False),
+    ({'signals': ('source',), 'named_within_s': 30.0}, True),
+    ({'signals': ('source',), 'named_within_s': 29.9}, False),
+    ({'signals': ('source',)}, True), ({'signals': ('feed',)}, False), ({'no_signals': True}, False)])
+def test_each_expectation_is_held_against_the_drive(expected, good):
+    assert found(**expected).good is good
+
+
+@pytest.mark.parametrize('expected', [{'off_during': ((60.0, 70.0),)},
+                                      {'heats_during': ((60.0, 70.0),)}])
+def test_where_nothing_was_commanded_nothing_is_good(expected):
+    assert not found(**expected).good
+
+
+def test_a_car_that_never_arrived_missed_its_target():
+    assert not found(nan, arrival_error_k=(-100.0, 100.0)).good
+
+
+def test_what_is_seen_is_said():
+    finding = found(arrival_error_k=(-0.5, 0.2))
+    assert (finding.expected, finding.seen) == ('-0.5 ... +0.2', '+0.30')
+    assert found(statuses=('CHARGING', 'WAITING')).seen == 'all but CHARGING'
+    assert found(never=('STALE_INPUT', 'CHARGING')).seen == 'STALE_INPUT'
+
+
+def test_a_heater_and_signals_of_which_nothing_is_said_are_good():
+    record = DriveRecord(25.0)
+    record.note_heater(0.0, 'answers')
+    record.note_signals(0.0, ())
+    assert [finding.good for finding in evaluate(
+        Expectations(never_heater_verdict=True, no_signals=True), record)] == [True, True]
+
+
+def test_a_phase_is_held_against_what_was_seen_in_it():
+    # Its phases: drive, charge, park, drive; the clock of the chain does not jump.
+    scenario = load_scenario('stood_after_charging')
+    record = a_record()
+    fill_phases(record, scenario, [PhaseEnd(0.0, 20.0, 24.0), PhaseEnd(20.0, 35.0, nan),
+                                   PhaseEnd(35.0, 38.0, nan), PhaseEnd(38.0, 60.0, 25.5)])
+    first, charged, parked, last = record.phases
+    assert (first.arrival_c, last.arrival_c, record.arrival_c) == (24.0, 25.5, 24.0)
+    assert (first.switch_ons, charged.commands) == (1, [(0.0, 5000.0, 'HEATING'), (10.0, 0.0, 'STALE_INPUT')])
+    assert charged.regimes == [(0.0, 'driving'), (10.0, 'standing')]
+    assert charged.signals == [(0.0, 'current'), (10.0, 'source')]
+    # A verdict on the heater holds until the next one.
+    assert parked.heater_verdicts == [(0.0, 'derated')]
+    assert last.heater_verdicts == [(0.0, 'derated'), (2.0, 'answers')]
+    findings = evaluate_chain(Expectations(), (None, Expectations(most_switch_ons=0), None, Expectations(
+        arrival_error_k=(0.4, 0.6))), record)
+    assert [(finding.what, finding.good) for finding in findings] == [
+        ('phase 2: heater switched on [times]', False), ('phase 4: arrival error [K]', True)]
+
+
+def test_a_chain_that_never_came_to_its_end_is_no_good():
+    finding, = evaluate_chain(Expectations(), (None, None), DriveRecord(25.0))
+    assert (finding.what, finding.expected, finding.seen, finding.good) == ('phases', '2', '0', False)
+
+
+TARGET_C = 14.0
+
+
+@pytest.mark.parametrize('powers_w, count, first_s', [
+    ([], 0, None), ([0.0, 0.0], 0, None), ([5.0, 5.0, 0.0], 1, 0.0), ([0.0, 1.0, 2.0, 0.0, 3.0], 2, 10.0)])
+def test_rises_from_0_are_counted(powers_w, count, first_s):
+    switching = Switching()
+    for number, power_w in enumerate(powers_w):
+        switching.note(10.0 * number, power_w)
+    assert (switching.switch_ons, switching.first_switch_on_s) == (count, first_s)
+
+
+def test_the_score_is_that_of_the_commands_that_the_car_got():
+    vehicle = load_vehicle('reference')
+    route = make_route({'duration_s': [30.0] * 20, 'speed_mps': [15.0], 'propulsion_power_w': [15e3],
+                        'ambient_temperature_c': [-5.0]}, vehicle.defaults)
+    car = ImperfectCar(vehicle, route, BatteryState(8.0, 0.8), Goal(TARGET_C), Imperfections(), 0)
+    supervisor, switching, energy_wh, before = Supervisor(vehicle, Settings()), Switching(), 0.0, None
+    for _, instant in instants(car, supervisor):
+        if instant is None:
+            continue
+        assert isnan(instant.measured_c) or instant.measured_c == pytest.approx(instant.true_c, abs=0.3)
+        switching.note(instant.time_s, instant.command_w)
+        if before is not None:
+            energy_wh += before.command_w * (instant.time_s - before.time_s) / 3600.0
+        before = instant
+    score = score_of(car.plant, TARGET_C, switching)
+    assert score.switch_ons >= 1 and score.first_switch_on_s < 600.0 and not score.ran_empty
+    # The command of an instant is in effect from then on.
+    assert score.heating_energy_wh == pytest.approx(energy_wh, rel=0.02)
+    assert score.arrival_error_k == car.plant.temperature_c - TARGET_C and abs(score.arrival_error_k) < 0.5
+    assert 0.0 < score.heating_energy_wh < score.battery_energy_wh

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors that are wrong from start to end, other batteries on the topic, states out of order."""
+
+from dataclasses import replace
+import math
+from math import inf
+
+import numpy as np
+import pytest
+
+from bev_preheat.control.inputs import SupplyStatus
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route.segments import make_route
+from bev_preheat.simulation.heater import NO_LEASE
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import Charge
+from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.scenario_drive import drive_scenario
+from bev_preheat.simulation.sensors import OtherBattery, Position, PositionReports, Sensors, Spike
+from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+
+
+def readings(to_s=100.0, power_w=20e3, following=(), **sensors):
+    route = make_route({
+        'duration_s': [100.0], 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
+        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, None)
+    car = ImperfectCar(VEHICLE, route, BatteryState(5.0, 0.6), Goal(20.0),
+                       Imperfections(sensors=Sensors(**sensors)), following=following)
+    car.advance_under(NO_LEASE, to_s)
+    return car.readings()
+
+
+def test_what_was_never_set_is_the_same_from_start_to_end():
+    taken = readings(
+        temperature_stuck_at_c=0.0, soc_stuck_at=0.0, voltage_stuck_at_v=12.6, temperature_noise_k=0.3)
+    assert {(each.temperature_c, each.soc, each.voltage_v) for each in taken} == {(0.0, 0.0, 12.6)}
+    assert taken[0].current_a == pytest.approx(20e3 / readings()[0].voltage_v, rel=1e-3)
+
+
+def test_scale_and_sign_change_nothing_else():
+    right, wrong = readings(), readings(soc_scale=100.0, voltage_scale=0.1, reverses_current=True)
+    for good, bad in zip(right, wrong, strict=True):
+        assert bad.soc == pytest.approx(100.0 * good.soc)
+        assert bad.voltage_v == pytest.approx(0.1 * good.voltage_v)
+        assert bad.current_a == -good.current_a
+        assert bad.temperature_c == good.temperature_c
+
+
+def test_a_spike_raises_the_temperature_while_it_lasts():
+    plain = readings()
+    spiky = readings(spikes=(Spike(20.0, 50.0, 2.0), Spike(40.0, 60.0, 1.0)))
+    raised = {round(good.instant_s): bad.temperature_c - good.temperature_c for good, bad in zip(plain, spiky)}
+    assert [raised[second] for second in (19, 20, 39, 40, 49, 50, 59, 60)] == pytest.approx(
+        [0.0, 2.0, 2.0, 3.0, 3.0, 1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize('every', [1, 3, 10])
+def test_each_so_many_th_temperature_is_no_number(every):
+    taken = readings(invalid_every=every)
+    assert [math.isnan(each.temperature_c) for each in taken] == [
+        number % every == 0 for number in range(1, len(taken) + 1)]
+
+
+@pytest.mark.parametrize('is_first', [True, False])
+def test_another_battery_comes_in_turn(is_first):
+    other = OtherBattery(20.0, 0.9, 24.6, -3.0, 'trunk', is_first)
+    taken = readings(location='floor', other=other)
+    others, own = (taken[0::2], taken[1::2]) if is_first else (taken[1::2], taken[0::2])
+    assert {(each.temperature_c, each.soc, each.voltage_v, each.current_a, each.location) for each in others} == {
+        (20.0, 0.9, 24.6, -3.0, 'trunk')}
+    assert {each.location for each in own} == {'floor'}
+    assert max(each.temperature_c for each in own) < 6.0
+
+
+def test_the_sensor_noise_is_on_another_battery_too():
+    taken = readings(other=OtherBattery(20.0, 0.9, 24.6, is_first=True), temperature_noise_k=0.3)[0::2]
+    assert np.std([each.temperature_c for each in taken]) == pytest.approx(0.3, rel=0.4)
+
+
+def test_states_in_disorder_are_neither_lost_nor_new():
+    taken = readings(reordered_every=5)
+    stamps_s = [each.instant_s for each in taken]
+    assert stamps_s[:8] == [0.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0, 7.0]
+    assert sorted(stamps_s) == [float(second) for second in range(100)] + [100.0]
+
+
+@pytest.mark.parametrize('kind, driving, braking, charging', [
+    ('unknown', SupplyStatus.UNKNOWN, SupplyStatus.UNKNOWN, SupplyStatus.UNKNOWN),
+    ('plugged', SupplyStatus.DISCHARGING, SupplyStatus.DISCHARGING, SupplyStatus.CHARGING),
+    ('sign', SupplyStatus.DISCHARGING, SupplyStatus.CHARGING, SupplyStatus.CHARGING)])
+def test_the_supply_status_says_what_its_kind_knows(kind, driving, braking, charging):
+    charge = (Charge(30e3, 60.0, 0.0),)
+    for power_w, status in ((20e3, driving), (-20e3, braking)):
+        taken = readings(150.0, power_w, charge, supply_status=kind)
+        assert (taken[50].supply_status, taken[130].supply_status) == (status, charging)
+
+
+START_NS = 1_700_000_000_000_000_000
+
+
+def a_route(duration_s=100.0, speed_mps=20.0):
+    return make_route({
+        'duration_s': [duration_s], 'speed_mps': [speed_mps], 'propulsion_power_w': [5e3],
+        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0],
+        'auxiliary_power_w': [0.0]}, None)
+
+
+def a_car(*events, position=PositionReports(), **imperfections):
+    return ImperfectCar(
+        VEHICLE, a_route(), BatteryState(0.0, 0.8), Goal(20.0),
+        Imperfections(events=events, position=position, sensors=Sensors(period_s=50.0),
+                      **imperfections), route_id='home')
+
+
+def distances(car, until_s):
+    """Drive, and return the distance reported at each second, or None."""
+    said, mission = {}, car.mission(START_NS)
+    for second in range(until_s + 1):
+        car.advance_under(NO_LEASE, float(second))
+        mission = car.route_news(START_NS) or mission
+        progress = car.progress(START_NS)
+        if progress is not None:
+            assert (progress.route_id, progress.route_start_ns) == ('home', mission.start_ns)
+            assert progress.stamp_ns == START_NS + round(car.clock_s * 1e9)
+        said[second] = None if progress is None else pytest.approx(progress.distance_m)
+    return said
+
+
+def test_a_car_that_does_not_say_where_it_is_changes_nothing():
+    car = a_car(position=None)
+    car.readings()
+    assert car.next_event_s == 50.0
+    assert set(distances(car, 20).values()) == {None}
+
+
+def test_the_distance_grows_as_it_drives_and_stays_where_it_stands():
+    said = distances(a_car(Event(Kind.STOP, 30.0, None, 40.0),
+                           Event(Kind.OTHER_PACE, 80.0, None, 20.0, 2.0)), 180)
+    assert [said[second] for second in (0, 10, 30, 50, 70, 80, 100, 120, 180)] == [
+        0.0, 200.0, 600.0, 600.0, 600.0, 800.0, 1000.0, 1200.0, 2000.0]
+
+
+def test_it_counts_from_the_route_that_was_sent_last():
+    said = distances(a_car(Event(Kind.STOP, 30.0, 10.0, 20.0)), 60)
+    assert [said[second] for second in (39, 40, 50, 60)] == [600.0, 0.0, 0.0, 200.0]
+
+
+def test_off_its_route_it_says_nothing_until_the_next_one_comes():
+    said = distances(a_car(Event(Kind.DETOUR, 30.0, 10.0, route=a_route(speed_mps=10.0))), 50)
+    assert [said[second] for second in (29, 30, 39, 40, 50)] == [580.0, None, None, 0.0, 100.0]
+
+
+def test_it_comes_each_period_but_for_drop_outs():
+    car = a_car(position=PositionReports(period_s=4.0, drop_outs=((8.0, 13.0),)))
+    said = distances(car, 20)
+    assert [second for second, distance_m in said.items() if distance_m is not None] == [
+        0, 4, 16, 20]
+    car.readings()
+    assert car.next_event_s == 24.0
+
+
+def test_its_stamp_is_that_of_the_clock():
+    distances(a_car(clock_jumps=(ClockJump(5.0, 100.0),)), 10)
+
+
+def test_noise_is_as_large_as_is_said():
+    position = Position(PositionReports(noise_m=5.0), a_route(3000.0), (), np.random.default_rng(1))
+    errors_m = [position.report_m(float(second)) - 20.0 * second for second in range(100, 2900)]
+    assert np.std(errors_m) == pytest.approx(5.0, rel=0.1)
+    assert abs(np.mean(errors_m)) < 0.4
+
+
+def test_nothing_is_due_where_nothing_is_reported():
+    position = Position(None, a_route(), (), np.random.default_rng(1))
+    assert (position.next_s, position.report_m(10.0)) == (inf, None)
+
+
+@pytest.mark.deep
+@pytest.mark.costly
+def test_the_car_arrives_nearer_to_its_target_where_it_is_known_how_long_it_stood():
+    known = load_scenario('sensor_offset')
+    known = replace(known, route=known.route.before(600.0), goal=Goal(-1.0))
+    errors_k = [drive_scenario(scenario).arrival_c - scenario.goal.target_temperature_c
+                for scenario in (known, replace(known, standing_time_s=0.0))]
+    offset_k = known.imperfections.sensors.temperature_offset_k
+    # Without it, the whole offset is missing on arrival.
+    assert errors_k[1] == pytest.approx(-offset_k, abs=0.3)
+    assert errors_k[0] > errors_k[1] + 0.5
