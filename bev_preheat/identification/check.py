@@ -127,8 +127,6 @@ def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int,
     return errors_k
 
 
-
-
 @dataclass(frozen=True, eq=False)
 class TripCheck:
     """
