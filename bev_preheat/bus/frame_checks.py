@@ -103,8 +103,7 @@ class Checksum:
 
     def written(self, data: bytes) -> bytes:
         """Return the data with its checksum in place."""
-        return (data[:self._at] + self.of(data).to_bytes(self._bytes, self._order)
-                + data[self._at + self._bytes:])
+        return (data[:self._at] + self.of(data).to_bytes(self._bytes, self._order) + data[self._at + self._bytes:])
 
     def problem(self, data: bytes) -> str:
         """Return why a frame is refused; '' for a right one."""

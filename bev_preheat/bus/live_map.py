@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.signal_map import database_files, load_signal_map, read_source, source_problems
@@ -29,6 +29,9 @@ VALID_FOR_S = {'can': 2.0, 'vss': 600.0}
 REPLAY = 'replay'
 # Databrokers listen here unless told otherwise.
 BROKER_PORT = 55555
+
+
+Rule = TypeVar('Rule')
 
 
 @dataclass(frozen=True)
@@ -217,7 +220,7 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
         _heater_frame(live.get('heater_command')),
-        HeaterStatusRule(**live['heater_status']) if 'heater_status' in live else None)
+        _rule(HeaterStatusRule, live.get('heater_status')))
 
 
 def _can_buses(live: FileData, signal_map: SignalMap) -> tuple[CanSettings, ...]:
@@ -232,28 +235,20 @@ def _can_buses(live: FileData, signal_map: SignalMap) -> tuple[CanSettings, ...]
 def _vss(entry: FileData, folder: Path) -> VssSettings | None:
     if entry is None:
         return None
-    files = {key: folder / entry[key] for key in ('token', 'root_certificates') if key in entry}
-    others = {key: entry[key] for key in ('host', 'port', 'tls_server_name', 'conditioning') if key in entry}
-    return VssSettings(**others, **files)
+    return VssSettings(**{**entry, **{key: folder / entry[key] for key in ('token', 'root_certificates')
+                                      if key in entry}})
 
 
-def _checksum(entry: FileData) -> ChecksumRule | None:
-    if entry is None:
-        return None
-    values: dict[str, FileData] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
-    return ChecksumRule(**values)
+def _rule(kind: type[Rule], entry: FileData, **others: FileData) -> Rule | None:
+    """Return a rule of an entry of the map, with other values in its place; None without an entry."""
+    return None if entry is None else kind(**{
+        key: tuple(value) if isinstance(value, list) else value for key, value in {**entry, **others}.items()})
 
 
 def _message(entry: FileData) -> MessageRule:
-    return MessageRule(entry.get('cycle_time_s'), entry.get('counter'), entry.get('largest_step'),
-                       _checksum(entry.get('checksum')))
+    return MessageRule(**{**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum'))})
 
 
 def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
-    if entry is None:
-        return None
-    coolant = entry.get('coolant')
-    return HeaterFrameRule(**{
-        **entry, 'checksum': _checksum(entry.get('checksum')), 'coolant': None if coolant is None else CoolantLaw(
-            coolant['follows'], coolant['watts_per_kelvin'], (coolant['range_c'][0], coolant['range_c'][1]))})
+    return entry and _rule(HeaterFrameRule, entry, checksum=_rule(ChecksumRule, entry.get('checksum')),
+                           coolant=_rule(CoolantLaw, entry.get('coolant')))

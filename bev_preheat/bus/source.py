@@ -87,8 +87,7 @@ class View:
     def all_values(self, signal: str) -> tuple[float, ...]:
         """Return the valid values of every channel of a signal; NaN for each that is not."""
         values = []
-        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ())
-                                  for channel in group):
+        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ()) for channel in group):
             value = self.reading(signal, name, signal)
             values.append(math.nan if value is None else value)
         return tuple(values)

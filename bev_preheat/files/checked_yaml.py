@@ -28,8 +28,7 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
     """
     Return the contents of a YAML file that satisfies a schema (JSON Schema draft 7, itself YAML).
 
-    Raises InvalidInput with one problem per wrong key, naming file, key, value
-    and allowed range.
+    Raises InvalidInput with one problem per wrong key, naming file, key, value and allowed range.
     """
     return check_yaml(read_text(path), path, schema_path)
 
@@ -68,8 +67,7 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
 class _UniqueKeys:
     """Makes a loader refuse duplicate keys in a mapping; YAML's own silently takes the last one."""
 
-    def construct_mapping(self, node: yaml.MappingNode,
-                          deep: bool = False) -> dict[Hashable, FileData]:
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, FileData]:
         seen = set()
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):

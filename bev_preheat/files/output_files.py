@@ -86,8 +86,7 @@ def check_writable(path: AnyPath, make_folder: bool = False) -> None:
         problem = 'is not a folder' if os.path.lexists(folder) else 'does not exist'
         raise InvalidInput(f'{_shown(path)}: cannot be written: {folder} {problem}')
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise InvalidInput(
-            f'{_shown(path)}: cannot be written: the folder {folder} is write-protected')
+        raise InvalidInput(f'{_shown(path)}: cannot be written: the folder {folder} is write-protected')
 
 
 def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ()) -> None:
@@ -130,10 +129,9 @@ def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False,
     """
     Write bytes, or text as UTF-8, to a file: everything or, if anything fails, nothing.
 
-    A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner;
-    a new one follows the umask. `make_folder` creates missing folders. If it need not outlast the computer's
-    power, it is not waited for until it is on the disk. Raises InvalidInput with file and reason if it cannot be
-    written.
+    A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner; a new one
+    follows the umask. `make_folder` creates missing folders. If it need not outlast the computer's power, it is
+    not waited for until it is on the disk. Raises InvalidInput with file and reason if it cannot be written.
     """
     if isinstance(contents, str):
         # A comment may quote a file name that is not valid text.

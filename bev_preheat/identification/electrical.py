@@ -77,11 +77,9 @@ class Electrical:
 
     `voltage_v` are offset, slope and curvature [V]; `log_factors` (knots,) correct START's resistance over
     temperature, with their `covariance`, `soc_factors` over the charge, 0 in the mean over the drives;
-    `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square
-    of the
-    differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell
-    resistance;
-    empty: all is prior.
+    `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square of the differenced
+    residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell resistance; empty: all
+    is prior.
     """
 
     voltage_v: FloatArray

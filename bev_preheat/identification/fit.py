@@ -190,8 +190,7 @@ class Fitter:
                 theta[free] = values[:count]
                 residuals, slopes = [], []
                 for at, index in enumerate(indices):
-                    residual, slope = self.trip_residuals(
-                        model, index, theta, values[count + at], electrical)
+                    residual, slope = self.trip_residuals(model, index, theta, values[count + at], electrical)
                     row = np.zeros((len(residual), len(values)))
                     row[:, :count], row[:, count + at] = slope[:, :-1][:, free], slope[:, -1]
                     residuals.append(residual)
@@ -227,8 +226,7 @@ class Fitter:
     def model(self, structure: str) -> ThermalModel:
         """Return the ThermalModel of a structure."""
         if structure not in self._models:
-            self._models[structure] = ThermalModel(
-                self.vehicle, (*ALWAYS, 'heat_lag', *STRUCTURES[structure]))
+            self._models[structure] = ThermalModel(self.vehicle, (*ALWAYS, 'heat_lag', *STRUCTURES[structure]))
         return self._models[structure]
 
     def trip_residuals(self, model: ThermalModel, at: int, theta: FloatArray, start_offset_k: float,

@@ -110,8 +110,7 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
             without = fitter.fit(structure, _others(fitter, at), electrical, fit)
             course = fitter.settled[at]
             trip = course.trip
-            readings_c, _ = fitter.model(structure).course(
-                course, without.theta, trip.start_c, electrical)
+            readings_c, _ = fitter.model(structure).course(course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
             misfit += fitter.misfit(without, at)
         results.append(StructureResult(structure, fit.cost, misfit, tuple(errors_k), structure in IN_THE_FILE))

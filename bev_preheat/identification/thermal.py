@@ -229,8 +229,7 @@ class ThermalModel:
         lagging = Lagging(
             temperature_c, soc, under_way_k, sensor_c, 0.0, heat_lag_s, sensor_lag_s,
             casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 1.0, 0.0, 0.0)
-        end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(
-            lagging, now, heater_w, duration_s)
+        end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(lagging, now, heater_w, duration_s)
         shell_end_c = shell_c
         if self._has_shell:
             shell_rate = (conductance * (middle_c - shell_c) + leakage.coefficient_w_per_k(speed_mps)

@@ -175,8 +175,7 @@ def uncertainty_of(start: Uncertainty, estimates: Iterable[Estimated], resistanc
 
 def with_deviations(start: Uncertainty, found: Mapping[str, float]) -> Uncertainty:
     """Return an Uncertainty with other relative deviations by name, rounded and within the file's bounds."""
-    return replace(start, **{name: float(f'{min(max(value, LEAST), MOST):.3g}')
-                             for name, value in found.items()})
+    return replace(start, **{name: float(f'{min(max(value, LEAST), MOST):.3g}') for name, value in found.items()})
 
 
 def _log_deviation(low: float, high: float) -> float:

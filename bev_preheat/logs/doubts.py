@@ -78,8 +78,8 @@ LEAST_CURRENT_STEP_A, LEAST_STEPS = 5.0, 20
 LEAST_RESPONSE = 0.3
 # Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
-                 1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
-                                                                                                  'mph'}
+                 1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s',
+                 1.0 / 0.44704: 'm/s taken as mph'}
 ODOMETER_FACTORS = {1.609344: 'miles taken as km', 1.0 / 1.609344: 'km taken as miles'}
 # Hardest changes of speed on the road [m/s2], and the fastest usual travel [m/s].
 HARDEST_MPS2, FASTEST_TRAVEL_MPS = 6.0, 62.0
@@ -89,6 +89,7 @@ CELSIUS_K, FAHRENHEIT_K = 22.0, 15.0
 HOTTEST_PARKED_C, HOTTEST_C = 40.0, 52.0
 # The largest power of a heater that was on at some time.
 LEAST_HEATER_W = 25.0
+HEATERS = ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w')
 
 
 @dataclass(frozen=True)
@@ -191,17 +192,21 @@ def _power(signals: Signals) -> Iterator[Doubt]:
             yield Doubt('power_w', f'power_w: {words}', factor)
 
 
-def _size_of_power(signals: Signals) -> Iterator[Doubt]:
-    """Doubt powers of less than kilowatts while the car moves."""
+def _size(signals: Signals) -> Iterator[Doubt]:
+    """Doubt powers of less than kilowatts while the car moves, heaters of a few watts, a charge of a percent."""
     for signal in ('power_w', 'propulsion_power_w'):
         if {signal, 'speed_mps'} <= signals.keys():
             power = signals[signal]
             moving = power.value[_at(power.time_s, signals['speed_mps']) > 5.0]
             largest = float(np.max(np.abs(moving), initial=0.0))
             if len(moving) >= 10 and 0.0 < largest < 600.0:
-                yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it '
-                                    'in kW?',
-                            1000.0)
+                yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it in '
+                            'kW?', 1000.0)
+    for signal, least, words, factor in (
+            *((name, LEAST_HEATER_W, ' W; is it in kW?', 1000.0) for name in HEATERS),
+            ('soc', 0.0102, '; a share taken as percent?', 100.0)):
+        if signal in signals and 0.0 < (largest := float(np.max(signals[signal].value))) < least:
+            yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)}{words}', factor)
 
 
 def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
@@ -325,26 +330,10 @@ def _temperature(signals: Signals) -> Iterator[Doubt]:
                     'in use reaches; is it in degF?', 1.0 / 1.8, -32.0 / 1.8)
 
 
-def _heaters(signals: Signals) -> Iterator[Doubt]:
-    """Doubt heaters of a few watts."""
-    for signal in ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w'):
-        if signal in signals and 0.0 < (largest := float(np.max(signals[signal].value))) < LEAST_HEATER_W:
-            yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W; is it in kW?', 1000.0)
-
-
-def _charge(signals: Signals) -> Iterator[Doubt]:
-    """Doubt a state of charge that never exceeds a percent."""
-    if 'soc' in signals and 0.0 < np.max(signals['soc'].value) <= 0.0102:
-        yield Doubt('soc', f'soc: is at most {figure(float(np.max(signals["soc"].value)), 3)}; a share taken as '
-                           'percent?',
-                    100.0)
-
-
 def _at(time_s: FloatArray, series: Series) -> FloatArray:
     """Return a signal at instants, NaN outside its samples."""
     return np.interp(time_s, series.time_s, series.value, left=np.nan, right=np.nan)
 
 
 CHECKS: tuple[Callable[[Signals], Iterator[Doubt]], ...] = (
-    _charge, _balance, _resistance, _power, _sign_of_drive, _size_of_power, _distance, _motion, _temperature,
-    _heaters)
+    _balance, _resistance, _power, _sign_of_drive, _size, _distance, _motion, _temperature)

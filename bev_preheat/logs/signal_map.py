@@ -46,13 +46,12 @@ class Source:
     """
     Where a signal comes from, and how its readings are converted.
 
-    `channels` are names, or patterns between slashes, in order of preference; all channels of the first entry
-    that matches any are combined (`combine`: mean, min, max, first; empty: the mean of alike ones). `unit` is
-    empty if the log names it;
-    `other_units` are used if the readings have them rather than that.
-    `scales`: factors on the reading, the first that makes the signal plausible counts; then `offset` is added, and
-    the unit converted. `at_least`, if above 0, is how many channels must be valid; then the channels of all
-    entries are combined. `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
+    `channels` are names, or patterns between slashes, in order of preference; all channels of the first entry that
+    matches any are combined (`combine`: mean, min, max, first; empty: the mean of alike ones). `unit` is empty if
+    the log names it; `other_units` are used if the readings have them rather than that. `scales`: factors on the
+    reading, the first that makes the signal plausible counts; then `offset` is added, and the unit converted.
+    `at_least`, if above 0, is how many channels must be valid; then the channels of all entries are combined.
+    `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
     """
 
     signal: str

@@ -90,8 +90,7 @@ def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
     Write a Route as CSV; `comments` are lines of text above the header.
 
     `made_for` is the name of the vehicle that the powers belong to, `stops` are the charging stops. Raises
-    InvalidInput if
-    the file cannot be written.
+    InvalidInput if the file cannot be written.
     """
     text = io.StringIO()
     for comment in comments:

@@ -59,10 +59,9 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
     """
     Return the RouteForVehicle of a name or a file.
 
-    A name is that of a file in config/routes, `legs/NAME` that of a description in
-    config/routes/legs; a text with any other slash or with a suffix is a file of any format, relative
-    to `folder` if given. `options` complete such a file. Raises InvalidInput naming
-    file, place, value and allowed range.
+    A name is that of a file in config/routes, `legs/NAME` that of a description in config/routes/legs; a text with
+    any other slash or with a suffix is a file of any format, relative to `folder` if given. `options` complete
+    such a file. Raises InvalidInput naming file, place, value and allowed range.
     """
     is_legs, source = _source(name_or_file, folder)
     name = in_one_line(vehicle.name)
@@ -70,8 +69,7 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
     if is_legs:
         _refuse_options(legs_file(source), options)
         # Rounded as in a file, so that the plan equals that for the file made from the legs.
-        return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
-                               None)
+        return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source), None)
     file = route_file(source)
     journey = read_journey(file, options)
     if isinstance(journey, Journey):
@@ -121,8 +119,7 @@ def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
     name = in_one_line(vehicle.name)
     if made_for is None or made_for == name:
         return None
-    return (f'route {file.stem} has the powers of vehicle {made_for}; for {name}: '
-            f'{_advice(file, vehicle)}')
+    return f'route {file.stem} has the powers of vehicle {made_for}; for {name}: {_advice(file, vehicle)}'
 
 
 def _advice(file: Path, vehicle: Vehicle) -> str:
@@ -217,8 +214,7 @@ def _use_consumption(columns: dict[str, FloatArray | None], journey: Journey, ve
         variance_w2 = np.maximum(road_rms_w**2 - road_w**2, 0.0)
         rms_w = np.sqrt(mean_w**2 + variance_w2)
         # The difference between magnitude and mean is the energy braked and driven again.
-        magnitude_w = np.clip(magnitude_w + road_magnitude_w - np.abs(road_w),
-                              magnitude_w, rms_w)
+        magnitude_w = np.clip(magnitude_w + road_magnitude_w - np.abs(road_w), magnitude_w, rms_w)
     columns.update(propulsion_power_w=mean_w, propulsion_power_rms_w=rms_w,
                    propulsion_power_magnitude_w=magnitude_w)
     remarks.append('propulsion power: from the consumption in the file' + (

@@ -2,9 +2,8 @@
 """
 Speed of a car along legs of a road, from speed limits, stops and comfortable accelerations.
 
-The speed is computed over distance, because limits and stops have fixed places: the square of the speed may
-rise by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time is
-then one pass from the end to the start.
+The speed is computed over distance, because limits and stops have fixed places: the square of the speed may rise
+by 2 a ds and fall by 2 b ds over a cell of length ds. Braking in time is then one pass from the end to the start.
 """
 
 from __future__ import annotations
@@ -67,8 +66,7 @@ class RoadDrive:
         cell = np.clip(cell, 0, len(self.time_s) - 2)
         since_s = time_s - self.time_s[cell]
         start_mps = self.speed_mps[cell]
-        acceleration_mps2 = ((self.speed_mps[cell + 1] - start_mps)
-                             / (self.time_s[cell + 1] - self.time_s[cell]))
+        acceleration_mps2 = ((self.speed_mps[cell + 1] - start_mps) / (self.time_s[cell + 1] - self.time_s[cell]))
         speed_mps = start_mps + acceleration_mps2 * since_s
         return self.distance_m[cell] + 0.5 * (start_mps + speed_mps) * since_s, speed_mps
 
@@ -82,8 +80,7 @@ def lay_track(legs: Sequence[RoadLeg], seed: int) -> Track:
     random = np.random.default_rng(seed)
     # A point between two legs belongs to both, and the lower speed applies: each leg contributes both of its
     # ends, and duplicate points are merged below.
-    pieces = [_points(leg, start_m, random)
-              for leg, start_m in zip(legs, leg_starts_m(legs))]
+    pieces = [_points(leg, start_m, random) for leg, start_m in zip(legs, leg_starts_m(legs))]
     distance_m, allowed_mps, standstill_s = (np.concatenate(column) for column in zip(*pieces))
     first = np.flatnonzero(np.diff(distance_m, prepend=-1.0) > 0.0)
     allowed_mps = np.minimum.reduceat(allowed_mps, first)
@@ -96,8 +93,7 @@ def leg_starts_m(legs: Sequence[RoadLeg]) -> list[float]:
     return list(accumulate((leg.length_m for leg in legs), initial=0.0))
 
 
-def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float,
-                pace: float = 1.0) -> RoadDrive:
+def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float, pace: float = 1.0) -> RoadDrive:
     """
     Return the fastest RoadDrive within the speeds of a Track, times `pace`, and the accelerations.
 

@@ -2,9 +2,8 @@
 """
 Builds a Route from a readable description of a trip: legs of road, driven by a given car.
 
-The description is a YAML file (see legs_schema.yaml) and the same for every car. The drive is
-simulated in short steps, which are then joined into segments that preserve its energy and mean
-square power.
+The description is a YAML file (see legs_schema.yaml) and the same for every car. The drive is simulated in short
+steps, which are then joined into segments that preserve its energy and mean square power.
 """
 
 from __future__ import annotations
@@ -61,8 +60,7 @@ def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
     Return the LegsRoute with a name (a file in config/routes/legs) or of a YAML file.
 
     `vehicle` (vehicle.description.Vehicle) is the car that drives; its defaults for cabin and auxiliary power
-    apply if the description has none. Raises InvalidInput naming file, key,
-    value and allowed range.
+    apply if the description has none. Raises InvalidInput naming file, key, value and allowed range.
     """
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
@@ -108,8 +106,7 @@ def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]
                             'or at the top, for all legs')
             continue
         if node.get('stops', 0) and 'stop_duration_s' not in node:
-            problems.append(f'legs[{index}]: missing stop_duration_s, with '
-                            f'{node["stops"]} stops')
+            problems.append(f'legs[{index}]: missing stop_duration_s, with {node["stops"]} stops')
             continue
         start_c, end_c = ambient_c if isinstance(ambient_c, list) else (ambient_c, ambient_c)
         legs.append(RoadLeg(
@@ -129,15 +126,13 @@ def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]
 
 def _check_duration(legs: Sequence[RoadLeg]) -> None:
     """Refuse trips that are far too long before simulating them."""
-    least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s
-                  for leg in legs)
+    least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s for leg in legs)
     if least_s > LONGEST_ROUTE_S:
         raise InvalidInput(f'legs: the trip lasts at least {least_s:.0f} s; at most '
                            f'{LONGEST_ROUTE_S:g} s are planned')
 
 
-def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg],
-           remarks: list[str]) -> RoadDrive:
+def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg], remarks: list[str]) -> RoadDrive:
     """Return the drive along the legs, scaled to `duration_s`; the same for every car."""
     track = lay_track(legs, description.get('seed', 0))
     style = description.get('driving', {})
@@ -232,8 +227,7 @@ def _check_elevations(elevations_m: FloatArray) -> None:
                            f'it must be {low_m:g} ... {high_m:g}')
 
 
-def _calibrated(route: Route, vehicle: Vehicle, energy: dict[str, FileData],
-                remarks: list[str]) -> Route:
+def _calibrated(route: Route, vehicle: Vehicle, energy: dict[str, FileData], remarks: list[str]) -> Route:
     """Return the Route with powers scaled to the description's energies, if they are this vehicle's."""
     if vehicle.name != energy['vehicle']:
         remarks.append(f'propulsion_energy_wh belongs to vehicle {energy["vehicle"]}, not to '

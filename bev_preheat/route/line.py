@@ -119,8 +119,7 @@ class MapLine:
         self.elapsed_s: FloatArray = np.interp(self.along_m, line.distance_m, line.elapsed_s)
         self._planned_m, self._planned_s = line.distance_m, line.elapsed_s
         self._latitude_deg = np.interp(self.along_m, line.distance_m, line.latitude_deg)
-        self._longitude_deg = np.interp(
-            self.along_m, line.distance_m, np.unwrap(line.longitude_deg, period=360.0))
+        self._longitude_deg = np.interp(self.along_m, line.distance_m, np.unwrap(line.longitude_deg, period=360.0))
         first = np.arange(0, count, BLOCK)
         self._centre = np.minimum(first + BLOCK // 2, count - 1)
         self._block = np.repeat(self._centre, BLOCK)[:count]
@@ -173,12 +172,10 @@ class MapLine:
             latitude_deg, longitude_deg, self._latitude_deg[self._centre], self._longitude_deg[self._centre]))
         return distance_m
 
-    def _of_blocks(self, blocks: IntArray, latitude_deg: float, longitude_deg: float,
-                   radius_m: float) -> Nearby:
+    def _of_blocks(self, blocks: IntArray, latitude_deg: float, longitude_deg: float, radius_m: float) -> Nearby:
         at = (self._first[blocks][:, None] + np.arange(BLOCK)).ravel()
         at = at[at < self._count]
-        east_m, north_m = _offset_m(
-            latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at])
+        east_m, north_m = _offset_m(latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at])
         distance_m = np.hypot(east_m, north_m)
         kept = distance_m <= radius_m
         return Nearby(at[kept], distance_m[kept], -east_m[kept], -north_m[kept])

@@ -183,8 +183,7 @@ class Matcher:
 
     def _speed_mps(self, fix: Fix) -> float | None:
         """Return the vehicle's mean speed [m/s] over at least SPEED_OVER_S before a fix; None: not known."""
-        before = [other for other in self._course
-                  if fix.stamp_ns - other.stamp_ns >= SPEED_OVER_S * NS_PER_S]
+        before = [other for other in self._course if fix.stamp_ns - other.stamp_ns >= SPEED_OVER_S * NS_PER_S]
         if not before:
             return None
         return _apart_m(before[-1], fix) / (fix.stamp_ns - before[-1].stamp_ns) * NS_PER_S

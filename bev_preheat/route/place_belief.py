@@ -117,8 +117,7 @@ def place_of(line: MapLine, belief: PlaceBelief) -> Place:
     means_m = np.bincount(passes, belief.share * line.along_m[belief.at]) / shares
     best = int(order[0])
     inside = passes == best
-    variance_m2 = float(belief.share[inside] @ (line.along_m[belief.at[inside]] - means_m[best])**2
-                        / shares[best])
+    variance_m2 = float(belief.share[inside] @ (line.along_m[belief.at[inside]] - means_m[best])**2 / shares[best])
     return Place(float(means_m[best]), math.sqrt(variance_m2), float(shares[best]),
                  float(means_m[order[1]]) if len(order) > 1 else None)
 

@@ -35,8 +35,7 @@ class Places:
     @classmethod
     def of_route(cls, route: Route) -> Places:
         """Return the Places of a route."""
-        return cls(route.time_s, np.concatenate(
-            ([0.0], np.cumsum(route.duration_s * route.speed_mps))))
+        return cls(route.time_s, np.concatenate(([0.0], np.cumsum(route.duration_s * route.speed_mps))))
 
     @classmethod
     def joined(cls, parts: Iterable[tuple[float, Places]]) -> Places:

@@ -56,8 +56,7 @@ def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: flo
     """
     Return the RoadVehicle of a Vehicle that has a `road_load`, with RoadForces.
 
-    `maximum_regeneration_power_w` [W] is the trip's; the lower of the trip's and the vehicle's
-    applies.
+    `maximum_regeneration_power_w` [W] is the trip's; the lower of the trip's and the vehicle's applies.
     """
     road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
     assert road_load is not None
@@ -71,8 +70,7 @@ def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: flo
                                          maximum_regeneration_power_w))
 
 
-def air_density_kg_per_m3(ambient_temperature_c: FloatArray,
-                          elevation_m: FloatArray) -> FloatArray:
+def air_density_kg_per_m3(ambient_temperature_c: FloatArray, elevation_m: FloatArray) -> FloatArray:
     """Return the density of dry air [kg/m^3] at a temperature [deg C] and an elevation [m]."""
     pressure_pa = SEA_LEVEL_PRESSURE_PA * (1.0 - PRESSURE_PER_M * elevation_m)**PRESSURE_EXPONENT
     return pressure_pa / (GAS_CONSTANT_OF_AIR * (ambient_temperature_c + KELVIN_AT_0_C))
@@ -84,10 +82,9 @@ def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: Floa
     """
     Return the mean power at the wheels [W] in each of N steps, shape (N,); negative when braking.
 
-    `duration_s`, `slope` (rise over run) and `ambient_temperature_c` have shape (N,);
-    `distance_m`, `speed_mps` and `elevation_m` (above sea level) have shape (N + 1,): the instants
-    between the steps. Kinetic, potential and rolling energy are exact; the air resistance is that
-    of the step's mean speed.
+    `duration_s`, `slope` (rise over run) and `ambient_temperature_c` have shape (N,); `distance_m`, `speed_mps`
+    and `elevation_m` (above sea level) have shape (N + 1,): the instants between the steps. Kinetic, potential and
+    rolling energy are exact; the air resistance is that of the step's mean speed.
     """
     driven_m = np.diff(distance_m)
     mean_mps = driven_m / duration_s
@@ -95,8 +92,7 @@ def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: Floa
     weight_n = vehicle.mass_kg * GRAVITY_MPS2
     potential_j = weight_n * np.diff(elevation_m)
     rolling_j = vehicle.rolling_resistance * weight_n / np.hypot(1.0, slope) * driven_m
-    density = air_density_kg_per_m3(
-        ambient_temperature_c, 0.5 * (elevation_m[:-1] + elevation_m[1:]))
+    density = air_density_kg_per_m3(ambient_temperature_c, 0.5 * (elevation_m[:-1] + elevation_m[1:]))
     air_mps = mean_mps + headwind_mps
     air_n = 0.5 * density * vehicle.drag_area_m2 * air_mps * np.abs(air_mps)
     return (kinetic_j + potential_j + rolling_j + air_n * driven_m) / duration_s
@@ -130,8 +126,7 @@ class Motion:
     Motion of any car along N segments: durations and mean speeds, shapes (N,).
 
     `elevation_m` above sea level at the boundaries has shape (N + 1,). `boundary_speed_mps`, shape (N + 1,), are
-    the
-    speeds there if they are known.
+    the speeds there if they are known.
     """
 
     duration_s: FloatArray
@@ -200,8 +195,7 @@ def propulsion_columns(car: RoadVehicle, motion: Motion,
     mean_w, rms_w, magnitude_w = (np.empty(len(duration_s)) for _ in range(3))
     for start in range(0, len(duration_s), AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        power_w = battery_power_w(car, at_wheels_w[part, np.newaxis]
-                                  + deviation_w[part, np.newaxis] * DEVIATIONS)
+        power_w = battery_power_w(car, at_wheels_w[part, np.newaxis] + deviation_w[part, np.newaxis] * DEVIATIONS)
         mean_w[part] = power_w.mean(axis=1)
         rms_w[part] = np.sqrt(np.mean(power_w**2, axis=1))
         magnitude_w[part] = np.abs(power_w).mean(axis=1)

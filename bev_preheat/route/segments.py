@@ -140,8 +140,7 @@ class Route:
     def without_variation(self) -> Route:
         """Return the route with a propulsion power that is constant within each segment."""
         constant_w = np.abs(self.propulsion_power_w)
-        return replace(self, propulsion_power_rms_w=constant_w,
-                       propulsion_power_magnitude_w=constant_w)
+        return replace(self, propulsion_power_rms_w=constant_w, propulsion_power_magnitude_w=constant_w)
 
     @cached_property
     def total_duration_s(self) -> float:
@@ -166,8 +165,7 @@ class Route:
         `instant_s` is seconds after the start of segment 0, at least 0 and before the end.
         """
         if not 0.0 <= instant_s < self.total_duration_s:
-            raise ValueError(f'instant {instant_s} s is not on this route of '
-                             f'{self.total_duration_s} s')
+            raise ValueError(f'instant {instant_s} s is not on this route of {self.total_duration_s} s')
         first = self.segment_at(instant_s)
         route = self._of_block(self.block[:, first:].copy())
         route.duration_s[0] = self.time_s[first + 1] - instant_s
@@ -181,8 +179,7 @@ class Route:
         `instant_s` is seconds after the start of segment 0, above 0 and at most the end.
         """
         if not 0.0 < instant_s <= self.total_duration_s:
-            raise ValueError(f'instant {instant_s} s is not on this route of '
-                             f'{self.total_duration_s} s')
+            raise ValueError(f'instant {instant_s} s is not on this route of {self.total_duration_s} s')
         starts = self.time_s[:-1]
         end = int(np.searchsorted(starts, instant_s, side='left'))
         part = {field.name: getattr(self, field.name)[:end] for field in fields(self)}
@@ -208,8 +205,7 @@ class Route:
         if (self.duration_s <= longest_s).all():
             return self
         parts = np.maximum(np.ceil(self.duration_s / longest_s - 1e-9).astype(int), 1)
-        values = {field.name: np.repeat(getattr(self, field.name), parts)
-                  for field in fields(self)}
+        values = {field.name: np.repeat(getattr(self, field.name), parts) for field in fields(self)}
         values['duration_s'] = np.repeat(self.duration_s / parts, parts)
         return Route(**values)
 
@@ -281,8 +277,7 @@ def make_route(columns: Mapping[str, Sequence[float] | FloatArray | None],
 
     optional = ('propulsion_power_rms_w', 'propulsion_power_magnitude_w', 'cabin_heating_power_w',
                 'auxiliary_power_w')
-    missing = [names.get(field, field) for field in LIMITS
-               if field not in arrays and field not in optional]
+    missing = [names.get(field, field) for field in LIMITS if field not in arrays and field not in optional]
     if missing:
         problems.append(f'missing or empty: {", ".join(missing)}')
         raise InvalidInput(problems)
@@ -325,14 +320,12 @@ def _complete_powers(arrays: dict[str, FloatArray], names: dict[str, str]) -> No
     arrays[name] = np.clip(magnitude_w, mean_w, rms_w)
 
 
-def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str,
-                 names: dict[str, str]) -> None:
+def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str, names: dict[str, str]) -> None:
     """Raise InvalidInput if one power is below another by more than rounding."""
     short = large_w < small_w * (1.0 - POWER_ROUNDING)
     if short.any():
         at = int(np.argmax(short))
-        raise InvalidInput(f'{names.get(name, name)}[{at}]: {large_w[at]:g} is below {than}, '
-                           f'{small_w[at]:g}')
+        raise InvalidInput(f'{names.get(name, name)}[{at}]: {large_w[at]:g} is below {than}, {small_w[at]:g}')
 
 
 def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: str = '') -> str | None:

@@ -53,8 +53,7 @@ def with_cycles(route: Route) -> Route:
     powers_w = np.stack((power_w, -power_w, np.zeros(len(route))), axis=1)
     parts = np.where(varies, CYCLES, 1)
     durations_s = np.repeat(shares * (route.duration_s / parts)[:, np.newaxis], parts, axis=0)
-    columns = {field.name: np.repeat(getattr(route, field.name), 3 * parts)
-               for field in fields(Route)}
+    columns = {field.name: np.repeat(getattr(route, field.name), 3 * parts) for field in fields(Route)}
     columns['duration_s'] = durations_s.ravel()
     columns['propulsion_power_w'] = np.repeat(powers_w, parts, axis=0).ravel()
     columns['propulsion_power_rms_w'] = np.abs(columns['propulsion_power_w'])

@@ -144,5 +144,4 @@ def load_chemistry(name: str) -> Chemistry:
 
 
 def _frozen(figures: dict[str, FileData]) -> dict[str, FileData]:
-    return {key: tuple(value) if isinstance(value, list) else value
-            for key, value in figures.items()}
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in figures.items()}

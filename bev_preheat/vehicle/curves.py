@@ -2,9 +2,8 @@
 """
 Curves over state of charge and battery temperature: formulas and tables.
 
-Each curve has `function(arithmetic)`, which returns `f(soc, temperature_c)` for floats, arrays or
-symbols. State of charge is 0 ... 1, temperature in degrees Celsius; the result has the unit of the
-curve (V, ohm, W).
+Each curve has `function(arithmetic)`, which returns `f(soc, temperature_c)` for floats, arrays or symbols. State
+of charge is 0 ... 1, temperature in degrees Celsius; the result has the unit of the curve (V, ohm, W).
 """
 
 from __future__ import annotations
@@ -118,8 +117,7 @@ class Table:
 
     def _function_of_arrays(self) -> CurveFunction[AnyNumber]:
         soc_axis, temperature_axis = np.array(self.soc), np.array(self.temperature_c)
-        soc_cells, temperature_cells = (
-            np.arange(len(axis), dtype=float) for axis in (soc_axis, temperature_axis))
+        soc_cells, temperature_cells = (np.arange(len(axis), dtype=float) for axis in (soc_axis, temperature_axis))
         values, columns = np.array(self.values).ravel(), len(self.temperature_c)
 
         def lookup(soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
@@ -159,8 +157,7 @@ class Table:
             i = min(bisect_right(soc_axis, soc) - 1, last_row)
             j = min(bisect_right(temperature_axis, temperature_c) - 1, last_column)
             a = (soc - soc_axis[i]) / (soc_axis[i + 1] - soc_axis[i])
-            b = ((temperature_c - temperature_axis[j])
-                 / (temperature_axis[j + 1] - temperature_axis[j]))
+            b = ((temperature_c - temperature_axis[j]) / (temperature_axis[j + 1] - temperature_axis[j]))
             low, high = values[i], values[i + 1]
             at_low = low[j] + b * (low[j + 1] - low[j])
             return at_low + a * (high[j] + b * (high[j + 1] - high[j]) - at_low)
@@ -181,8 +178,7 @@ def with_connections(resistance: Curve, connection_ohm: float) -> Curve:
 
 def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:
     """Return a piecewise linear function of one float, constant beyond its ends."""
-    slopes = [(v1 - v0) / (x1 - x0)
-              for x0, x1, v0, v1 in zip(axis, axis[1:], values, values[1:])]
+    slopes = [(v1 - v0) / (x1 - x0) for x0, x1, v0, v1 in zip(axis, axis[1:], values, values[1:])]
     low, high, first, last = axis[0], axis[-1], values[0], values[-1]
 
     def line(x: float) -> float:
@@ -196,8 +192,7 @@ def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], f
     return line
 
 
-def _cell(axis: FloatArray, cells: FloatArray,
-          x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
+def _cell(axis: FloatArray, cells: FloatArray, x: FloatArray) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
     """Return the indices of the axis points below and above each x, and the position of x between them."""
     if len(axis) == 1:
         return 0, 0, 0.0

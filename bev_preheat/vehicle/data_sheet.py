@@ -82,11 +82,10 @@ class DataSheet:
     """
     Figures of a data sheet; None if not given. Each name ends with its unit.
 
-    Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At
-    least one of the two is needed, and nominal voltage or number of cells in series, and the
-    most charging power at a fast charger; the rest can be assumed. `charging_time_10_80_min` is the published time
-    from 10 to 80 % with a warm battery, `charging_curve` the published curve, `charging_limit` the most power over
-    the battery temperature.
+    Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At least one of the
+    two is needed, and nominal voltage or number of cells in series, and the most charging power at a fast charger;
+    the rest can be assumed. `charging_time_10_80_min` is the published time from 10 to 80 % with a warm battery,
+    `charging_curve` the published curve, `charging_limit` the most power over the battery temperature.
     """
 
     name: str
@@ -140,8 +139,7 @@ def check_data_sheet(sheet: DataSheet) -> None:
             problems += [problem] if problem else []
     # An implausible figure would also be reported as inconsistent.
     if not problems:
-        problems = [*_inconsistent_battery(sheet), *_inconsistent_powers(sheet),
-                    *_inconsistent_masses(sheet)]
+        problems = [*_inconsistent_battery(sheet), *_inconsistent_powers(sheet), *_inconsistent_masses(sheet)]
     if problems:
         raise InvalidInput(problems)
 
@@ -160,8 +158,7 @@ def _missing(sheet: DataSheet) -> Iterator[str]:
     if sheet.nominal_voltage_v is None and sheet.cells_in_series is None:
         yield '--nominal-voltage-v or --cells-in-series is needed'
     if sheet.tells_road_load and sheet.vehicle_mass_kg is None:
-        yield ('--vehicle-mass-kg is needed with --drag-coefficient, --frontal-area-m2 or '
-               '--rolling-resistance')
+        yield '--vehicle-mass-kg is needed with --drag-coefficient, --frontal-area-m2 or --rolling-resistance'
 
 
 def _sources_of_nothing(sheet: DataSheet) -> Iterator[str]:

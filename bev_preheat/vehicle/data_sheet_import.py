@@ -211,10 +211,8 @@ def _pack(sheet: DataSheet, chemistry: Chemistry) -> tuple[Pack, dict[str, str]]
     pack = Pack(cells, gross_kwh, mass_kg, (0.5 * buffer, 1.0 - 0.5 * buffer), capacity_ah=0.0)
     table = _voltage_table(pack, chemistry)
     # The charge that gives exactly this energy with the table as written to the file.
-    mean_v = float(np.dot(np.add(table['values'][1:], table['values'][:-1]) / 2.0,
-                          np.diff(table['soc'])))
-    return Pack(cells, gross_kwh, mass_kg, pack.cell_soc,
-                round(WH_PER_KWH * usable_kwh / mean_v, 3)), notes
+    mean_v = float(np.dot(np.add(table['values'][1:], table['values'][:-1]) / 2.0, np.diff(table['soc'])))
+    return Pack(cells, gross_kwh, mass_kg, pack.cell_soc, round(WH_PER_KWH * usable_kwh / mean_v, 3)), notes
 
 
 def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
@@ -378,8 +376,7 @@ def _is_guessed(sheet: DataSheet, name: str) -> bool:
     return dict(sheet.sources).get(name, '').startswith('assumed')
 
 
-def _given_or_assumed(sheet: DataSheet, name: str, otherwise: float, why: str,
-                      scale: float = 1.0) -> Entry:
+def _given_or_assumed(sheet: DataSheet, name: str, otherwise: float, why: str, scale: float = 1.0) -> Entry:
     given = getattr(sheet, name)
     if given is not None:
         return Entry(_plain(scale * given), _origin(sheet, name), _is_guessed(sheet, name))

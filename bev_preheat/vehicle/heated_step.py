@@ -75,8 +75,7 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
         left = exp(-duration_s / time_constant_s)
         return left, (1.0 - left) * time_constant_s / duration_s
 
-    def heater(power_w: Number, duration_s: Number,
-               command_w: Number) -> tuple[Number, Number]:
+    def heater(power_w: Number, duration_s: Number, command_w: Number) -> tuple[Number, Number]:
         """Return (mean, end) of the heater's power [W]."""
         if path.heater_lag_s == 0.0:
             return command_w, command_w
@@ -113,16 +112,14 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
             shell_w = outer_w - leakage_w_per_k * excess_k + path.shell_share * joule_w
             made_w, core_w = made_w + shell_w, (1.0 - path.shell_share) * joule_w
         # Steady difference under the command, and the step's number of time constants.
-        settled_k = (made_w / coolant_j_per_k
-                     - core_w / battery_j_per_k) / rate_per_s
+        settled_k = (made_w / coolant_j_per_k - core_w / battery_j_per_k) / rate_per_s
         decays = duration_s * rate_per_s
         mean_excess_k = settled_k + (excess_k - settled_k) * ((1.0 - exp(-decays)) / decays)
         if lag_s > 0.0:
             # Contribution of the heater's lag: two decays in series, over the step [s].
             lags = duration_s / lag_s
             apart = root((lags - decays) * (lags - decays) + APART_SQUARED)
-            both_s = (duration_s * exp(-0.5 * (lags + decays - apart))
-                      * (1.0 - exp(-apart)) / apart)
+            both_s = (duration_s * exp(-0.5 * (lags + decays - apart)) * (1.0 - exp(-apart)) / apart)
             mean_excess_k = mean_excess_k + (
                 efficiency * (power_w - command_w) / coolant_j_per_k
                 * (lag_s * (1.0 - exp(-lags)) - both_s) / decays)
@@ -131,8 +128,7 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
         arriving_w = passed_w
         if path.is_shell:
             warming_w, arriving_w = warming_w + shell_w, passed_w + core_w - other_heat_w
-        return (mean_w, arriving_w, end_w,
-                coolant_c + (warming_w - passed_w) * duration_s / coolant_j_per_k)
+        return (mean_w, arriving_w, end_w, coolant_c + (warming_w - passed_w) * duration_s / coolant_j_per_k)
 
     return through_coolant
 
@@ -142,13 +138,12 @@ def make_heated_step(vehicle: Vehicle, arithmetic: Arithmetic[Number],
     """
     Return one step of the model of a vehicle with its `heat_path`.
 
-    `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
-    leakage_w_per_k, command_w)` takes the states at its start: state of charge, battery temperature
-    [deg C], the heater's electrical power [W], and the coolant's temperature above the battery's
-    [K]. The inputs are those of `model`, but power [W] and heat [W] exclude the heater's;
-    `command_w` [W] is the commanded heater power. It returns the four states at the end, the means of
-    temperature [deg C] and Joule heat [W], and the mean heater power and mean heat
-    into the battery [W]. All heat goes into battery and coolant, to rounding.
+    `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w, leakage_w_per_k,
+    command_w)` takes the states at its start: state of charge, battery temperature [deg C], the heater's
+    electrical power [W], and the coolant's temperature above the battery's [K]. The inputs are those of `model`,
+    but power [W] and heat [W] exclude the heater's; `command_w` [W] is the commanded heater power. It returns the
+    four states at the end, the means of temperature [deg C] and Joule heat [W], and the mean heater power and mean
+    heat into the battery [W]. All heat goes into battery and coolant, to rounding.
     """
     path = vehicle.heat_path
     rates = make_rates(vehicle, arithmetic)

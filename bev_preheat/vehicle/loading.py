@@ -97,8 +97,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     gates = _heating_gates(contents.get('heating_gates', {}))
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     leakage = Leakage(**_floats(battery['leakage']))
-    time_constant_s = battery['heat_capacity_j_per_k'] / max(
-        leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
+    time_constant_s = battery['heat_capacity_j_per_k'] / max(leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
     if time_constant_s < LEAST_TIME_CONSTANT_S:
         problems.append(
             f'battery.heat_capacity_j_per_k: {battery["heat_capacity_j_per_k"]:g} J/K with a leakage '
@@ -128,8 +127,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
             curves.append(('charging.power_limit', charging.power_limit, CHARGE_RANGE_W, 'W'))
         for key, function, allowed, unit in curves:
             problems += _values_outside(key, function, _grid(battery, function), allowed, unit)
-        problems += _voltage_that_falls(
-            open_circuit_voltage, _grid(battery, open_circuit_voltage))
+        problems += _voltage_that_falls(open_circuit_voltage, _grid(battery, open_circuit_voltage))
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
 
@@ -166,8 +164,7 @@ def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
     return HeatingGates(power_steps_w=steps_w, only_while_standing=only_while_standing, **_floats(node))
 
 
-def _charging(contents: dict[str, FileData], charge: Table,
-              problems: list[str]) -> Charging | None:
+def _charging(contents: dict[str, FileData], charge: Table, problems: list[str]) -> Charging | None:
     """Return the Charging of a checked file, None without the block; add problems to `problems`."""
     if 'charging' not in contents:
         return None
@@ -229,8 +226,7 @@ def heat_path_problems(path: HeatPath) -> Iterator[str]:
     if not path.has_coolant:
         return
     if path.coolant_conductance_w_per_k == 0.0:
-        yield ('heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, '
-               'or no heat arrives')
+        yield 'heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat arrives'
     elif path.coolant_lag_s > MOST_COOLANT_LAG_S:
         yield (f'heat_path.coolant_conductance_w_per_k: {path.coolant_conductance_w_per_k:g} W/K '
                f'take {path.coolant_lag_s:.0f} s for the heat of '
@@ -296,8 +292,7 @@ def _floats(node: dict[str, FileData]) -> dict[str, float]:
     return {key: float(value) for key, value in node.items()}
 
 
-def _polynomial_voltage(polynomial_v: Iterable[float],
-                        log_soc_v: float = 0.0) -> PolynomialVoltage:
+def _polynomial_voltage(polynomial_v: Iterable[float], log_soc_v: float = 0.0) -> PolynomialVoltage:
     return PolynomialVoltage(tuple(map(float, polynomial_v)), float(log_soc_v))
 
 

@@ -71,8 +71,7 @@ TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
 
 
 @lru_cache(maxsize=KEPT_LIMITS)
-def make_terminal_limits(vehicle: Vehicle,
-                         arithmetic: Arithmetic[Number]) -> TerminalLimits[AnyNumber]:
+def make_terminal_limits(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> TerminalLimits[AnyNumber]:
     """
     Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 
@@ -86,8 +85,7 @@ def make_terminal_limits(vehicle: Vehicle,
     discharge = battery.discharge_power_limit.function(arithmetic)
     minimum = arithmetic.minimum
 
-    def limits(soc: Number, temperature_c: Number,
-               power_variance_w2: Number) -> tuple[Number, Number]:
+    def limits(soc: Number, temperature_c: Number, power_variance_w2: Number) -> tuple[Number, Number]:
         u = open_circuit_voltage(soc, temperature_c)
         r = resistance(soc, temperature_c)
         ripple_w = r * power_variance_w2 / (u * u)
@@ -111,8 +109,7 @@ def hottest_c(vehicle: Vehicle) -> float:
 # `rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)`.
 Rates = Callable[[Number, Number, Number, Number, Number, Number], tuple[Number, Number, Number]]
 # `step(soc, temperature_c, dt_s, power_w, variance_w2, heat_w, leakage_w_per_k)`.
-Step = Callable[[Number, Number, Number, Number, Number, Number, Number],
-                tuple[Number, Number, Number, Number]]
+Step = Callable[[Number, Number, Number, Number, Number, Number, Number], tuple[Number, Number, Number, Number]]
 
 
 class Integrator(Protocol):
@@ -131,10 +128,9 @@ def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number
 
     Returns (d soc/dt [1/s], dT/dt [K/s], Joule heat [W]).
 
-    The current solves U_oc I - R I^2 = P_t. Power that varies within the step adds R var/U_oc^2 to the Joule
-    heat (the variance of the current, to first order) and R var/U_oc^3 to the mean
-    current that supplies it, so that P_b = U_oc I_b = P_t + Q_Joule holds exactly; with constant
-    power both vanish and eq. (4) remains.
+    The current solves U_oc I - R I^2 = P_t. Power that varies within the step adds R var/U_oc^2 to the Joule heat
+    (the variance of the current, to first order) and R var/U_oc^3 to the mean current that supplies it, so that
+    P_b = U_oc I_b = P_t + Q_Joule holds exactly; with constant power both vanish and eq. (4) remains.
 
     If 4 R P_t > U_oc^2 the power cannot be delivered: floats raise ValueError with
     `arithmetic.FLOATS`; other kinds of number limit the current to U_oc/(2 R).
@@ -209,8 +205,7 @@ def make_euler(rates: Rates[Number]) -> Step[Number]:
              leakage_w_per_k: Number) -> tuple[Number, Number, Number, Number]:
         soc_rate, temperature_rate, joule_w = rates(
             soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
-        return (soc + dt_s * soc_rate, temperature_c + dt_s * temperature_rate,
-                temperature_c, joule_w)
+        return (soc + dt_s * soc_rate, temperature_c + dt_s * temperature_rate, temperature_c, joule_w)
 
     return step
 
@@ -223,8 +218,7 @@ def make_midpoint(rates: Rates[Number]) -> Step[Number]:
         half = 0.5 * dt_s
         s1, t1, _ = rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)
         middle_c = temperature_c + half * t1
-        s2, t2, joule_w = rates(
-            soc + half * s1, middle_c, power_w, variance_w2, heat_w, leakage_w_per_k)
+        s2, t2, joule_w = rates(soc + half * s1, middle_c, power_w, variance_w2, heat_w, leakage_w_per_k)
         return soc + dt_s * s2, temperature_c + dt_s * t2, middle_c, joule_w
 
     return step

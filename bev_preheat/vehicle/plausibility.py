@@ -104,8 +104,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     battery, heater = vehicle.battery, vehicle.hvch
     energy_kwh = energy_between_kwh(vehicle, *battery.soc_range)
     # Mean voltage (energy over charge) over the usable range.
-    nominal_v = WH_PER_KWH * energy_kwh / (
-        battery.capacity_ah * (battery.soc_range[1] - battery.soc_range[0]))
+    nominal_v = WH_PER_KWH * energy_kwh / (battery.capacity_ah * (battery.soc_range[1] - battery.soc_range[0]))
     resistance = battery.resistance.function(FLOATS)
     # A formula may be invalid outside the file's range.
     low_c, high_c = battery.temperature_range_c
@@ -186,8 +185,7 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
     return f'{text[0].upper()}{text[1:]}.'
 
 
-def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float,
-                       temperature_c: float = 25.0) -> float:
+def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float, temperature_c: float = 25.0) -> float:
     """Energy of the open-circuit voltage [kWh] between two states of charge: integral of U dQ."""
     battery = vehicle.battery
     # Midpoints of a fine grid: relative error 1e-5 for tables and formulas alike.
@@ -218,8 +216,7 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
 def _time_constant_h(vehicle: Vehicle, speed_mps: float) -> float:
     """Return the thermal time constant [h]; infinite without leakage."""
     leakage = vehicle.battery.leakage.coefficient_w_per_k(speed_mps)
-    return math.inf if leakage == 0.0 else (
-        vehicle.pack_heat_capacity_j_per_k / leakage / S_PER_H)
+    return math.inf if leakage == 0.0 else (vehicle.pack_heat_capacity_j_per_k / leakage / S_PER_H)
 
 
 def _most_charging_kw(battery: Battery, limit: Curve) -> float:
@@ -236,8 +233,7 @@ def _grid(battery: Battery) -> tuple[FloatArray, FloatArray]:
 def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
     """Yield a sentence for each unusual figure."""
     battery, energy_kwh = vehicle.battery, figures['energy_kwh']
-    yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH,
-                        'capacity_ah times the open-circuit voltage')
+    yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH, 'capacity_ah times the open-circuit voltage')
     yield from _cell_voltages(battery)
     yield from _outside('heat capacity', figures['heat_capacity_kj_per_k_kwh'], 'kJ/K for each kWh',
                         HEAT_CAPACITY_KJ_PER_K_KWH, 'about 1 kJ/(kg K) times the mass of the pack')
@@ -259,8 +255,7 @@ def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
     yield from _discharging(vehicle)
 
 
-def _outside(what: str, value: float, unit: str, usual: Sequence[float],
-             hint: str) -> Iterator[str]:
+def _outside(what: str, value: float, unit: str, usual: Sequence[float], hint: str) -> Iterator[str]:
     low, high = usual
     if not low <= value <= high:
         yield f'{what}: {value:.3g} {unit}; the usual range is {low:g} ... {high:g} ({hint})'
@@ -271,8 +266,7 @@ def _cell_voltages(battery: Battery) -> Iterator[str]:
         return
     low, high = CELL_VOLTAGE_V
     for soc in battery.soc_range:
-        cell_v = (battery.open_circuit_voltage.function(FLOATS)(soc, 25.0)
-                  / battery.cells_in_series)
+        cell_v = (battery.open_circuit_voltage.function(FLOATS)(soc, 25.0) / battery.cells_in_series)
         if not low <= cell_v <= high:
             yield (f'open-circuit voltage: {cell_v:.2f} V a cell at soc {soc:g} with '
                    f'{battery.cells_in_series} cells in series; the usual range is {low:g} ... {high:g} V')

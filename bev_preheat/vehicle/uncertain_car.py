@@ -64,8 +64,7 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
     def rates(temperature_c: AnyNumber, soc: AnyNumber, factors: Sequence[AnyNumber],
               drive: DriveInputs) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
         heat_capacity, leakage, resistance, heater_efficiency, propulsion = factors
-        car = corrected_vehicle(vehicle, Corrections(
-            heat_capacity, leakage, resistance, heater_efficiency))
+        car = corrected_vehicle(vehicle, Corrections(heat_capacity, leakage, resistance, heater_efficiency))
         others_w = drive.cabin_heating_power_w + drive.auxiliary_power_w + drive.heater_power_w
         if drive.terminal_power_w is None:
             propulsion_w = propulsion * drive.propulsion_power_w
@@ -153,8 +152,7 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
             start_c, place_c = start_c + rise * car.under_way_k, end_c + rise * under_way_k
             risen_k = place_c - start_c
         behind_k = risen_k * car.sensor_lag_s / duration_s
-        sensor_c = place_c - behind_k + (
-            car.sensor_c - start_c + behind_k) * car.sensor_left
+        sensor_c = place_c - behind_k + (car.sensor_c - start_c + behind_k) * car.sensor_left
         steady_k = 1e-3 * (car.joule_rise_k_per_kw * joule_w
                            + car.heater_rise_k_per_kw * (vehicle.hvch.efficiency * heater_power_w))
         local_k = steady_k + (car.local_k - steady_k) * car.local_left

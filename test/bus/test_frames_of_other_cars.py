@@ -254,8 +254,7 @@ def test_aggregate_holds_while_enough_cells_are_valid(tmp_path, entry, combine, 
 def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
     cells = [[20.0 + row + cell if (row, cell) not in ((1, 0), (2, 0), (2, 1)) else '' for cell in range(4)]
              for row in range(4)]
-    lines = ['time_s,c1,c2,c3,c4,soc'] + [
-        ','.join(map(str, (600 * row, *cells[row], 0.8))) for row in range(4)]
+    lines = ['time_s,c1,c2,c3,c4,soc'] + [','.join(map(str, (600 * row, *cells[row], 0.8))) for row in range(4)]
     (tmp_path / 'log.csv').write_text('\n'.join(lines) + '\n')
     (tmp_path / 'map.yaml').write_text(
         "signals: {battery_temperature_c: {channels: '/^c\\d$/', at_least: 3, unit: degC}, soc: soc}\n")

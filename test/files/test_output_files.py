@@ -146,8 +146,7 @@ def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
     """Simulated with os.access, because root may write whatever the mode."""
     forbidden = os.path.realpath(os.path.join(old.parent, protected))
     access = os.access
-    monkeypatch.setattr(output_files.os, 'access',
-                        lambda path, mode: path != forbidden and access(path, mode))
+    monkeypatch.setattr(output_files.os, 'access', lambda path, mode: path != forbidden and access(path, mode))
     with pytest.raises(InvalidInput) as refused:
         write_whole(old, NEW)
     assert str(refused.value) == f'{old}: cannot be written: {sentence.format(forbidden)}'
@@ -190,8 +189,7 @@ output_files.write_whole(sys.argv[1], b'new' * 100_000)
     'os.replace = lambda *names: os.kill(os.getpid(), signal.SIGKILL)'],
     ids=['written in part', 'not yet in place'])
 def test_a_process_that_is_killed_while_it_writes_leaves_the_old_file_whole(old, where):
-    done = subprocess.run([sys.executable, '-c', CRASH.format(where=where), str(old)], timeout=60,
-                          check=False)
+    done = subprocess.run([sys.executable, '-c', CRASH.format(where=where), str(old)], timeout=60, check=False)
     assert done.returncode == -signal.SIGKILL
     assert old.read_bytes() == OLD
 
@@ -231,10 +229,8 @@ def test_what_interrupts_leaves_no_temporary_file(old, monkeypatch, error):
 def test_it_is_on_the_disk_before_it_takes_the_place(old, monkeypatch):
     order = []
     fsync, replace = os.fsync, os.replace
-    monkeypatch.setattr(
-        output_files.os, 'fsync', lambda file: (order.append('fsync'), fsync(file)))
-    monkeypatch.setattr(
-        output_files.os, 'replace', lambda *names: (order.append('replace'), replace(*names)))
+    monkeypatch.setattr(output_files.os, 'fsync', lambda file: (order.append('fsync'), fsync(file)))
+    monkeypatch.setattr(output_files.os, 'replace', lambda *names: (order.append('replace'), replace(*names)))
     write_whole(old, NEW)
     assert order == ['fsync', 'replace']
 
@@ -323,19 +319,16 @@ def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch,
         f'--0: old.json: {sentence} {path}, which must not be overwritten']
 
 
-@pytest.mark.parametrize('spelling', [
-    'new', './new', '{folder}/new', 'linked_folder/new', 'dangling'])
+@pytest.mark.parametrize('spelling', ['new', './new', '{folder}/new', 'linked_folder/new', 'dangling'])
 def test_two_outputs_are_two_files_even_before_they_exist(tmp_path, spelling):
     (tmp_path / 'linked_folder').symlink_to('.')
     (tmp_path / 'dangling').symlink_to('new')
     path = spelling.format(folder=tmp_path)
-    assert problems_of('new', path) == [
-        f'--1: {path}: is the same file as --0; each output needs its own file']
+    assert problems_of('new', path) == [f'--1: {path}: is the same file as --0; each output needs its own file']
 
 
 def test_outputs_beside_inputs_are_fine(old):
-    check_outputs([OutputFile('--json', 'x.json'), OutputFile('--plot', None), OutputFile('--log', 'y')],
-                  [old])
+    check_outputs([OutputFile('--json', 'x.json'), OutputFile('--plot', None), OutputFile('--log', 'y')], [old])
     assert os.listdir() == ['old.json']
 
 

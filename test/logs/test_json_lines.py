@@ -33,7 +33,7 @@ def read(tmp_path, text):
     '\n'.join(json.dumps({'createdAt': time_s, 'data': [
         {'key': 'battery_temperature_c', 'value': {'doubleValue': temperature_c}},
         {'key': 'Gear', 'value': {'stringValue': 'D'}}]})
-              for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C))],
+        for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C))],
     ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server',
          'array under keys', 'several drives', 'an array a line', 'an array a channel', 'names and values'])
 def test_each_form_has_the_same_readings(tmp_path, text):

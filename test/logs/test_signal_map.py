@@ -67,8 +67,7 @@ def test_readings_that_mean_none_are_counted(tmp_path):
     log = log_file(tmp_path, 'time_s,S', '0,50', '1,65535', '2,49', '3,65535', '4,48')
     recording = read_recording(log, signals)
     assert values(recording, 'soc') == pytest.approx([0.5, 0.49, 0.48])
-    assert recording.remarks == (
-        f'{log}, line 3: S: 65535 means no reading; it is dropped (and 1 more sample)',)
+    assert recording.remarks == (f'{log}, line 3: S: 65535 means no reading; it is dropped (and 1 more sample)',)
 
 
 @pytest.mark.parametrize('raw, expected', [

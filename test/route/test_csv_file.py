@@ -15,8 +15,7 @@ from bev_preheat.route.csv_file import load_route, save_route
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.vehicle.description import Defaults
 
-DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
-                    target_battery_temperature_c=21.0)
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 HEADER = ('duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c,'
           'cabin_heating_power_w,auxiliary_power_w')
 ALL = f'{HEADER},propulsion_power_magnitude_w'

@@ -17,8 +17,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
-DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
-                    target_battery_temperature_c=21.0)
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 HEADER = 'time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c,aircon_w'
 
 
@@ -61,8 +60,7 @@ def with_value(name, index, value):
 
 def assert_same_route(one, other, **tolerance):
     for field in fields(Route):
-        np.testing.assert_allclose(getattr(one, field.name), getattr(other, field.name),
-                                   **tolerance)
+        np.testing.assert_allclose(getattr(one, field.name), getattr(other, field.name), **tolerance)
 
 
 # Means and root mean squares --------------------------------------------------------------------
@@ -93,10 +91,8 @@ def test_all_of_the_terminal_energy_goes_somewhere(write, step_s):
     assert len(route) == int(np.ceil(100.0 / step_s))
     terminal_w = route.propulsion_power_w + route.cabin_heating_power_w + route.auxiliary_power_w
     assert terminal_w @ route.duration_s == pytest.approx(log['voltage_v'] @ log['current_a'])
-    propulsion_w = (log['voltage_v'] * log['current_a'] - log['cabin_heater_w'] - log['aircon_w']
-                    - 222.0)
-    assert route.propulsion_power_rms_w**2 @ route.duration_s == pytest.approx(
-        propulsion_w @ propulsion_w)
+    propulsion_w = (log['voltage_v'] * log['current_a'] - log['cabin_heater_w'] - log['aircon_w'] - 222.0)
+    assert route.propulsion_power_rms_w**2 @ route.duration_s == pytest.approx(propulsion_w @ propulsion_w)
     assert route.distance_m == pytest.approx(log['speed_mps'].sum())
 
 
@@ -133,8 +129,7 @@ def test_logs_are_joined_in_order(write):
     both = {name: np.concatenate((first[name], second[name])) for name in first}
     both['time_s'] = np.arange(75)
     assert joined.duration_s.tolist() == [30.0, 30.0, 15.0]
-    assert_same_route(joined, load_drive_logs([write(both, 'both.csv')], DEFAULTS).route,
-                      rtol=1e-12)
+    assert_same_route(joined, load_drive_logs([write(both, 'both.csv')], DEFAULTS).route, rtol=1e-12)
 
 
 # Gaps and faults --------------------------------------------------------------------------------
@@ -237,16 +232,14 @@ def test_a_log_of_impossible_samples_is_refused(write):
 def test_readings_at_the_same_time_count_as_their_mean(write):
     path = write(with_value('time_s', 17, 16.0))
     made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks[0].startswith(
-        f'{path}, line 19: has the time of the reading before; their mean counts')
+    assert made.remarks[0].startswith(f'{path}, line 19: has the time of the reading before; their mean counts')
     assert made.route.total_duration_s == pytest.approx(60.0)
 
 
 def test_a_reading_out_of_order_is_sorted_in(write):
     path = write(with_value('time_s', 17, 3.5))
     made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks[0].startswith(
-        f'{path}, line 19: the time goes back by 12.5 s; the readings are sorted')
+    assert made.remarks[0].startswith(f'{path}, line 19: the time goes back by 12.5 s; the readings are sorted')
     assert made.route.total_duration_s == pytest.approx(60.0)
 
 
@@ -321,8 +314,7 @@ def test_auxiliaries_that_are_always_zero_are_not_believed(write):
     path = write({**log, 'auxiliary_w': np.zeros(60)}, 'zero.csv')
     made = load_drive_logs([path], DEFAULTS)
     assert_same_route(made.route, expected)
-    assert made.remarks == (
-        f'{path}: auxiliary_w is always 0; auxiliaries (222 W) are those of the vehicle',)
+    assert made.remarks == (f'{path}: auxiliary_w is always 0; auxiliaries (222 W) are those of the vehicle',)
 
 
 def test_a_sample_a_minute_is_too_slow(write):
@@ -356,8 +348,7 @@ def test_a_log_that_is_not_there_is_named(tmp_path):
 
 @pytest.mark.parametrize('step_s', [0.0, -30.0, 4000.0, float('nan')])
 def test_steps_that_make_no_sense_are_refused(write, step_s):
-    with pytest.raises(InvalidInput, match=f'^step: {step_s:g} s is not allowed; it must be '
-                                           '1 ... 3600 s$'):
+    with pytest.raises(InvalidInput, match=f'^step: {step_s:g} s is not allowed; it must be 1 ... 3600 s$'):
         load_drive_logs([write(samples())], DEFAULTS, step_s=step_s)
 
 
@@ -394,14 +385,12 @@ def test_measured_drives():
         made = load_drive_logs([path], DEFAULTS)
         table = np.genfromtxt(path, delimiter=',', names=True)
         route = made.route
-        terminal_w = (route.propulsion_power_w + route.cabin_heating_power_w
-                      + route.auxiliary_power_w)
+        terminal_w = (route.propulsion_power_w + route.cabin_heating_power_w + route.auxiliary_power_w)
         # These logs have no gaps: no remarks, no losses.
         assert made.remarks == ()
         assert route.total_duration_s == len(table)
         assert route.distance_m == pytest.approx(table['speed_mps'].sum())
-        assert terminal_w @ route.duration_s == pytest.approx(
-            table['voltage_v'] @ table['current_a'], rel=1e-9)
+        assert terminal_w @ route.duration_s == pytest.approx(table['voltage_v'] @ table['current_a'], rel=1e-9)
         # A third or more of the mean square is variation that the means hide.
         assert (route.propulsion_power_rms_w**2 @ route.duration_s
                 > 1.5 * route.propulsion_power_w**2 @ route.duration_s)
@@ -411,8 +400,7 @@ def test_measured_drives():
 def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
     """At the paper's share of the drivetrain's heat, compared with the model driven second by second."""
     car = load_vehicle('small_car')
-    car = replace(car, drivetrain=replace(
-        car.drivetrain, efficiency=0.9, heat_recovery_efficiency=0.8))
+    car = replace(car, drivetrain=replace(car.drivetrain, efficiency=0.9, heat_recovery_efficiency=0.8))
 
     def arrival_c(route):
         trip = make_trip(car, route)

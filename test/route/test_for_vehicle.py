@@ -16,8 +16,7 @@ from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.vehicle import load_vehicle
 
 REFERENCE, SMALL_CAR = (load_vehicle(name) for name in ('reference', 'small_car'))
-WARNING = ('route {name} has the powers of vehicle reference; for small_car: '
-           '--route legs/{name}')
+WARNING = 'route {name} has the powers of vehicle reference; for small_car: --route legs/{name}'
 HEADER = 'duration_s,speed_mps,propulsion_power_w,ambient_temperature_c'
 SEGMENT = '600,20,17000,-6'
 LEGS = {'name': 'errand', 'ambient_temperature_c': -4,
@@ -37,8 +36,7 @@ def legs_file_of(folder, name='errand.yaml'):
 
 
 def same(one, other):
-    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name))
-               for field in fields(Route))
+    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(Route))
 
 
 @pytest.mark.parametrize('comment', [
@@ -147,8 +145,7 @@ def plan_of(preheat, folder, command, vehicle, route, *options):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('vehicle, legs', [
-    ('reference', 'city_stop_and_go'), ('small_car', 'winter_commute')])
+@pytest.mark.parametrize('vehicle, legs', [('reference', 'city_stop_and_go'), ('small_car', 'winter_commute')])
 def test_a_plan_of_legs_is_that_of_the_file_made_from_them(preheat, tmp_path, vehicle, legs):
     made = tmp_path / 'made.csv'
     assert preheat('route', '--legs', legs, '--vehicle', vehicle, '--output', made)[0] == 0
@@ -207,13 +204,11 @@ def test_legs_of_an_itinerary(preheat, tmp_path):
         {'route': 'winter_commute', **stop}, {'route': 'errand.yaml', **stop},
         {'route': 'winter_commute', **stop}, {'route': 'legs/winter_commute'}]}), 'trip.yaml')
     output = tmp_path / 'plans.json'
-    status, _, errors = preheat('plan', '--vehicle', 'small_car', '--itinerary', trip, *STATE,
-                                '--json', output)
+    status, _, errors = preheat('plan', '--vehicle', 'small_car', '--itinerary', trip, *STATE, '--json', output)
     assert status == 0
     assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
     plans = json.loads(output.read_text())['plans']
-    assert [plan['route_made_for'] for plan in plans] == [
-        'reference', 'small_car', 'reference', 'small_car']
+    assert [plan['route_made_for'] for plan in plans] == ['reference', 'small_car', 'reference', 'small_car']
     # 2.5 t compared with 1.55 t.
     heat = [plan['energy_wh']['drivetrain_heat'] for plan in plans]
     assert heat[3] < heat[0] == pytest.approx(heat[2], rel=1e-9)

@@ -13,8 +13,7 @@ from bev_preheat.route.legs import load_legs
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults, Drivetrain, RoadLoad
 
-DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
-                    target_battery_temperature_c=21.0)
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 GRAVITY = 9.80665
 # Dry air at sea level, International Standard Atmosphere.
 DENSITY_AT_15_C = 1.225
@@ -116,8 +115,7 @@ def test_a_lower_limit_is_braked_for_before_it_begins(make):
 
 def test_traffic_only_slows_and_depends_on_the_seed_alone(make):
     legs = [{'length_m': 20e3, 'speed_limit_kmh': 90.0, 'traffic_slowdown_percent': 40.0}]
-    first, again, other = (make(legs, seed=seed, segment_duration_s=1.0).route
-                           for seed in (5, 5, 6))
+    first, again, other = (make(legs, seed=seed, segment_duration_s=1.0).route for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.propulsion_power_w, again.propulsion_power_w)
     assert len(first) != len(other) or np.any(first.speed_mps != other.speed_mps)
     cruising = first.speed_mps[30:-30]
@@ -133,8 +131,7 @@ def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
     route = make([{'length_m': 6000.0, 'speed_limit_kmh': 72.0, 'slope_percent': slope_percent}],
                  headwind_mps=wind, start_elevation_m=-30.0 * slope_percent, **changes).route
     middle = len(route) // 2
-    assert route.propulsion_power_rms_w[middle] == pytest.approx(
-        abs(route.propulsion_power_w[middle]), rel=1e-4)
+    assert route.propulsion_power_rms_w[middle] == pytest.approx(abs(route.propulsion_power_w[middle]), rel=1e-4)
     return route.propulsion_power_w[middle]
 
 
@@ -179,8 +176,7 @@ def test_constant_speed_of_a_loaded_car(make, slope_percent):
     along = hypot(1.0, slope_percent / 100.0)
     force = (weight * (slope_percent / 100.0 + 1.7 * CAR['rolling_resistance']) / along
              + (DRAG + 0.5 * DENSITY_AT_15_C * 0.25) * 20.0**2)
-    load = {'payload_kg': 300.0, 'additional_drag_area_m2': 0.25,
-            'rolling_resistance_factor': 1.7}
+    load = {'payload_kg': 300.0, 'additional_drag_area_m2': 0.25, 'rolling_resistance_factor': 1.7}
     assert cruising_power_w(make, slope_percent=slope_percent, load=load) == pytest.approx(
         force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-3)
 
@@ -215,8 +211,7 @@ def test_a_car_that_is_too_weak_for_the_drive_is_refused(problems_with):
     # At 25 m/s, still accelerating: (m a + rolling + drag v^2) v / efficiency = 92.4 kW.
     force = CAR['mass_kg'] * DRIVING['acceleration_mps2'] + ROLLING_N + DRAG * 25.0**2
     most_kw = force * 25.0 / CAR['drivetrain_efficiency'] / 1e3
-    (problem,) = problems_with([{'length_m': 3000.0, 'speed_limit_kmh': 90.0}],
-                               car={'maximum_power_w': 60e3})
+    (problem,) = problems_with([{'length_m': 3000.0, 'speed_limit_kmh': 90.0}], car={'maximum_power_w': 60e3})
     assert problem.startswith("legs: vehicle 'test car' would need ")
     assert problem.endswith(' kW at km 0.2; its drivetrain.maximum_power_w is 60000 W; lower '
                             'driving.acceleration_mps2 or the speed limit there')
@@ -269,12 +264,10 @@ def test_energy_of_a_whole_trip_balances(make):
                             'frontal_area_m2': 0.2}, segment_duration_s=1.0).route
     potential = WEIGHT * sum(leg['length_m'] * leg['slope_percent'] / 100.0
                              / hypot(1.0, leg['slope_percent'] / 100.0) for leg in legs)
-    rolling = ROLLING_N * sum(leg['length_m'] / hypot(1.0, leg['slope_percent'] / 100.0)
-                              for leg in legs)
+    rolling = ROLLING_N * sum(leg['length_m'] / hypot(1.0, leg['slope_percent'] / 100.0) for leg in legs)
     # This car has almost no air resistance; the rest, second by second.
     air = 0.5 * DENSITY_AT_15_C * 0.05 * 0.2 * route.speed_mps**3 @ route.duration_s
-    assert route.propulsion_power_w @ route.duration_s == pytest.approx(
-        potential + rolling + air, rel=2e-4)
+    assert route.propulsion_power_w @ route.duration_s == pytest.approx(potential + rolling + air, rel=2e-4)
 
 
 def test_segments_keep_energy_and_mean_square(make):
@@ -338,8 +331,7 @@ def test_distance_and_duration_are_met(make):
     assert made.remarks[0] == 'the legs, 10000 m, are scaled by 1.1000 to 11000 m'
     assert made.remarks[1].startswith('speeds are scaled by 0.')
     # The stops keep their duration.
-    assert np.sum(make(TRIP, duration_s=810.0, segment_duration_s=1.0).route.speed_mps
-                  < 1e-9) in range(57, 62)
+    assert np.sum(make(TRIP, duration_s=810.0, segment_duration_s=1.0).route.speed_mps < 1e-9) in range(57, 62)
 
 
 def test_duration_out_of_reach_is_refused(problems_with):
@@ -361,16 +353,14 @@ def test_energies_are_met(make, variation):
         'net': 1.2 * driven - 0.8 * regenerated})
     assert energies_wh(made.route) == pytest.approx((1.2 * driven, 0.8 * regenerated))
     scales = np.where(before.propulsion_power_w > 0.0, 1.2, 0.8)
-    np.testing.assert_allclose(made.route.propulsion_power_rms_w,
-                               before.propulsion_power_rms_w * scales)
+    np.testing.assert_allclose(made.route.propulsion_power_rms_w, before.propulsion_power_rms_w * scales)
     assert 'are scaled by 1.2000 to' in made.remarks[0]
     assert 'are scaled by 0.8000 to' in made.remarks[1]
 
 
 def test_energies_of_one_vehicle_are_not_those_of_another(make):
     before = make(TRIP).route
-    made = make(TRIP, propulsion_energy_wh={
-        'vehicle': 'other car', 'total_magnitude': 5000, 'net': 4000})
+    made = make(TRIP, propulsion_energy_wh={'vehicle': 'other car', 'total_magnitude': 5000, 'net': 4000})
     np.testing.assert_array_equal(made.route.propulsion_power_w, before.propulsion_power_w)
     assert made.remarks == (
         'propulsion_energy_wh belongs to vehicle other car, not to test car: its '
@@ -463,7 +453,6 @@ def test_a_trip_of_more_than_a_day_is_refused(problems_with):
 
 
 def test_power_that_no_car_has_is_refused(problems_with):
-    (problem,) = problems_with([{**LEG, 'slope_percent': 35}],
-                               car={'mass_kg': 100e3, 'maximum_power_w': np.inf})
+    (problem,) = problems_with([{**LEG, 'slope_percent': 35}], car={'mass_kg': 100e3, 'maximum_power_w': np.inf})
     assert problem.startswith('propulsion_power_w[')
     assert 'is not allowed; it must be -2000000 ... 2000000' in problem

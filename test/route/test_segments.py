@@ -15,8 +15,7 @@ from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
 from bev_preheat.route.variation import CYCLES, with_cycles
 from bev_preheat.vehicle.description import Defaults
 
-DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
-                    target_battery_temperature_c=21.0)
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 
 SEGMENT = st.tuples(
     st.floats(0.5, 400.0), st.floats(0.0, 50.0), st.floats(-8e4, 1.5e5), st.floats(0.0, 9e4),
@@ -48,8 +47,7 @@ def integrals(route, start_s=0.0, end_s=np.inf):
     for duration, speed, mean, rms, ambient, cabin, auxiliary, magnitude in zip(
             *(getattr(route, field.name) for field in fields(Route))):
         inside_s = max(0.0, min(end_s, at_s + duration) - max(start_s, at_s))
-        total += inside_s * np.array(
-            [1.0, speed, mean, rms**2, ambient, cabin, auxiliary, magnitude])
+        total += inside_s * np.array([1.0, speed, mean, rms**2, ambient, cabin, auxiliary, magnitude])
         at_s += duration
     return total
 
@@ -64,8 +62,7 @@ def tolerance(route):
 def test_after_keeps_what_remains(route, share):
     instant_s = share * route.total_duration_s
     rest = route.after(instant_s)
-    assert np.all(np.abs(integrals(rest) - integrals(route, start_s=instant_s))
-                  <= tolerance(route))
+    assert np.all(np.abs(integrals(rest) - integrals(route, start_s=instant_s)) <= tolerance(route))
 
 
 @given(ROUTES, SHARES)
@@ -109,8 +106,7 @@ def test_after_refuses_instants_that_are_not_on_the_route(instant_s):
 @example(route_of([(30.0, 10.0, 2e4, 0.0, -7.0, 1e3, 5e2)] * 4), 30.0)
 def test_resampling_keeps_the_totals(route, step_s):
     assume(route.total_duration_s / step_s < 3000)
-    assert np.all(np.abs(integrals(route.resampled(step_s)) - integrals(route))
-                  <= tolerance(route))
+    assert np.all(np.abs(integrals(route.resampled(step_s)) - integrals(route)) <= tolerance(route))
 
 
 @given(ROUTES, STEPS_S, SHARES)
@@ -133,8 +129,7 @@ def test_steps_are_equally_long_but_for_the_last(route, step_s):
 
 def test_a_step_holds_what_varies_between_the_segments_in_it():
     # 10 s at 30 kW and 20 s at -6 kW: mean 6 kW, mean square (10 * 900 + 20 * 36) / 30 kW^2.
-    route = route_of([(10.0, 9.0, 30e3, 0.0, -4.0, 1.0, 2.0),
-                      (20.0, 3.0, -6e3, 0.0, -1.0, 1.0, 2.0)])
+    route = route_of([(10.0, 9.0, 30e3, 0.0, -4.0, 1.0, 2.0), (20.0, 3.0, -6e3, 0.0, -1.0, 1.0, 2.0)])
     step = route.resampled(30.0)
     assert step.propulsion_power_w == pytest.approx([6e3])
     assert step.propulsion_power_rms_w == pytest.approx([1e3 * np.sqrt(324.0)])
@@ -222,8 +217,7 @@ def test_values_beyond_the_limits_are_refused(field, side):
 def test_values_that_are_not_finite_are_refused(field, value):
     values = columns()[field]
     values[2] = value
-    assert problems_with(**{field: values})[0].startswith(
-        f'{field}[2]: {value:g} is not allowed; it must be ')
+    assert problems_with(**{field: values})[0].startswith(f'{field}[2]: {value:g} is not allowed; it must be ')
 
 
 def test_a_value_just_beyond_the_limits_has_the_digits_that_show_it():

@@ -16,8 +16,7 @@ from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle.description import Defaults
 
-DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
-                    target_battery_temperature_c=21.0)
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 HEADER = 'duration_s;speed_kmh;propulsion_power_kw;ambient_temperature_c'
 # Column, field of Route, unit of the field in units of the column.
 OTHER_UNITS = (
@@ -66,8 +65,7 @@ def assert_same(one, other):
 @given(route=routes(), separator=st.sampled_from([';', '\t']), comma=st.booleans(),
        end=st.sampled_from(['\n', '\r\n']), mark=st.sampled_from(['', '\ufeff']),
        exponents=st.booleans(), order=st.permutations(OTHER_UNITS))
-def test_a_route_survives_other_units_separators_and_commas(route, separator, comma, end, mark,
-                                                            exponents, order):
+def test_a_route_survives_other_units_separators_and_commas(route, separator, comma, end, mark, exponents, order):
     def written(value):
         # With three digits after the mark, a number may look like thousands.
         text = f'{value:.16e}' if exponents else np.format_float_positional(value, min_digits=4)

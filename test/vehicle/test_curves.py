@@ -12,8 +12,7 @@ from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 
 OVER_SOC = Table(soc=(0.1, 0.35, 0.9), temperature_c=(0.0,), values=((7.0,), (3.0,), (11.0,)))
-OVER_TEMPERATURE = Table(soc=(0.0,), temperature_c=(-20.0, -4.0, 30.0),
-                         values=((5.0, 2.0, -3.0),))
+OVER_TEMPERATURE = Table(soc=(0.0,), temperature_c=(-20.0, -4.0, 30.0), values=((5.0, 2.0, -3.0),))
 OVER_BOTH = Table(soc=(0.0, 0.25, 1.0), temperature_c=(-10.0, 5.0, 15.0, 40.0),
                   values=((1.0, 2.0, 4.0, 8.0), (3.0, 5.0, 9.0, 17.0), (6.0, 7.0, 13.0, 29.0)))
 TABLES = pytest.mark.parametrize('table', [
@@ -51,8 +50,7 @@ def test_logarithm_stays_level_below_a_thousandth(soc):
 def test_resistance_falls_with_the_inverse_of_temperature():
     resistance = InverseTemperatureResistance(4.5, 50.0).function(FLOATS)
     # 4.5/(-20 + 50) and 4.5/(25 + 50)
-    assert (resistance(0.3, -20.0), resistance(0.3, 25.0)) == pytest.approx((0.15, 0.06),
-                                                                            rel=1e-15)
+    assert (resistance(0.3, -20.0), resistance(0.3, 25.0)) == pytest.approx((0.15, 0.06), rel=1e-15)
 
 
 @given(soc=st.floats(0.0, 1.0), temperature_c=st.floats(-40.0, 80.0))
@@ -79,8 +77,7 @@ def test_formula_is_level_beyond_empty_and_full(arithmetic, soc, end):
 @TABLES
 def test_table_is_exact_at_its_points(table, arithmetic):
     lookup = table.function(arithmetic)
-    found = [[lookup(soc, temperature_c) for temperature_c in table.temperature_c]
-             for soc in table.soc]
+    found = [[lookup(soc, temperature_c) for temperature_c in table.temperature_c] for soc in table.soc]
     assert np.array(found) == pytest.approx(np.array(table.values), rel=1e-14)
 
 
@@ -107,8 +104,7 @@ def test_table_over_both_is_bilinear_between_points():
     (OVER_BOTH, (1.1, -11.0), 6.0), (OVER_BOTH, (1.1, 41.0), 29.0),
     # Beyond one axis only, the other still counts: 2 + 0.3 (4 - 2), 1 + 0.4 (3 - 1).
     (OVER_BOTH, (-9.0, 8.0), 2.6), (OVER_BOTH, (0.1, -99.0), 1.8)])
-@pytest.mark.parametrize('arithmetic', [
-    pytest.param(FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
+@pytest.mark.parametrize('arithmetic', [pytest.param(FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
 def test_table_is_level_beyond_its_ends(table, beyond, end, arithmetic):
     assert table.function(arithmetic)(*beyond) == pytest.approx(end, rel=1e-14)
 

@@ -32,8 +32,7 @@ ID4 = DataSheet('id4', 'nmc', charging_power_kw=135.0, usable_energy_kwh=77.0,
                 heater_power_kw=5.5, drive_power_kw=150.0, regeneration_power_kw=100.0,
                 vehicle_mass_kg=2124.0, drag_coefficient=0.28, frontal_area_m2=2.56,
                 rolling_resistance=0.009)
-LEAST = DataSheet('least', 'lfp', charging_power_kw=90.0, usable_energy_kwh=55.0,
-                  cells_in_series=106)
+LEAST = DataSheet('least', 'lfp', charging_power_kw=90.0, usable_energy_kwh=55.0, cells_in_series=106)
 SHIPPED = ('small_hatchback', 'mid_size_lfp', 'large_suv', 'crossover_800v')
 
 
@@ -111,14 +110,12 @@ def test_joule_heat_at_25_degc_in_closed_form(id4):
 
 def test_heat_capacity_is_that_of_cells_and_housing(id4):
     # 70 % of 493 kg are cells of 1040 J/(kg K), the rest aluminium of 900 J/(kg K).
-    assert id4[0].battery.heat_capacity_j_per_k == pytest.approx(
-        493.0 * (0.7 * 1040.0 + 0.3 * 900.0), abs=50.0)
+    assert id4[0].battery.heat_capacity_j_per_k == pytest.approx(493.0 * (0.7 * 1040.0 + 0.3 * 900.0), abs=50.0)
 
 
 def test_a_made_car_is_of_the_order_of_the_shipped_ones(id4):
     """The reference and the small car have other sizes, so only quantities independent of size are compared."""
-    own, others = meaning_of(id4[0]), [
-        meaning_of(load_vehicle(name)) for name in ('reference', 'small_car')]
+    own, others = meaning_of(id4[0]), [meaning_of(load_vehicle(name)) for name in ('reference', 'small_car')]
     for figure in ('one_hour_drop', 'heat_capacity_kj_per_k_kwh', 'heating_at_rest_k_per_10_min'):
         values = [getattr(other, figure) for other in others]
         assert 0.5 * min(values) < getattr(own, figure) < 2.0 * max(values), figure
@@ -263,8 +260,7 @@ def sheets():
         drive_kw = draw(st.none() | st.floats(1.2, 5.0).map(lambda rate: rate * gross_kwh))
         # The heater's size matches its car: no coolant warms a battery by 4 K a minute, and
         # a heater must exceed the leakage of a cold day.
-        heater_kw = draw(st.none() | st.floats(
-            max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh)))
+        heater_kw = draw(st.none() | st.floats(max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh)))
         both = draw(st.sampled_from(('cells', 'voltage', 'both')))
         return DataSheet(
             'drawn', chemistry, charging_power_kw=draw(st.floats(0.8, 3.0)) * gross_kwh,
@@ -297,8 +293,7 @@ def test_every_plausible_data_sheet_on_more_of_them(tmp_path_factory, sheet):
 def check_made_car(tmp_path_factory, sheet):
     """Make a car: its figures are those given, none is unusual, and plans work."""
     vehicle, contents = made(tmp_path_factory.getbasetemp(), sheet)
-    usable_kwh = sheet.usable_energy_kwh or (
-        load_chemistry(sheet.chemistry).usable_share * sheet.gross_energy_kwh)
+    usable_kwh = sheet.usable_energy_kwh or (load_chemistry(sheet.chemistry).usable_share * sheet.gross_energy_kwh)
     assert trapezoids_kwh(contents) == pytest.approx(usable_kwh, rel=1e-4)
     meaning = meaning_of(vehicle)
     assert meaning.energy_kwh == pytest.approx(usable_kwh, rel=1e-3)

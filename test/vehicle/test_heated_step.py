@@ -29,8 +29,7 @@ PATHS = st.builds(
 # Duration, terminal power, its variance, heat, leakage; the command.
 INPUTS = st.tuples(st.floats(1.0, 60.0), st.floats(-10e3, 40e3), st.floats(0.0, 1e8),
                    st.floats(-2e3, 3e3), st.floats(0.0, 150.0), st.floats(0.0, 7e3))
-STATES = st.tuples(st.floats(0.3, 0.95), st.floats(-20.0, 30.0), st.floats(0.0, 7e3),
-                   st.floats(-5.0, 20.0))
+STATES = st.tuples(st.floats(0.3, 0.95), st.floats(-20.0, 30.0), st.floats(0.0, 7e3), st.floats(-5.0, 20.0))
 
 
 def stepper(path, arithmetic=FLOATS):
@@ -68,8 +67,7 @@ def test_two_masses_approach_each_other_as_the_closed_form_says():
         states = stepper(COOLANT)(*states, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:4]
     assert states[3] == pytest.approx(40.0 * exp(-rate_per_s * 70.0), rel=1e-9)
     both_j_per_k = BATTERY_J_PER_K + 20e3
-    assert states[1] == pytest.approx(
-        20e3 * 40.0 / both_j_per_k * (1.0 - exp(-rate_per_s * 70.0)), rel=1e-9)
+    assert states[1] == pytest.approx(20e3 * 40.0 / both_j_per_k * (1.0 - exp(-rate_per_s * 70.0)), rel=1e-9)
 
 
 @given(PATHS, STATES, INPUTS)
@@ -80,8 +78,7 @@ def test_all_heat_goes_into_battery_and_coolant(path, states, inputs):
     _, end_c, _, excess_end_k, mean_c, joule_w, drawn_w, arriving_w = stepper(path)(
         soc, temperature_c, heater_w, excess_k, *inputs)
     warmed_j = BATTERY_J_PER_K * (end_c - temperature_c)
-    coolant_j = path.coolant_heat_capacity_j_per_k * (
-        end_c + excess_end_k - temperature_c - excess_k)
+    coolant_j = path.coolant_heat_capacity_j_per_k * (end_c + excess_end_k - temperature_c - excess_k)
     made_j = EFFICIENCY * drawn_w * duration_s
     other_j = duration_s * (heat_w - leakage_w_per_k * mean_c + joule_w)
     assert warmed_j + coolant_j == pytest.approx(made_j + other_j, rel=1e-9, abs=0.01)
@@ -103,8 +100,7 @@ def fine(path, states, inputs):
         r = battery.resistance.k_ohm_k / (temperature_c + battery.resistance.reference_temperature_c)
         current_a = (u - sqrt(u * u - 4.0 * r * (power_w + heater_w))) / (2.0 * r)
         ripple_w = r * variance_w2 / u**2
-        flow_w = path.coolant_conductance_w_per_k * excess_k if path.has_coolant else (
-            EFFICIENCY * heater_w)
+        flow_w = path.coolant_conductance_w_per_k * excess_k if path.has_coolant else (EFFICIENCY * heater_w)
         warming = (flow_w + heat_w - leakage_w_per_k * temperature_c + r * current_a**2
                    + ripple_w) / BATTERY_J_PER_K
         return (-(current_a + ripple_w / u) / battery.capacity_as, warming,
@@ -185,15 +181,13 @@ def test_under_steady_power_the_coolant_is_as_much_warmer_as_the_flow_asks():
     for _ in range(100):
         state, _, heat_w = advance(path, state, 30.0, 5e3, 0.0)
     # Both warm at the same rate: the battery gets its share of the heat.
-    assert heat_w == pytest.approx(
-        EFFICIENCY * 5e3 * BATTERY_J_PER_K / (BATTERY_J_PER_K + 20e3), rel=1e-9)
+    assert heat_w == pytest.approx(EFFICIENCY * 5e3 * BATTERY_J_PER_K / (BATTERY_J_PER_K + 20e3), rel=1e-9)
     assert state[1] - state[2] == pytest.approx(heat_w / 400.0, rel=1e-9)
 
 
 @given(PATHS, st.floats(0.0, 7e3), st.floats(-20.0, 30.0), st.floats(-20.0, 30.0), st.floats(0.05, 300.0),
        st.floats(0.0, 7e3), st.floats(-3e3, 5e3))
-def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_s, command_w,
-                                  other_w):
+def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_s, command_w, other_w):
     if not path.has_coolant:
         coolant_c = battery_c
     start = (power_w, coolant_c, battery_c)
@@ -212,8 +206,7 @@ def test_equal_time_constants_are_no_special_case():
 
 def test_a_sensor_follows_late_and_shows_the_battery_in_the_end():
     path = HeatPath(sensor_lag_s=120.0)
-    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 120.0, FLOATS) == pytest.approx(
-        10.0 * (1.0 - exp(-1.0)))
+    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 120.0, FLOATS) == pytest.approx(10.0 * (1.0 - exp(-1.0)))
     assert sensor_reading_c(path, 0.0, 10.0, 10.0, 1e5, FLOATS) == 10.0
     assert sensor_reading_c(DIRECT, 0.0, 9.0, 10.0, 1.0, FLOATS) == 10.0
 
@@ -225,5 +218,4 @@ def test_a_battery_that_warms_steadily_is_seen_a_lag_late():
         reading_c = sensor_reading_c(path, reading_c, 0.01 * second, 0.01 * (second + 1), 1.0, FLOATS)
     assert reading_c == pytest.approx(20.0 - 0.01 * 120.0, abs=1e-5)
     # One step or many: a ramp stays a ramp.
-    assert sensor_reading_c(path, 0.0, 0.0, 20.0, 2000.0, FLOATS) == pytest.approx(
-        reading_c, abs=1e-9)
+    assert sensor_reading_c(path, 0.0, 0.0, 20.0, 2000.0, FLOATS) == pytest.approx(reading_c, abs=1e-9)

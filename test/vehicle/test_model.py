@@ -86,15 +86,13 @@ def test_rates_are_the_papers(power_w, variance_w2, part):
     assert rate == pytest.approx(hand_written_rates(*arguments)[part], rel=1e-11, abs=1e-15)
 
 
-@given(power_w=st.floats(-90e3, 90e3), soc=st.floats(0.0, 1.0),
-       temperature_c=st.floats(-25.0, 50.0))
+@given(power_w=st.floats(-90e3, 90e3), soc=st.floats(0.0, 1.0), temperature_c=st.floats(-25.0, 50.0))
 def test_current_solves_the_circuit(power_w, soc, temperature_c):
     soc_rate, _, _ = make_rates(car(), FLOATS)(soc, temperature_c, power_w, 0.0, 0.0, 0.0)
     current = -soc_rate * CAPACITY_AH * 3600.0
     resistance = K_OHM_K / (temperature_c + REFERENCE_C)
     # 1e-13 A of rounding in the root, as above, times the voltage.
-    assert voltage_v(soc) * current - resistance * current**2 == pytest.approx(
-        power_w, rel=1e-11, abs=1e-9)
+    assert voltage_v(soc) * current - resistance * current**2 == pytest.approx(power_w, rel=1e-11, abs=1e-9)
 
 
 def test_current_is_the_smaller_root():
@@ -153,14 +151,12 @@ def test_power_that_cannot_be_delivered_is_an_error_for_floats():
 def test_power_that_cannot_be_delivered_holds_the_largest_current(arithmetic):
     soc_rate, _, _ = make_rates(car(), arithmetic)(SOC, TEMPERATURE_C, 9e5, 0.0, 0.0, 0.0)
     resistance = K_OHM_K / (TEMPERATURE_C + REFERENCE_C)
-    assert -soc_rate * CAPACITY_AH * 3600.0 == pytest.approx(
-        voltage_v(SOC) / (2 * resistance), rel=1e-14)
+    assert -soc_rate * CAPACITY_AH * 3600.0 == pytest.approx(voltage_v(SOC) / (2 * resistance), rel=1e-14)
 
 
 def test_saturating_floats_are_plain_floats_below_the_limit():
     arguments = (SOC, TEMPERATURE_C, *INPUTS)
-    assert (make_rates(car(), SATURATING_FLOATS)(*arguments)
-            == make_rates(car(), FLOATS)(*arguments))
+    assert (make_rates(car(), SATURATING_FLOATS)(*arguments) == make_rates(car(), FLOATS)(*arguments))
 
 
 @pytest.mark.parametrize('resistance', [
@@ -184,8 +180,7 @@ def relaxed(make_integrator, steps=40, step_s=90.0, gamma=210.0, ambient_c=-19.0
     step = make_integrator(make_rates(car(), FLOATS))
     soc, temperature_c = 0.5, start_c
     for _ in range(steps):
-        soc, temperature_c, _, _ = step(
-            soc, temperature_c, step_s, 0.0, 0.0, gamma * ambient_c, gamma)
+        soc, temperature_c, _, _ = step(soc, temperature_c, step_s, 0.0, 0.0, gamma * ambient_c, gamma)
     return temperature_c
 
 
@@ -208,8 +203,7 @@ def test_one_step_of_leakage_is_the_series_of_the_exponential(make_integrator, o
     pytest.param(make_runge_kutta_4, 75.0, 16.0, id='rk4')])
 @pytest.mark.parametrize('part', [0, 1], ids=['soc', 'temperature'])
 def test_halving_the_step_shows_the_order(make_integrator, step_s, factor, part, accurate_end):
-    errors = [rolled(make_integrator, step)[part] - accurate_end[part]
-              for step in (step_s, step_s / 2)]
+    errors = [rolled(make_integrator, step)[part] - accurate_end[part] for step in (step_s, step_s / 2)]
     # The next order has a small effect; one order more or less would be a factor of two.
     assert errors[0] / errors[1] == pytest.approx(factor, rel=0.15)
 
@@ -226,8 +220,7 @@ def test_means_of_a_step_close_its_heat_balance(make_integrator):
     _, end_c, mean_c, mean_joule_w = step(SOC, TEMPERATURE_C, 250.0, *INPUTS)
     stored_j = HEAT_CAPACITY_J_PER_K * (end_c - TEMPERATURE_C)
     # 290 kJ/K times the rounding of a temperature near 9 degC is 1e-9 J of 1e6 J.
-    assert 250.0 * (HEAT_W - LEAKAGE_W_PER_K * mean_c + mean_joule_w) == pytest.approx(
-        stored_j, rel=1e-13)
+    assert 250.0 * (HEAT_W - LEAKAGE_W_PER_K * mean_c + mean_joule_w) == pytest.approx(stored_j, rel=1e-13)
 
 
 def test_euler_means_are_those_at_the_start():

@@ -44,16 +44,14 @@ def test_no_correction_is_the_car_of_the_file():
 
 
 def test_corrections_twice_multiply():
-    twice = corrected_vehicle(corrected_vehicle(VEHICLE, Corrections(resistance=1.2)),
-                              Corrections(resistance=0.5))
+    twice = corrected_vehicle(corrected_vehicle(VEHICLE, Corrections(resistance=1.2)), Corrections(resistance=0.5))
     assert quantities(twice)['resistance'] == pytest.approx(0.6 * quantities(VEHICLE)['resistance'])
 
 
 def test_arrays_of_factors_are_many_cars_at_once():
     factors = np.array([0.9, 1.0, 1.3])
     cars = corrected_vehicle(VEHICLE, Corrections(*[factors] * 4))
-    each = [quantities(corrected_vehicle(VEHICLE, Corrections(*[float(factor)] * 4)))
-            for factor in factors]
+    each = [quantities(corrected_vehicle(VEHICLE, Corrections(*[float(factor)] * 4))) for factor in factors]
     for name, values in quantities(cars, ARRAYS).items():
         assert np.broadcast_to(values, 3) == pytest.approx([own[name] for own in each])
 

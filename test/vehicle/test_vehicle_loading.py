@@ -45,8 +45,7 @@ NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
 THERMAL = {'shell_share': 0.25, 'conductance_w_per_k': 300, 'sensor': 'shell'}
-ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29,
-             'rolling_resistance': 0.011}
+ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29, 'rolling_resistance': 0.011}
 
 
 def with_change(key, value):
@@ -137,8 +136,7 @@ def test_what_is_assumed_and_the_cells_are_optional(tmp_path):
 
 
 def test_assumed_keys_may_name_tables_and_groups(tmp_path):
-    keys = ['battery.resistance', 'drivetrain', 'battery.power_limits.charge',
-            'battery.cells_in_series']
+    keys = ['battery.resistance', 'drivetrain', 'battery.power_limits.charge', 'battery.cells_in_series']
     contents = with_change('assumed', keys)
     contents['battery']['cells_in_series'] = 97
     vehicle = load_vehicle(written(tmp_path, contents))
@@ -200,8 +198,7 @@ def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
     with pytest.raises(InvalidInput) as refused:
         load_vehicle(written(tmp_path, contents))
     (problem,) = refused.value.problems
-    assert problem.endswith(
-        f': battery.power_limits.charge (there is no charging.power_limit): {NO_COLD}')
+    assert problem.endswith(f': battery.power_limits.charge (there is no charging.power_limit): {NO_COLD}')
 
 
 def test_a_shell_includes_the_coolant(tmp_path):
@@ -385,13 +382,11 @@ def test_text_that_is_no_mapping(tmp_path, text, problem):
     'name: &itself [*itself]', 'battery: &itself {capacity_ah: *itself}'],
     ids=['brackets', 'braces', 'list in itself', 'mapping in itself'])
 def test_values_that_are_nested_too_deeply(tmp_path, text):
-    assert problems_of(written(tmp_path, text)) == [
-        'cannot be read: its values are nested too deeply']
+    assert problems_of(written(tmp_path, text)) == ['cannot be read: its values are nested too deeply']
 
 
 def test_key_written_twice_is_refused(tmp_path):
-    text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86',
-                                        '  efficiency: 0.86\n  efficiency: 0.68')
+    text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86', '  efficiency: 0.86\n  efficiency: 0.68')
     problem, = problems_of(written(tmp_path, text))
     assert problem.startswith('is not YAML: ') and "'efficiency' is a duplicate key" in problem
 
@@ -415,8 +410,7 @@ def test_file_that_does_not_exist(tmp_path, monkeypatch, name):
     assert str(refused.value) == f'{name}: no such file'
 
 
-@pytest.mark.parametrize('name, hint', [
-    ('referense', "; did you mean 'reference'?"), ('zeppelin', '')])
+@pytest.mark.parametrize('name, hint', [('referense', "; did you mean 'reference'?"), ('zeppelin', '')])
 def test_unknown_name(name, hint):
     with pytest.raises(InvalidInput) as refused:
         load_vehicle(name)

@@ -162,8 +162,7 @@ def test_the_warning_names_car_values_and_file(plain):
 
 
 def test_the_path_of_the_heat_is_said_in_words(plain):
-    assert meaning_of(plain()).heat_path == (
-        'The heat of the heater arrives at once, and the sensor shows it.')
+    assert meaning_of(plain()).heat_path == ('The heat of the heater arrives at once, and the sensor shows it.')
     # 0.8 * 6 kW / 400 W/K = 12 K; (40 s + 20 kJ/K / 400 W/K) * 6 kW = 150 Wh.
     path = {'heater_lag_s': 40, 'coolant_heat_capacity_j_per_k': 20000,
             'coolant_conductance_w_per_k': 400, 'sensor_lag_s': 25}

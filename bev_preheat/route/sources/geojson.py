@@ -2,9 +2,8 @@
 """
 Reads GeoJSON (RFC 7946): LineString or MultiLineString, alone or in features.
 
-Times of the points are taken from properties.coordTimes (or times, coordinateProperties.times), durations of
-parts of the
-line from properties.segments[].steps[] with way_points, as openrouteservice writes them.
+Times of the points are taken from properties.coordTimes (or times, coordinateProperties.times), durations of parts
+of the line from properties.segments[].steps[] with way_points, as openrouteservice writes them.
 """
 
 from __future__ import annotations
@@ -48,13 +47,8 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
-        legs = _legs(properties)
-        along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
-        total_m = sum(float(leg.length_m.sum()) for leg in legs)
-        elevation = None if np.isnan(elevation_m).any() else (
-            along_m * (total_m / max(float(along_m[-1]), 1e-9)), elevation_m)
-        return journey_of_pieces(KIND, legs, options, ['the mean speed of each step is used'],
-                                 (latitude_deg, longitude_deg), elevation)
+        return journey_of_pieces(KIND, _legs(properties), options, ['the mean speed of each step is used'],
+                                 np.array((latitude_deg, longitude_deg, elevation_m)))
     times = [_times(line_properties, len(line)) for (_, _, line_properties), line in zip(lines, points)]
     time_s = None if any(each is None for each in times) else np.concatenate(
         [each for each in times if each is not None])

@@ -52,9 +52,8 @@ class RouteOptions:
     """
     Figures that may be missing in a source.
 
-    `ambient_temperature_c` [degC] applies if the file has none. `with_auxiliaries`: the consumption in the
-    file includes heating and auxiliaries (None: not given). `free_speed_kmh` [km/h]: speed on free road, for a
-    line
+    `ambient_temperature_c` [degC] applies if the file has none. `with_auxiliaries`: the consumption in the file
+    includes heating and auxiliaries (None: not given). `free_speed_kmh` [km/h]: speed on free road, for a line
     without times. `stop_duration_s` [s]: duration of a charging stop at each waypoint (None: waypoints are
     passed). `vehicle_id`: the vehicle in a file with several.
     """

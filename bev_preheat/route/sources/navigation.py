@@ -19,7 +19,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.route.segments import ELEVATION_RANGE_M
 from bev_preheat.route.sources.json_values import checked, in_words, items, number, numbers
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
-from bev_preheat.route.sources.timeline import distances_m, journey_of_pieces, Pieces
+from bev_preheat.route.sources.timeline import journey_of_pieces, Pieces
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -118,15 +118,7 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
         remarks.append('the mean speed of each leg is used; the answer has no steps that fit' if service.legs else
                        'the mean speed of the whole way is used; the answer has no steps that fit')
     points = _line(route, legs, nodes, service, place)
-    elevation = _heights(nodes, service)
-    if points is None:
-        return journey_of_pieces(service.kind, legs, options, remarks, None, elevation)
-    latitude_deg, longitude_deg, elevation_m = points
-    if np.isfinite(elevation_m).all():
-        along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
-        total_m = sum(float(leg.length_m.sum()) for leg in legs)
-        elevation = along_m * (total_m / max(float(along_m[-1]), 1e-9)), elevation_m
-    return journey_of_pieces(service.kind, legs, options, remarks, (latitude_deg, longitude_deg), elevation)
+    return journey_of_pieces(service.kind, legs, options, remarks, points, _heights(nodes, service))
 
 
 def _first(values: Any) -> Any:

@@ -154,13 +154,14 @@ class Pieces:
 
 
 def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, remarks: Sequence[str] = (),
-                      line: tuple[FloatArray, FloatArray] | None = None,
+                      line: FloatArray | None = None,
                       elevation: tuple[FloatArray, FloatArray] | None = None) -> Journey:
     """
     Return the Journey of legs in driving order.
 
-    `line`: latitudes and longitudes [deg] of the whole way; `elevation`: distances [m] and elevations [m] of
-    points along it. Waypoints between legs are charging stops if the leg or the options give a duration.
+    `line`: latitudes, longitudes [deg] and elevations [m] (NaN: none) of the whole way, shape (3, M); `elevation`:
+    distances [m] and elevations [m] of points along it, if the line has none. Waypoints between legs are charging
+    stops if the leg or the options give a duration.
     """
     remarks = list(remarks)
     legs = [leg for leg in legs if leg.length_m.sum() > 0.0 or leg.duration_s.sum() > 0.0]
@@ -177,21 +178,22 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
                        'stops give their duration [min], such as: --stop-duration 20')
     latitude_deg = longitude_deg = elevation_m = None
     if line is not None:
-        latitude_deg, longitude_deg = line
+        latitude_deg, longitude_deg, height_m = line
         check_coordinates(latitude_deg, longitude_deg)
         along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
+        scaled_m = along_m * (distance_m[-1] / max(along_m[-1], 1e-9))
+        if np.isfinite(height_m).all():
+            elevation = scaled_m, height_m
         if abs(along_m[-1] - distance_m[-1]) > MOST_MISFIT * distance_m[-1] + 50.0:
             remarks.append(f'the line on the map, {along_m[-1] / 1e3:.1f} km, does not fit the length of the way, '
                            f'{distance_m[-1] / 1e3:.1f} km; it is left out')
-            line = latitude_deg = longitude_deg = None
-    if line is not None and latitude_deg is not None and longitude_deg is not None:
-        along_m = along_m * (distance_m[-1] / max(along_m[-1], 1e-9))
-        # All points of both: the pieces keep their durations, the line its shape.
-        every_m = np.union1d(along_m, distance_m)
-        every_s = np.interp(every_m, distance_m, elapsed_s)
-        latitude_deg, longitude_deg = (interpolated(every_m, along_m, values)
-                                       for values in (latitude_deg, longitude_deg))
-        distance_m, elapsed_s = every_m, every_s
+            latitude_deg = longitude_deg = None
+        else:
+            # All points of both: the pieces keep their durations, the line its shape.
+            every_m = np.union1d(scaled_m, distance_m)
+            elapsed_s, distance_m = np.interp(every_m, distance_m, elapsed_s), every_m
+            latitude_deg, longitude_deg = (interpolated(every_m, scaled_m, values)
+                                           for values in (latitude_deg, longitude_deg))
     if elevation is not None:
         at_m, values_m = elevation
         elevation_m = np.interp(distance_m, at_m, values_m)
