@@ -42,8 +42,8 @@ SUBJECTS = {
     'limited run': (
         'bev_preheat/planning/limited_drive.py', 'bev_preheat/planning/limits.py'),
     'limited run in C': (
-        'core/src/foresight.c', 'core/src/limited_run.c', 'core/src/limited_step.c',
-        'core/src/limits.c', 'core/src/stranding.c'),
+        'core/src/limited_run.c', 'core/src/limited_step.c',
+        'core/src/limits.c'),
 }
 TESTS_OF_C = ('test/native', 'test/planning')
 TESTS = ('test/control', 'test/estimation', 'test/vehicle', 'test/nodes', 'test/route/test_segments.py',

@@ -16,8 +16,8 @@ _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
 # Files for bev_find_switch, bev_find_two_switches and bev_plan_by_values; headers as they are included.
 SOURCES = (
-    'accounts.c', 'checks.c', 'curves.c', 'foresight.c', 'limited_run.c', 'limited_step.c',
-    'limits.c', 'prices.c', 'runs.c', 'stranding.c', 'switch_search.c', 'two_switches.c', 'value_function.c',
+    'accounts.c', 'checks.c', 'curves.c', 'limited_run.c', 'limited_step.c',
+    'limits.c', 'prices.c', 'runs.c', 'switch_search.c', 'two_switches.c', 'value_function.c',
     'value_layers.c', 'value_path.c', 'value_run.c', 'value_steps.c')
 INCLUDED = re.compile(r'^#include "([^/"]+)"', re.MULTILINE)
 OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'bev_ecu_shared.h', 'bev_ecu_switch.c',

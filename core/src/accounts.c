@@ -2,7 +2,7 @@
 /* The energies of a forward run: bev_preheat.planning.dynamics. */
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "means.h"
+#include "parts_of_plans.h"
 #include "steps_of_model.h"
 
 /* Power balance of one step of a run, means [W]. */

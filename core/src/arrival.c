@@ -6,7 +6,7 @@
 #include "bev_preheat_core/estimation.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
-#include "circuit.h"
+#include "curves.h"
 #include "route_columns.h"
 
 static int is_expected_drive(const bev_expected_drive *expected) {

@@ -8,7 +8,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
-#include "circuit.h"
+#include "curves.h"
 
 #define SQUARE (BEV_ELEMENTS * BEV_ELEMENTS)
 

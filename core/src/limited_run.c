@@ -1,27 +1,116 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The forward runs that keep the battery's limits: bev_preheat.planning.limits and
- * bev_preheat.planning.heated_limits.
+ * The forward run that keeps the battery's limits, and its end where the charge runs out:
+ * bev_preheat.planning.limited_drive.
  */
-#include "heating.h"
-#include "limited_step.h"
-#include "parts_of_plans.h"
+#include "limited_run.h"
 
-/* Drive on from step `first`; `states` and `powers_w` are `rows` arrays each. */
-static bev_status drive_on(const bev_limited_run *run, const bev_heating *heating, int32_t first,
-                           int32_t rows, double *const states[4], double *const powers_w[4],
-                           int32_t *empty_step) {
+#include "bev_preheat_core_generated/constants.h"
+#include "checks.h"
+
+/* The run up to the step in which the charge runs out, and the powers planned for that step. */
+typedef struct {
+  const bev_limited_run *run;
+  double command_w;
+  double brake_w;
+} last_drive;
+
+/* Drive a share of a step: `result` is as of the model's step. */
+static bev_status drive_share(const last_drive *drive, int32_t k, double share,
+                              const double states[4], double result[8]) {
+  const bev_vehicle *vehicle = drive->run->vehicle;
+  const bev_trip *trip = drive->run->trip;
+  bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
+  if (!bev_are_finite(&inputs) || !isfinite(trip->drivetrain_heat_w[k])) {
+    return BEV_BAD_INPUT;
+  }
+  inputs.power_w = share * inputs.power_w;
+  inputs.variance_w2 = share * inputs.variance_w2;
+  inputs.heat_w = inputs.heat_w - (1.0 - share) * trip->drivetrain_heat_w[k];
+  if (drive->run->is_direct != 0) {
+    inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
+    inputs.heat_w = inputs.heat_w
+        + share * bev_heat_under_w(vehicle, 0.0, drive->command_w, drive->brake_w);
+    bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, states[0], states[1], &inputs, result);
+    result[2] = 0.0;
+    result[3] = 0.0;
+    result[6] = share * drive->command_w;
+    result[7] = bev_heat_with_heater_w(vehicle, 0.0, result[6]);
+  } else {
+    const double started[4] = {states[0], states[1], share * states[2], states[3]};
+    inputs.power_w = inputs.power_w + share * drive->brake_w;
+    inputs.heat_w = inputs.heat_w - share * vehicle->heat_share * drive->brake_w;
+    bev_integrate_heated(vehicle, 1, started, &inputs, share * drive->command_w, result);
+  }
+  return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK
+      ? BEV_OK
+      : BEV_NOT_FINITE;
+}
+
+/*
+ * Drive the step of `stranding` as far as the charge lasts, and stand from then on. `states` and `powers_w`, of
+ * `rows` arrays each, are known until that step, including the powers planned for it.
+ */
+static bev_status strand(const bev_limited_run *run, int32_t rows, double *const states[4],
+                         double *const powers_w[4], bev_stranding *stranding) {
+  const int32_t steps = run->trip->steps;
+  const int32_t empty = stranding->step;
+  const last_drive drive = {run, powers_w[0][empty], powers_w[1][empty]};
+  double here[4] = {0.0, 0.0, 0.0, 0.0};
+  double result[8];
+  for (int32_t n = 0; n < rows; n++) {
+    here[n] = states[n][empty];
+  }
+  double enough = 0.0;
+  double too_little = 1.0;
+  for (int32_t n = 0; n < BEV_HALVINGS; n++) {
+    const double middle = 0.5 * (enough + too_little);
+    const bev_status status = drive_share(&drive, empty, middle, here, result);
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (result[0] > 0.0) {
+      enough = middle;
+    } else {
+      too_little = middle;
+    }
+  }
+  stranding->driven_share = enough;
+  for (int32_t k = empty; k < steps; k++) {
+    const double share = k == empty ? enough : 0.0;
+    const bev_status status = drive_share(&drive, k, share, here, result);
+    if (status != BEV_OK) {
+      return status;
+    }
+    const double powers[4] = {share * drive.command_w, share * drive.brake_w, result[6],
+                              result[7]};
+    here[0] = 0.0;
+    here[1] = bev_minimum(result[1], run->vehicle->hottest_c);
+    here[2] = 0.0;
+    here[3] = result[3];
+    for (int32_t n = 0; n < rows; n++) {
+      states[n][k + 1] = here[n];
+      powers_w[n][k] = powers[n];
+    }
+  }
+  return BEV_OK;
+}
+
+/* Drive the whole run; `states` and `powers_w` are `rows` arrays each. */
+static bev_status drive_run(const bev_limited_run *run, const double *command_w, double below_c,
+                            int32_t rows, double *const states[4], double *const powers_w[4],
+                            bev_stranding *stranding) {
   double here[4] = {0.0, 0.0, 0.0, 0.0};
   for (int32_t n = 0; n < rows; n++) {
-    here[n] = states[n][first];
+    here[n] = states[n][0];
     if (!isfinite(here[n])) {
       return BEV_BAD_INPUT;
     }
   }
-  for (int32_t k = first; k < run->trip->steps; k++) {
+  for (int32_t k = 0; k < run->trip->steps; k++) {
     double driven_w[4];
-    const bev_status status = bev_drive_within_limits(
-        run, k, here, bev_wanted_w(heating, k, bev_settled_c(run, here)), here, driven_w);
+    const double wanted_w = bev_settled_c(run, here) < below_c ? command_w[k] : 0.0;
+    const bev_status status = bev_drive_within_limits(run, k, here, wanted_w, here, driven_w);
     if (status != BEV_OK && status != BEV_EMPTY) {
       return status;
     }
@@ -29,53 +118,14 @@ static bev_status drive_on(const bev_limited_run *run, const bev_heating *heatin
       powers_w[n][k] = driven_w[n];
     }
     if (status == BEV_EMPTY) {
-      *empty_step = k;
-      return BEV_EMPTY;
+      stranding->step = k;
+      return strand(run, rows, states, powers_w, stranding);
     }
     for (int32_t n = 0; n < rows; n++) {
       states[n][k + 1] = here[n];
     }
   }
   return BEV_OK;
-}
-
-bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const bev_heating *heating, int32_t first, double *soc,
-                                 double *temperature_c, double *heater_w, double *brake_w,
-                                 int32_t *empty_step) {
-  const bev_status checked = bev_checked(vehicle, trip, first);
-  if (checked != BEV_OK) {
-    return checked;
-  }
-  if (!bev_is_heating(heating) || soc == NULL || temperature_c == NULL || heater_w == NULL
-      || brake_w == NULL || empty_step == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  const bev_limited_run run = bev_limited_run_of(
-      vehicle, trip, heating->may_overcharge, heating->may_overdraw, heating->takes_surplus, 1);
-  double *const states[4] = {soc, temperature_c, NULL, NULL};
-  double *const powers_w[4] = {heater_w, brake_w, NULL, NULL};
-  return drive_on(&run, heating, first, 2, states, powers_w, empty_step);
-}
-
-bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                        const bev_heating *heating, int32_t first, double *states,
-                                        double *powers_w, int32_t *empty_step) {
-  const bev_status checked = bev_checked(vehicle, trip, first);
-  if (checked != BEV_OK) {
-    return checked;
-  }
-  if (!bev_is_heating(heating) || states == NULL || powers_w == NULL || empty_step == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  const bev_limited_run run = bev_limited_run_of(
-      vehicle, trip, heating->may_overcharge, heating->may_overdraw, heating->takes_surplus, 0);
-  const int32_t steps = trip->steps;
-  double *const all_states[4] = {states, &states[steps + 1], &states[2 * (steps + 1)],
-                                 &states[3 * (steps + 1)]};
-  double *const all_powers_w[4] = {powers_w, &powers_w[steps], &powers_w[2 * steps],
-                                   &powers_w[3 * steps]};
-  return drive_on(&run, heating, first, 4, all_states, all_powers_w, empty_step);
 }
 
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
@@ -86,26 +136,26 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
   if (checked != BEV_OK) {
     return checked;
   }
-  if (command_w == NULL || states == NULL || powers_w == NULL || flags == NULL
-      || stranding == NULL) {
+  if (command_w == NULL || isnan(below_c) != 0 || states == NULL || powers_w == NULL
+      || flags == NULL || stranding == NULL) {
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  const bev_heating heating = {takes_surplus, below_c, command_w, flags, &flags[steps]};
+  const int32_t is_direct = bev_is_direct(vehicle);
+  const int32_t rows = is_direct != 0 ? 2 : 4;
+  double *all_states[4] = {NULL, NULL, NULL, NULL};
+  double *all_powers_w[4] = {NULL, NULL, NULL, NULL};
+  for (int32_t n = 0; n < rows; n++) {
+    all_states[n] = &states[n * (steps + 1)];
+    all_powers_w[n] = &powers_w[n * steps];
+  }
   for (int32_t k = 0; k < steps; k++) {
     flags[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
     flags[steps + k] = 1u;
   }
-  int32_t empty_step = -1;
-  bev_status status = bev_is_direct(vehicle)
-      ? bev_run_within_limits(vehicle, trip, &heating, 0, states, &states[steps + 1], powers_w,
-                              &powers_w[steps], &empty_step)
-      : bev_run_heated_within_limits(vehicle, trip, &heating, 0, states, powers_w, &empty_step);
+  const bev_limited_run run =
+      bev_limited_run_of(vehicle, trip, flags, &flags[steps], takes_surplus, is_direct);
   stranding->step = -1;
   stranding->driven_share = 1.0;
-  if (status == BEV_EMPTY) {
-    stranding->step = empty_step;
-    status = bev_stand(vehicle, trip, states, powers_w, stranding);
-  }
-  return status;
+  return drive_run(&run, command_w, below_c, rows, all_states, all_powers_w, stranding);
 }

@@ -1,5 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The constants of a run within the battery's limits, which its steps and its foresight share. */
+/*
+ * Runs within the battery's limits: bev_preheat.planning.limited_drive.
+ *
+ * The states of a step are charge, temperature [deg C], heater power [W] and coolant excess [K]. A vehicle whose
+ * heat arrives at once has only the first two; the others are 0.
+ */
 #ifndef BEV_PREHEAT_CORE_LIMITED_RUN_H_
 #define BEV_PREHEAT_CORE_LIMITED_RUN_H_
 
@@ -9,9 +14,10 @@
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
-  /* As in bev_heating. */
+  /* Steps in which the charge limit, and the discharge limit, may be active: not 0. */
   const uint8_t *may_overcharge;
   const uint8_t *may_overdraw;
+  /* Regeneration beyond the charge limit goes to the heater first, then to the brake. */
   int32_t takes_surplus;
   int32_t is_direct;
   double lag_s;
@@ -46,5 +52,18 @@ static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
 static inline double bev_mean_share_left(double lag_s, double duration_s) {
   return lag_s == 0.0 ? 0.0 : -expm1(-duration_s / lag_s) * lag_s / duration_s;
 }
+
+bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
+                                   const uint8_t *may_overcharge, const uint8_t *may_overdraw,
+                                   int32_t takes_surplus, int32_t is_direct);
+
+/*
+ * Drive step k from its states, heated with `wanted_w` [W] as far as limits let it.
+ *
+ * Writes the states at its end, and command, friction brake, heater power and heat into the battery, means [W].
+ * BEV_EMPTY: the charge does not last for the step, and only the powers are meaningful.
+ */
+bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
+                                   double wanted_w, double ends[4], double powers_w[4]);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_RUN_H_ */

@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One step within limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits, at its end
- * bev_preheat.planning.both_ends.
+ * One step within limits, at both of its ends: bev_preheat.planning.limited_drive.
  */
-#include "limited_step.h"
+#include "limited_run.h"
 
 #include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "bracketing.h"
-#include "foresight.h"
-#include "heating.h"
+#include "checks.h"
+
+/* Maximum number of rounds for finding the command that keeps the highest temperature. */
+#define MOST_HEATING_ROUNDS 1000
 
 /* One step on its way. */
 typedef struct {
@@ -58,6 +59,75 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
       : BEV_NOT_FINITE;
 }
 
+/* The last step that begins within `duration_s` after the end of step k. */
+static int32_t last_after(const bev_trip *trip, int32_t k, double duration_s) {
+  double left_s = duration_s;
+  for (int32_t last = k; last + 1 < trip->steps; last++) {
+    if (!(left_s > 0.0)) {
+      return last;
+    }
+    left_s -= trip->duration_s[last + 1];
+  }
+  return trip->steps - 1;
+}
+
+static int is_before_climb(const bev_limited_run *run, int32_t k) {
+  const bev_trip *trip = run->trip;
+  const double until_s = trip->time_s[k + 1] + BEV_LAGS_AHEAD * run->lag_s;
+  for (int32_t j = k + 1; j < trip->steps; j++) {
+    if (!(trip->time_s[j] < until_s)) {
+      return 0;
+    }
+    if (run->may_overdraw[j] != 0u && trip->time_s[j] > trip->time_s[k]) {
+      return 1;
+    }
+  }
+  return 0;
+}
+
+/* The command after which the heater, switched off, leaves a climb its power [W]. */
+static double off_in_time_w(const bev_limited_run *run, int32_t k, const double states[4]) {
+  const bev_trip *trip = run->trip;
+  if (!is_before_climb(run, k)) {
+    return INFINITY;
+  }
+  double allowed_w = INFINITY;
+  for (int32_t j = last_after(trip, k, BEV_LAGS_AHEAD * run->lag_s); j > k; j--) {
+    const double decay = exp(-trip->duration_s[j] / run->lag_s);
+    allowed_w = decay > 0.0 ? allowed_w / decay : INFINITY;
+    if (run->may_overdraw[j] != 0u) {
+      double limits_w[2];
+      bev_terminal_limits(run->vehicle, 0, states[0], states[1],
+                          trip->power_variance_w2[j], limits_w);
+      allowed_w = bev_minimum(
+          allowed_w, bev_maximum(limits_w[1] - trip->idle_power_w[j], 0.0)
+              / bev_mean_share_left(run->lag_s, trip->duration_s[j]));
+    }
+  }
+  const double decay = exp(-trip->duration_s[k] / run->lag_s);
+  return (allowed_w - decay * states[2]) / (1.0 - decay);
+}
+
+/* The part of the surplus that lasts [W]: heater power beyond it is paid for later. */
+static double lasting_surplus_w(const bev_limited_run *run, int32_t k, const double states[4]) {
+  const bev_trip *trip = run->trip;
+  const double ahead_s = BEV_LASTING_LAGS * run->lag_s - 0.5 * trip->duration_s[k];
+  const int32_t last = last_after(trip, k, ahead_s);
+  if (last == k) {
+    return INFINITY;
+  }
+  double lasting_s = 0.0;
+  double least_w = INFINITY;
+  for (int32_t j = k + 1; j <= last; j++) {
+    double limits_w[2];
+    lasting_s += trip->duration_s[j];
+    bev_terminal_limits(run->vehicle, 0, states[0], states[1],
+                        trip->power_variance_w2[j], limits_w);
+    least_w = bev_minimum(least_w, limits_w[0] - trip->idle_power_w[j]);
+  }
+  return lasting_s < ahead_s ? 0.0 : bev_maximum(0.0, least_w);
+}
+
 /*
  * The command between two terminal powers [W], without regard to temperatures; its part beyond `paid_w` is surplus.
  */
@@ -82,7 +152,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   if (may_overcharge && run->takes_surplus != 0) {
     double surplus_w = limits_w[0] - power_w;
     if (run->lag_s > 0.0 && surplus_w > 0.0) {
-      surplus_w = bev_minimum(surplus_w, bev_lasting_surplus_w(run, k, start->states));
+      surplus_w = bev_minimum(surplus_w, lasting_surplus_w(run, k, start->states));
     }
     const double free_w = bev_minimum(cap_w, surplus_w);
     if (wanted_w <= free_w) {
@@ -93,7 +163,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   }
   if (run->lag_s > 0.0 && wanted_w > 0.0) {
     wanted_w =
-        bev_maximum(0.0, bev_minimum(wanted_w, bev_off_in_time_w(run, k, start->states)));
+        bev_maximum(0.0, bev_minimum(wanted_w, off_in_time_w(run, k, start->states)));
   }
   *command_w = wanted_w;
   return isfinite(wanted_w) ? BEV_OK : BEV_NOT_FINITE;
@@ -134,7 +204,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   double paid_w = 0.0;
   bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);
   int is_settled = 0;
-  for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_HEATING_ROUNDS && !is_settled; round++) {
+  for (int32_t round = 0; status == BEV_OK && round < MOST_HEATING_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
     if (may_overcharge) {
       const double drawn_w = start->left * start->states[2] + (1.0 - start->left) * *command_w;

@@ -4,20 +4,19 @@
 
 #include "checks.h"
 #include "curve_arrays.h"
-#include "step_limits.h"
 #include "steps_of_model.h"
 
 /*
- * As bev_limits_of_steps, for up to BEV_LIMITS_BLOCK steps: the curves' values at the end of a step serve for the start
+ * As bev_limits_of_steps, for up to BEV_BLOCK steps: the curves' values at the end of a step serve for the start
  * of the next step.
  */
 static bev_status limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
                                const double *temperature_c, const double *variance_w2,
                                double *least_w, double *most_w) {
-  double voltage_v[BEV_LIMITS_BLOCK + 1];
-  double resistance_ohm[BEV_LIMITS_BLOCK + 1];
-  double charge_w[BEV_LIMITS_BLOCK + 1];
-  double discharge_w[BEV_LIMITS_BLOCK + 1];
+  double voltage_v[BEV_BLOCK + 1];
+  double resistance_ohm[BEV_BLOCK + 1];
+  double charge_w[BEV_BLOCK + 1];
+  double discharge_w[BEV_BLOCK + 1];
   const int32_t instants = steps + 1;
   bev_curve_over(&vehicle->open_circuit_voltage, instants, soc, temperature_c, voltage_v);
   bev_curve_over(&vehicle->resistance, instants, soc, temperature_c, resistance_ohm);
@@ -51,8 +50,8 @@ bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const 
     return BEV_BAD_VEHICLE;
   }
   bev_status status = BEV_OK;
-  for (int32_t from = 0; from < steps && status == BEV_OK; from += BEV_LIMITS_BLOCK) {
-    const int32_t count = steps - from < BEV_LIMITS_BLOCK ? steps - from : BEV_LIMITS_BLOCK;
+  for (int32_t from = 0; from < steps && status == BEV_OK; from += BEV_BLOCK) {
+    const int32_t count = steps - from < BEV_BLOCK ? steps - from : BEV_BLOCK;
     status = limits_of_block(vehicle, count, &soc[from], &temperature_c[from],
                                  &variance_w2[from], &least_w[from], &most_w[from]);
   }

@@ -3,7 +3,6 @@
 #include "bev_preheat_core/core.h"
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "limits_of_run.h"
 #include "parts_of_plans.h"
 #include "steps_of_model.h"
 

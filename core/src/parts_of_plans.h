@@ -1,23 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs and searches, the parts of plans. Arguments, memory and statuses are as in core.h. */
+/* Runs, searches, and checks of runs, the parts of plans. Arguments, memory and statuses are as in core.h. */
 #ifndef BEV_PREHEAT_CORE_PARTS_OF_PLANS_H_
 #define BEV_PREHEAT_CORE_PARTS_OF_PLANS_H_
 
 #include "bev_preheat_core/core.h"
-
-/*
- * Heating in a run within limits: each step that begins colder than `below_c` [deg C] is heated with its `power_w`
- * [W]. Arrays over the steps.
- */
-typedef struct {
-  /* Regeneration beyond the charge limit goes to the heater first, then to the brake. */
-  int32_t takes_surplus;
-  double below_c;
-  const double *power_w;
-  /* Steps in which the charge limit, and the discharge limit, may be active: not 0. */
-  const uint8_t *may_overcharge;
-  const uint8_t *may_overdraw;
-} bev_heating;
 
 /*
  * Heater and coolant in the steps of a run: `heat_w` is two arrays of `steps` values, one after the other, the
@@ -35,35 +21,6 @@ bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, con
                              const double *idle_temperature_c, double *instant_s);
 
 /*
- * A run within the battery's limits, from step `first` on; heat arrives at once.
- *
- * soc[first] and temperature_c[first] are the start; the states after it are written, and the powers of heater and
- * friction brake in each step [W]. If the status is BEV_EMPTY, the charge runs out in step `empty_step`, whose
- * powers are the last that are written.
- */
-bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const bev_heating *heating, int32_t first, double *soc,
-                                 double *temperature_c, double *heater_w, double *brake_w,
-                                 int32_t *empty_step);
-
-/*
- * The same with the heat path: `states` as in bev_run_heated, `powers_w` four arrays of `steps` values, one after
- * the other: means of command, friction brake, heater power, and heat into the battery [W].
- */
-bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                        const bev_heating *heating, int32_t first, double *states,
-                                        double *powers_w, int32_t *empty_step);
-
-/*
- * The end of a run within limits whose charge runs out in the step of `stranding`. The share of the step that is
- * driven is written, and the states after it, at which the vehicle stands. `states` are two arrays of steps + 1
- * values, charge and temperature, `powers_w` two of `steps`, heater and friction brake; with a heat path both are as
- * in bev_run_heated_within_limits. They are given up to this step, with the step's intended powers.
- */
-bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
-                     double *powers_w, bev_stranding *stranding);
-
-/*
  * The switch-on instant [s] from which the heater takes all power that the cabin leaves, so that the battery
  * arrives at a target; heat arrives at once, limits are ignored. 0 if that is not enough.
  *
@@ -73,5 +30,50 @@ bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *s
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                            const double *idle_soc, const double *idle_c, double *soc,
                            double *temperature_c, double *heater_w, double *instant_s);
+
+/* Means over each step of a run: arrays of `steps` values; null if not requested. */
+typedef struct {
+  double *temperature_c;
+  double *joule_w;
+} bev_means;
+
+/* As bev_run, with the means of the steps from `first` on. */
+bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
+                              int32_t first, const double *heater_w, const double *brake_w,
+                              double *soc, double *temperature_c, bev_means means);
+
+/* As bev_run_heated from step `first` on; adds the energy from the cells [Wh] to `taken_wh` (null: not asked for). */
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
+                                      int32_t first, const double *command_w, double *states,
+                                      double *taken_wh);
+
+/* As bev_keep_accounts for a run whose means are known and which was never clipped at the hottest temperature. */
+bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip,
+                                 const bev_run_of_powers *run, bev_means means,
+                                 bev_energies *energies);
+
+/* The run to check, and its limits on the terminal power [W], which are written. */
+typedef struct {
+  const bev_vehicle *vehicle;
+  const bev_trip *trip;
+  const double *soc;
+  const double *temperature_c;
+  const double *heater_w;
+  double *least_w;
+  double *most_w;
+} bev_seen_run;
+
+/* BEV_OK if a run keeps all limits of the battery from step `first` on, BEV_LIMITED if not. */
+bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first);
+
+/* Write the least charge of a run whose limits are known, which of its steps are heated, and what for. */
+bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan);
+
+/*
+ * BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than those of a run that is heated from one instant on
+ * may save charge: bev_preheat.planning.one_interval.is_cheaper_elsewhere.
+ */
+bev_status bev_costs_least(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c, const double *heater_w);
 
 #endif /* BEV_PREHEAT_CORE_PARTS_OF_PLANS_H_ */

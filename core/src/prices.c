@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Cost of a kelvin on arrival in each step: bev_preheat.planning.one_interval. */
-#include "prices.h"
+#include "parts_of_plans.h"
 
 #include "bev_preheat_core_generated/constants.h"
 #include "slopes.h"
@@ -16,8 +16,6 @@ typedef struct {
   bev_charge_warmth warmth;
   bev_charge_warmth charge;
 } worths;
-
-static const worths ON_ARRIVAL = {{0.0, 1.0}, {1.0, 0.0}};
 
 /* Effect on arrival of a watt in step k. `worth`: value of charge and warmth after the step, then before it. */
 static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
@@ -43,7 +41,7 @@ static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip
 static bev_status find_most_saving(const bev_vehicle *vehicle, const bev_trip *trip,
                                    const double *soc, const double *temperature_c,
                                    const double *heater_w, double *saving) {
-  worths worth = ON_ARRIVAL;
+  worths worth = {{0.0, 1.0}, {1.0, 0.0}};
   double dearest_per_k = -INFINITY;
   *saving = 0.0;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {

@@ -8,7 +8,6 @@
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "means.h"
 #include "parts_of_plans.h"
 #include "steps_of_model.h"
 

@@ -6,7 +6,6 @@
 #define BEV_PREHEAT_CORE_SLOPES_H_
 
 #include "bev_preheat_core_generated/constants.h"
-#include "circuit.h"
 #include "steps_of_model.h"
 
 /* A number for the charge and one for the warmth: rates, slopes, or values on arrival. */

@@ -6,11 +6,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "checks.h"
-#include "limits_of_run.h"
-#include "means.h"
 #include "parts_of_plans.h"
-#include "prices.h"
-#include "step_limits.h"
 #include "steps_of_model.h"
 
 /* The constant inputs of the search for the instant, and the memory of each trial. */
@@ -168,6 +164,32 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   return BEV_OK;
 }
 
+/* The least and the most terminal power [W] that keep the limits at both ends of a step, start and end given. */
+static bev_status limits_of_step(const bev_vehicle *vehicle, const double soc[2],
+                                            const double temperature_c[2], double variance_w2,
+                                            double limits_w[2]) {
+  double end_w[2];
+  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[0], temperature_c[0], variance_w2, limits_w);
+  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[1], temperature_c[1], variance_w2, end_w);
+  if (!isfinite(limits_w[0]) || !isfinite(limits_w[1]) || !isfinite(end_w[0])
+      || !isfinite(end_w[1])) {
+    return BEV_NOT_FINITE;
+  }
+  limits_w[0] = bev_maximum(limits_w[0], end_w[0]);
+  limits_w[1] = bev_minimum(limits_w[1], end_w[1]);
+  return BEV_OK;
+}
+
+/* The same for a battery BEV_COLDER_BY_K colder, but not below the vehicle's range: a limit may matter there. */
+static bev_status limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
+                                                   const double temperature_c[2],
+                                                   double variance_w2, double limits_w[2]) {
+  const double colder_c[2] = {
+      bev_maximum(temperature_c[0] - BEV_COLDER_BY_K, vehicle->lowest_c),
+      bev_maximum(temperature_c[1] - BEV_COLDER_BY_K, vehicle->lowest_c)};
+  return limits_of_step(vehicle, soc, colder_c, variance_w2, limits_w);
+}
+
 /* The reason for a heating interval: the first thing after it that a colder battery would not allow. */
 static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
@@ -175,7 +197,7 @@ static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   for (int32_t k = plan->end_heated; k < trip->steps; k++) {
     double limits_w[2];
     const bev_status status =
-        bev_limits_of_colder_step(run->vehicle, &run->soc[k], &run->temperature_c[k],
+        limits_of_colder_step(run->vehicle, &run->soc[k], &run->temperature_c[k],
                                   trip->power_variance_w2[k], limits_w);
     if (status != BEV_OK) {
       return status;

@@ -6,7 +6,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "checks.h"
-#include "means.h"
+#include "limited_run.h"
 #include "parts_of_plans.h"
 #include "steps_of_model.h"
 
@@ -40,14 +40,6 @@ typedef struct {
   double taken_wh;
   double on_s;
 } pair;
-
-static double heat_lag_s(const bev_vehicle *vehicle) {
-  const double coolant_j_per_k = vehicle->coolant_heat_capacity_j_per_k;
-  return vehicle->heater_lag_s
-      + (coolant_j_per_k > 0.0 ? (1.0 - vehicle->shell_share)
-                 * (coolant_j_per_k / vehicle->coolant_conductance_w_per_k)
-                               : 0.0);
-}
 
 /* The run heated from an instant on until `off_s`; its excess over the target on arrival. */
 static bev_status heat_from(void *searched, double on_s, double *above_k) {
@@ -241,7 +233,7 @@ static bev_status find_switches(two_switch_search *of, double *on_s, double *off
     return BEV_OK;
   }
   const double earliest_s =
-      bev_maximum(0.0, of->arrival_s - BEV_MOST_LAGS * heat_lag_s(of->vehicle));
+      bev_maximum(0.0, of->arrival_s - BEV_MOST_LAGS * bev_heat_lag_s(of->vehicle));
   pair best;
   status = find_least(of, earliest_s, of->arrival_s, &best);
   if (status != BEV_OK) {

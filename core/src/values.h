@@ -9,7 +9,7 @@
 
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "limited_step.h"
+#include "limited_run.h"
 
 /* The ends of a step: heater off, with the surplus, at full power. */
 #define MOST_ENDS 3

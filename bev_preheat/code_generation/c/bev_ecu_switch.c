@@ -6,7 +6,6 @@
 #include <stddef.h>
 
 #include "limited_run.h"
-#include "limits_of_run.h"
 #include "parts_of_plans.h"
 
 bev_ecu_room bev_ecu_room_in(double *memory, int32_t steps, int32_t rows) {

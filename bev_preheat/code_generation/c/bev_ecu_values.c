@@ -10,9 +10,7 @@
 
 #include "bev_preheat_core_generated/constants.h"
 #include "limited_run.h"
-#include "limits_of_run.h"
 #include "parts_of_plans.h"
-#include "prices.h"
 
 /* A heat path or not, runs have four rows here. */
 #define ROWS 4
@@ -34,22 +32,12 @@ typedef struct {
 static bev_status drive(const bev_vehicle *vehicle, const bev_trip *trip,
                         const bev_ecu_situation *situation, const values_room *room,
                         int32_t takes_surplus) {
-  const int32_t steps = trip->steps;
-  double *const states = room->interval.states;
-  const bev_heating heating = {takes_surplus, HUGE_VAL, room->interval.command_w, room->flags,
-                               &room->flags[steps]};
-  int32_t empty_step = -1;
-  for (int32_t k = 0; k < steps; k++) {
-    room->flags[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
-    room->flags[steps + k] = 1u;
-  }
-  bev_ecu_start(vehicle, trip, situation, states);
-  const bev_status status = bev_is_direct(vehicle) != 0
-      ? bev_run_within_limits(vehicle, trip, &heating, 0, states, &states[steps + 1],
-                              room->powers_w, &room->powers_w[steps], &empty_step)
-      : bev_run_heated_within_limits(vehicle, trip, &heating, 0, states, room->powers_w,
-                                     &empty_step);
-  return status == BEV_EMPTY ? BEV_LIMITED : status;
+  bev_stranding stranding;
+  bev_ecu_start(vehicle, trip, situation, room->interval.states);
+  const bev_status status =
+      bev_drive_as_planned(vehicle, trip, room->interval.command_w, HUGE_VAL, takes_surplus,
+                           room->interval.states, room->powers_w, room->flags, &stranding);
+  return status == BEV_OK && stranding.step >= 0 ? BEV_LIMITED : status;
 }
 
 /* The worst power deficit of a driven run [W]; 0 if it is rounding. */
