@@ -18,8 +18,7 @@ import sys
 from textwrap import fill
 
 from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS, written_out
-from bev_preheat.native.core_constants import constant_lines, constants
-from bev_preheat.native.headers import read_headers
+from bev_preheat.native.interface import constant_lines, constants, read_headers
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import model
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage

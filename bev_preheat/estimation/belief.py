@@ -56,10 +56,10 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.native.belief_structs import belief_terms
 from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
 from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import operation
+from bev_preheat.native.structs import belief_terms
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.numerics.arrays import frozen
 from bev_preheat.numerics.truncated_normal import truncated_moments
@@ -87,7 +87,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.estimation.prior import Lags
-    from bev_preheat.native.belief_structs import BeliefTermsStruct
+    from bev_preheat.native.structs import BeliefTermsStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs

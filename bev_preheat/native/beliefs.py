@@ -13,8 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.belief_structs import (
+from bev_preheat.native.library import call, core, Declined
+from bev_preheat.native.structs import (
+    address_of,
     BeliefStruct,
+    DOUBLE_BYTES,
+    doubles,
     DRIVE_COLUMNS,
     ELEMENTS,
     ExpectedDriveStruct,
@@ -22,14 +26,11 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
-from bev_preheat.native.library import call, core, Declined
-from bev_preheat.native.structs import address_of, DOUBLE_BYTES, doubles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.native.belief_structs import BeliefTermsStruct
-    from bev_preheat.native.structs import NativeVehicle
+    from bev_preheat.native.structs import BeliefTermsStruct, NativeVehicle
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Leakage
     from bev_preheat.vehicle.uncertain_car import DriveInputs

@@ -17,19 +17,16 @@ from functools import lru_cache, wraps
 import os
 from typing import Any, ParamSpec, TypeVar
 
-from bev_preheat.native.belief_structs import (
+from bev_preheat.native.interface import constants, fields_of, Interface
+from bev_preheat.native.structs import (
     BeliefStruct,
     BeliefTermsStruct,
+    CurveStruct,
     DriveStruct,
+    EnergiesStruct,
     ExpectedDriveStruct,
     PassedStruct,
     ReadingStruct,
-)
-from bev_preheat.native.core_constants import constants
-from bev_preheat.native.interface import fields_of, Interface
-from bev_preheat.native.structs import (
-    CurveStruct,
-    EnergiesStruct,
     ROOMS,
     RunOfPowersStruct,
     StrandingStruct,

@@ -11,8 +11,7 @@ import subprocess
 import pytest
 
 from bev_preheat.code_generation.ecu_constants import vehicle_source
-from bev_preheat.code_generation.ecu_export import Export
-from bev_preheat.code_generation.ecu_sources import own_sources
+from bev_preheat.code_generation.ecu_export import Export, own_sources
 from bev_preheat.code_generation.ecu_vectors import (
     Answer,
     BAD_INPUT,

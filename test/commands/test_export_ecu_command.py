@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from bev_preheat.code_generation import ecu_export as export
-from bev_preheat.code_generation import ecu_sources as sources
 from bev_preheat.files.configuration import configuration_folder
 
 
@@ -66,21 +65,21 @@ def test_what_is_not_allowed_is_told_in_one_line(refused, option, value, message
 
 
 def test_missing_sources_of_the_core_are_told(refused, monkeypatch, tmp_path):
-    monkeypatch.setattr(sources, '_CHECKOUT', tmp_path)
-    monkeypatch.setattr(sources, 'installed_prefix', lambda name: None)
+    monkeypatch.setattr(export, '_CHECKOUT', tmp_path)
+    monkeypatch.setattr(export, 'installed_prefix', lambda name: None)
     assert refused('--vehicle', 'reference', '--output', 'out') == (
         'preheat: error: the sources of bev_preheat_core are missing: the package is not installed; build '
         'it from a checkout: colcon build --base-paths . core msg_defs')
     # An export built from other sources.
-    monkeypatch.setattr(sources, 'installed_prefix', lambda name: tmp_path)
+    monkeypatch.setattr(export, 'installed_prefix', lambda name: tmp_path)
     assert 'the source of bev_preheat_core cannot be read' in refused(
         '--vehicle', 'reference', '--output', 'out')
 
 
 def test_an_installed_core_has_the_sources_of_the_checkout(monkeypatch, tmp_path):
-    expected = sources.core_sources()
-    monkeypatch.setattr(sources, '_CHECKOUT', tmp_path)
-    assert sources.core_sources() == expected
+    expected = export.core_sources()
+    monkeypatch.setattr(export, '_CHECKOUT', tmp_path)
+    assert export.core_sources() == expected
 
 
 def test_a_seed_without_a_plan_is_told(said, monkeypatch):

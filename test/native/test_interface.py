@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from bev_preheat.native import belief_structs, calls, library, structs
-from bev_preheat.native.core_constants import constants
-from bev_preheat.native.headers import COMMENT, FILES, INCLUDE, Macros, read_headers, read_macros
+from bev_preheat.native import calls, library, structs
+from bev_preheat.native.interface import COMMENT, constants, FILES, INCLUDE, Macros, read_headers, read_macros
 from bev_preheat.native.library import bindings, core
 
 HEADERS, BINDINGS = read_headers(), bindings()
@@ -16,8 +15,8 @@ NUMBERS = {
     'BEV_CURVE_PARAMETERS': structs.PARAMETERS, 'BEV_VALUE_POINTS': structs.VALUE_POINTS,
     'BEV_VALUE_KEPT_EVERY': structs.VALUE_KEPT_EVERY,
     'BEV_MOST_STEPS': structs.MOST_STEPS,
-    'BEV_ELEMENTS': belief_structs.ELEMENTS, 'BEV_BOUNDED': belief_structs.BOUNDED,
-    'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS,
+    'BEV_ELEMENTS': structs.ELEMENTS, 'BEV_BOUNDED': structs.BOUNDED,
+    'BEV_MOST_HEATERS': structs.MOST_HEATERS,
     'BEV_OK': library.OK, 'BEV_SATURATED': library.SATURATED,
     'BEV_EMPTY': library.EMPTY, 'BEV_NO_CROSSING': library.NO_CROSSING, 'BEV_LIMITED': library.LIMITED,
     'BEV_CHEAPER_ELSEWHERE': library.CHEAPER_ELSEWHERE,
