@@ -2,11 +2,12 @@
 """
 A car on CAN that plays itself: battery and heater by physics of its own, frames packed bit by bit.
 
-It shares no code with the project. Both adapters are on one bus: each hears every frame of the car, and the frames
-of either reach the heater.
+Its frames share no code with the project. Both adapters are on one bus: each hears every frame of the car, and the
+frames of either reach the heater.
 """
 
 import math
+from pathlib import Path
 import threading
 import time
 
@@ -22,10 +23,22 @@ from example_frames import (
 )
 from slcan_port import SlcanPort
 
+from bev_preheat.files.configuration import find_configuration
+
 PERIOD_S = 0.1
 # The heater's own timeout: without a new frame it is off.
 HEATER_TIMEOUT_S = 0.5
 HEATER_EFFICIENCY, LEAKAGE_W_PER_K, VOLTAGE_V, RESISTANCE_OHM = 0.87, 20.0, 400.0, 0.1
+
+
+def can_map(folder, adapter):
+    """Return the example's signal map with an adapter (slcan) in place of can0."""
+    shipped = find_configuration('signals', 'example_car', '.yaml')
+    text = shipped.read_text().replace('dbc: example_car.dbc', f'dbc: {shipped.with_name("example_car.dbc")}')
+    path = folder / f'map_of_{Path(adapter).name}.yaml'
+    path.write_text(text.replace('{interface: socketcan, channel: can0}',
+                                 f'{{interface: slcan, channel: {adapter}, bitrate: 500000}}'))
+    return path
 
 
 class CanCar:
@@ -38,7 +51,7 @@ class CanCar:
         self._heat_capacity_j_per_k, self._ambient_c, self._load_w = heat_capacity_j_per_k, ambient_c, load_w
         self._heat_lag_s, self._arriving_w = heat_lag_s, 0.0
         self.power_w, self.refusal, self.heated = 0.0, 0, []
-        self.commanded_w, self._heard_s, self._counts, self._current_a = 0.0, -math.inf, {}, 0.0
+        self.commanded_w, self._heard_s, self._counts, self.current_a = 0.0, -math.inf, {}, 0.0
         self._looked_at = [0] * adapters
         self.bad_frames = 0
         # Whether its temperature and charge stay.
@@ -62,6 +75,15 @@ class CanCar:
         """Return (instant, power [W]) of the steps since an instant."""
         return [(at_s, power_w) for at_s, power_w in list(self.heated) if at_s >= instant_s]
 
+    def wait_for_power(self, power_w):
+        """Return the instant of the next frame with a power."""
+        return self.ports[0].wait_for(
+            lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w)[0]
+
+    def commands(self):
+        """Return the commands so far, as read_command reads them."""
+        return [read_command(data) for _, identifier, data in list(self.ports[0].frames) if identifier == COMMAND]
+
     def _play(self):
         count, before_s = 0, time.monotonic()
         while not self._ended.wait(PERIOD_S):
@@ -78,10 +100,11 @@ class CanCar:
     def _say_battery(self, count):
         count = 7 if self.attack == 'stuck counter' else count
         wrong = 1 if self.attack == 'wrong checksum' else 0
-        frames = [(STATUS, status_frame(self.soc, VOLTAGE_V, self._current_a, count % 16))]
+        frames = [(STATUS, status_frame(self.soc, VOLTAGE_V, self.current_a, count % 16))]
         if count % 5 == 0 or self.attack:
             of_message = count if self.attack else count // 5
-            frames.append((TEMPERATURES, temperature_frame(self.temperature_c, of_message % 16)))
+            frames.append((TEMPERATURES, temperature_frame(
+                self.temperature_c, of_message % 16, self.temperature_c - 1.5, self.temperature_c + 1.5)))
         for identifier, data in frames:
             if identifier not in self.lost:
                 self._say(identifier, data[:-1] + bytes([data[-1] ^ wrong]))
@@ -108,10 +131,10 @@ class CanCar:
         self.power_w = 0.0 if is_silent or self.refusal else self.commanded_w
 
     def _pass(self, elapsed_s):
-        self._current_a = (self._load_w + self.power_w) / VOLTAGE_V
+        self.current_a = (self._load_w + self.power_w) / VOLTAGE_V
         follows = 1.0 if self._heat_lag_s == 0.0 else 1.0 - math.exp(-elapsed_s / self._heat_lag_s)
         self._arriving_w += follows * (HEATER_EFFICIENCY * self.power_w - self._arriving_w)
-        heat_w = (RESISTANCE_OHM * self._current_a**2 + self._arriving_w
+        heat_w = (RESISTANCE_OHM * self.current_a**2 + self._arriving_w
                   - LEAKAGE_W_PER_K * (self.temperature_c - self._ambient_c))
         self.temperature_c += heat_w * elapsed_s / self._heat_capacity_j_per_k
-        self.soc -= self._current_a * elapsed_s / 3600.0 / 200.0
+        self.soc -= self.current_a * elapsed_s / 3600.0 / 200.0

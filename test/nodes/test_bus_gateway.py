@@ -2,19 +2,11 @@
 """`bus_gateway` between a car on a CAN adapter and DDS: the battery one way, the heater's command the other."""
 
 import math
-from pathlib import Path
 import time
 
-from can_car import CanCar
+from can_car import can_map, CanCar, VOLTAGE_V
 from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import (
-    COMMAND,
-    heater_frame,
-    HEATER_STATUS,
-    read_command,
-    STATUS,
-    status_frame,
-    temperature_frame,
     TEMPERATURES,
 )
 from node_bench import poll_until, repeating
@@ -22,48 +14,15 @@ import numpy as np
 import pytest
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
-from slcan_port import SlcanPort
 
 from bev_preheat_msgs.msg import HvchCommand
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial')]
-SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
-LEASE_S = 1.5
+
+LEASE_S, CURRENT_A = 1.5, 50.0
 # GenMsgCycleTime of the heater's frame in example_car.dbc.
 FRAME_PERIOD_S = 0.1
-
-
-class Car:
-    """Sends its battery each 0.1 s and 0.5 s, and reads the heater's frames."""
-
-    def __init__(self):
-        self.port = SlcanPort()
-        self._count, self.refusal = 0, 0
-
-    def step(self):
-        self._count += 1
-        self.port.send(STATUS, status_frame(0.55, 360.0, 50.0, self._count % 16))
-        self.port.send(HEATER_STATUS, heater_frame(0.0, self._count % 16, self.refusal))
-        if self._count % 5 == 0:
-            self.port.send(TEMPERATURES, temperature_frame(-8.2, self._count // 5 % 16, -9.5, -7.0))
-
-    def wait_for_power(self, power_w):
-        """Return the instant of the next frame with a power."""
-        return self.port.wait_for(
-            lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w)[0]
-
-    def commands(self):
-        return [read_command(data) for _, identifier, data in list(self.port.frames) if identifier == COMMAND]
-
-
-def write_map(folder, port):
-    text = (SIGNALS / 'example_car.yaml').read_text()
-    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
-    file = folder / 'car.yaml'
-    file.write_text(text.replace('{interface: socketcan, channel: can0}',
-                                 f'{{interface: slcan, channel: {port.path}, bitrate: 500000}}'))
-    return file
 
 
 def command(power_w, lease_s=LEASE_S):
@@ -76,58 +35,58 @@ def command(power_w, lease_s=LEASE_S):
 
 def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
         start_executable, record, publisher, tmp_path):
-    car = Car()
+    car = CanCar(-8.2, 150e3, -7.0, 0.0, 0.0, 1)
+    car.rests, car.current_a = True, CURRENT_A
     states, diagnostics = record(BatteryState, 'battery_state', 10), record(DiagnosticArray, '/diagnostics', 10)
-    process = start_executable('bus_gateway', '-p', f'signals:={write_map(tmp_path, car.port)}', '-p',
+    process = start_executable('bus_gateway', '-p', f'signals:={can_map(tmp_path, car.ports[0].path)}', '-p',
                                'battery_state_period:=0.1')
     try:
-        with repeating(car.step, 0.1):
-            state = states.wait_for(lambda state: state.cell_temperature)
-            assert (state.temperature, state.percentage, state.voltage) == pytest.approx((-8.2, 0.55, 360.0))
-            # sensor_msgs: negative while it is discharged.
-            assert state.current == pytest.approx(-50.0)
-            assert list(state.cell_temperature) == pytest.approx([-9.5, -7.0])
+        state = states.wait_for(lambda state: state.cell_temperature)
+        assert (state.temperature, state.percentage, state.voltage) == pytest.approx((-8.2, 0.8, VOLTAGE_V))
+        # sensor_msgs: negative while it is discharged.
+        assert state.current == pytest.approx(-CURRENT_A)
+        assert list(state.cell_temperature) == pytest.approx([-9.7, -6.7])
 
-            commands = publisher(HvchCommand, 'hvch_command', 1)
-            commands.wait_for_subscription()
-            assert {power_w for power_w, *_ in car.commands()} == {0.0}
-            with repeating(lambda: commands.publish(command(3456.0)), 0.1):
-                # In steps of 10 W, rounded down.
-                car.wait_for_power(3450.0)
-                commands_before = len(car.commands())
-                poll_until(lambda: len(car.commands()) >= commands_before + 5, 'frames')
-                heated = car.commands()[commands_before:]
-            stopped = len(car.commands())
-            assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+        commands = publisher(HvchCommand, 'hvch_command', 1)
+        commands.wait_for_subscription()
+        assert {power_w for power_w, *_ in car.commands()} == {0.0}
+        with repeating(lambda: commands.publish(command(3456.0)), 0.1):
+            # In steps of 10 W, rounded down.
+            car.wait_for_power(3450.0)
+            commands_before = len(car.commands())
+            poll_until(lambda: len(car.commands()) >= commands_before + 5, 'frames')
+            heated = car.commands()[commands_before:]
+        stopped = len(car.commands())
+        assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+        car.wait_for_power(0.0)
+        # In frames, because a busy computer sends no more of them: 15 in a lease, and one at its start.
+        after = [power_w for power_w, *_ in car.commands()[stopped:]]
+        assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
+
+        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+            car.wait_for_power(2000.0)
+        commands.publish(command(math.nan))
+        car.wait_for_power(0.0)
+        diagnostics.wait_for(lambda array: any(
+            status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
+            for status in array.status))
+
+        # After doubt the heater stays off for a while, so one valid command is not enough.
+        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+            car.wait_for_power(2000.0)
+            second = publisher(HvchCommand, 'hvch_command', 1)
+            second.wait_for_subscription()
+            second.publish(command(1000.0))
             car.wait_for_power(0.0)
-            # In frames, because a busy computer sends no more of them: 15 in a lease, and one at its start.
-            after = [power_w for power_w, *_ in car.commands()[stopped:]]
-            assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
+            second.destroy()
+            car.wait_for_power(2000.0)
 
-            with repeating(lambda: commands.publish(command(2000.0)), 0.1):
-                car.wait_for_power(2000.0)
-            commands.publish(command(math.nan))
+            # The heater's own answer: 3 is "no_flow".
+            car.refusal = 3
             car.wait_for_power(0.0)
-            diagnostics.wait_for(lambda array: any(
-                status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
-                for status in array.status))
-
-            # After doubt the heater stays off for a while, so one valid command is not enough.
-            with repeating(lambda: commands.publish(command(2000.0)), 0.1):
-                car.wait_for_power(2000.0)
-                second = publisher(HvchCommand, 'hvch_command', 1)
-                second.wait_for_subscription()
-                second.publish(command(1000.0))
-                car.wait_for_power(0.0)
-                second.destroy()
-                car.wait_for_power(2000.0)
-
-                # The heater's own answer: 3 is "no_flow".
-                car.refusal = 3
-                car.wait_for_power(0.0)
-                diagnostics.wait_for(lambda array: any('no_flow' in status.message for status in array.status))
-                car.refusal = 0
-                car.wait_for_power(2000.0)
+            diagnostics.wait_for(lambda array: any('no_flow' in status.message for status in array.status))
+            car.refusal = 0
+            car.wait_for_power(2000.0)
         process.end()
         frames = car.commands()
         assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
@@ -135,7 +94,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
         assert all((after[2] - before[2]) % 16 == 1 for before, after in zip(frames, frames[1:]))
     finally:
         process.end()
-        car.port.close()
+        car.close()
 
 
 # The map's readings hold for 2 s, and the temperatures come every 0.5 s.
@@ -150,7 +109,7 @@ def test_a_drive_at_a_steady_rate_without_a_value_that_has_expired(start_executa
     """The ECU of the temperatures stops for an eighth of the drive, in the middle of it."""
     car = CanCar(5.0, 150e3, -7.0, 12e3, 0.0, 1)
     states = record(BatteryState, 'battery_state', 100)
-    start_executable('bus_gateway', '-p', f'signals:={write_map(tmp_path, car.ports[0])}', '-p',
+    start_executable('bus_gateway', '-p', f'signals:={can_map(tmp_path, car.ports[0].path)}', '-p',
                      f'battery_state_period:={DRIVE_PERIOD_S}')
     try:
         states.wait_for(what='a battery')

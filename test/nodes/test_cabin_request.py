@@ -9,12 +9,12 @@ installed ones, and no message of ROS is written by hand.
 from itertools import groupby
 import signal
 
-from can_car import CanCar
+from can_car import can_map, CanCar
 from example_frames import COMMAND
 from node_bench import poll_until, repeating
 import pytest
 from std_msgs.msg import Float64
-from test_whole_car import can_map, small_battery
+from test_whole_car import small_battery
 
 from bev_preheat.files.configuration import find_configuration
 
@@ -76,7 +76,7 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
                '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
     first = start_executable(*planner)
     start_executable('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
-                     f'signals:={can_map(tmp_path, car.ports[0])}')
+                     f'signals:={can_map(tmp_path, car.ports[0].path)}')
     speeds = record(Float64, 'vehicle_speed', 1)
     broker.wait_for(IS_ACTIVE, False)
     poll_until(broker.has_provider, 'the actuators are served')

@@ -4,8 +4,8 @@
 import math
 
 from builtin_interfaces.msg import Time
+from planner_car import LATCHED
 import pytest
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.chargers import Candidate, rank_chargers, ranking_verdict
@@ -17,7 +17,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RoutePlan
 from bev_preheat_msgs.srv import RankChargers
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 VEHICLE = load_vehicle('reference')
 START_S, SPEED_MPS, SEGMENTS, SEGMENT_S = 1000, 25.0, 40, 60.0
 TEMPERATURE_C, SOC, END_SOC = -6.0, 0.375, 0.5

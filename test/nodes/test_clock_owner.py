@@ -6,9 +6,10 @@ import signal
 from statistics import median
 
 from builtin_interfaces.msg import Time
+from planner_car import LATCHED
 import pytest
 from rclpy.node import NodeNameNonExistentError
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
@@ -16,7 +17,6 @@ from bev_preheat.messages.fields import nanoseconds
 from bev_preheat_msgs.msg import RoutePlan
 
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1_000_000
 
 

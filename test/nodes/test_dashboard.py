@@ -11,8 +11,8 @@ import time
 from urllib.request import Request, urlopen
 
 from node_bench import poll_until, repeating
+from planner_car import LATCHED
 import pytest
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from tornado.httpclient import HTTPRequest
@@ -27,7 +27,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LIMIT_S = 120.0
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 EVIL = '<img src=x onerror=alert(1)></script>"\''
 
 

@@ -5,6 +5,7 @@ import math
 import signal
 from types import SimpleNamespace
 
+from can_car import can_map
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import repeating
 import pytest
@@ -214,10 +215,8 @@ def gated_car(tmp_path):
 @pytest.mark.needs('serial')
 @pytest.mark.needs('crccheck')
 def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, tmp_path):
-    signals = find_configuration('signals', 'example_car', '.yaml')
-    path, adapter = tmp_path / 'car.yaml', tmp_path / 'no_adapter'
-    text = signals.read_text().replace('dbc: example_car.dbc', f'dbc: {signals.with_name("example_car.dbc")}')
-    path.write_text(text.replace('interface: socketcan, channel: can0', f'interface: slcan, channel: {adapter}'))
+    adapter = tmp_path / 'no_adapter'
+    path = can_map(tmp_path, adapter)
     process = rehearsal.start('heater_controller', '-p', f'signals:={path}')
     rehearsal.wait_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
 

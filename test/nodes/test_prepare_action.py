@@ -16,12 +16,11 @@ from types import SimpleNamespace
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from node_bench import poll_until, repeating
+from node_bench import poll_until
+from planner_car import heats, PlannerCar
 import pytest
 from rclpy.action import ActionClient
 from rich.console import Console
-from sensor_msgs.msg import BatteryState
 from spinning import take_down
 import yaml
 
@@ -34,7 +33,6 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.prepare_battery import preparation_goal_of
 from bev_preheat.monitoring import preparation
@@ -49,7 +47,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.action import PrepareBattery
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from bev_preheat_msgs.msg import HvchCommand
 
 # config/vehicles/reference.yaml: 7 kW, less 1978 W for the cabin.
 FULL_POWER_W = 5022.0
@@ -81,13 +79,8 @@ def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
 def test_an_instant_is_read_to_the_nanosecond():
     preparation_goal = preparation_goal_of(
         PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
-    assert (
-        preparation_goal.ready_at_ns,
-        preparation_goal.is_soonest,
-        preparation_goal.is_plugged_in) == (
-        1_700_000_000_007,
-        False,
-        True)
+    assert (preparation_goal.ready_at_ns, preparation_goal.is_soonest, preparation_goal.is_plugged_in) == (
+        1_700_000_000_007, False, True)
 
 
 @pytest.mark.parametrize('fields, sentence', [
@@ -245,34 +238,31 @@ def test_a_goal_of_which_nothing_is_heard_may_be_pursued_all_the_same(client_of)
 # Over DDS
 
 
-class Driver:
+class Driver(PlannerCar):
     """A client of the installed planner's action, a battery, and the planner's messages."""
 
     def __init__(self, bench):
-        self.bench = bench
-        self.commands = bench.record(HvchCommand, 'car/hvch_command')
-        self.plans = bench.record(PreheatPlan, 'car/preheat_plan')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self.states = bench.publisher(BatteryState, 'car/battery_state')
+        super().__init__(bench, '/car')
         self.client = ActionClient(bench.node, PrepareBattery, 'car/planner/prepare_battery')
-        self.process = None
         self.feedback = []
 
-    def start(self):
+    def begin(self):
         """Start a planner, and wait until it takes goals."""
-        self.process = self.bench.start(
-            'planner', '-r', '__ns:=/car', '-p', 'command_period:=0.2', '-p', 'command_lease:=0.6',
-            '-p', 'battery_state_timeout:=60.0')
+        self.diagnostics.clear()
+        self.start('-r', '__ns:=/car', '-p', 'command_period:=0.2', '-p', 'command_lease:=0.6',
+                   '-p', 'battery_state_timeout:=60.0')
         poll_until(self.client.server_is_ready, 'the action')
         # The first goal may come before the battery's first state.
-        poll_until(lambda: 'temperature was heard' if any(
-            value.key == 'battery temperature [degC]' for message in self.diagnostics.messages[-5:]
-            for status in message.status for value in status.values) else None, 'a battery state')
+        self.figure('battery temperature [degC]')
 
-    def feed(self):
-        state = BatteryState(temperature=3.0, percentage=0.8)
-        state.header.stamp = time_message(self.bench.node.get_clock().now().nanoseconds)
-        self.states.publish(state)
+    def figure(self, key):
+        """Return a figure of the planner's diagnostics."""
+        def found(array):
+            return next((item.value for entry in array.status for item in entry.values if item.key == key), None)
+        return found(self.diagnostics.wait_for(found, key))
+
+    def state(self, age_s=0.0, **fields):
+        return super().state(age_s, temperature=3.0, **fields)
 
     def send(self, **fields):
         """Send a goal; return its handle and the future of its result."""
@@ -296,23 +286,27 @@ class Driver:
         poll_until(future.done, 'an answer', LIMIT_S)
         return future.result()
 
-    def heats(self):
+    def stays_off(self):
+        """See that the next commands are 0 W, after those that are under way."""
         self.commands.clear()
-        return self.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
+        off = self.commands.wait_for(lambda command: not heats(command), 'off')
+        self.commands.clear()
+        assert not any(map(heats, self.commands.wait_for_count(3)))
+        return off
 
 
 @pytest.fixture(scope='module')
 def driver(module_bench):
     driver = Driver(module_bench)
-    with repeating(driver.feed, 0.1):
-        driver.start()
+    with driver.feeding(period_s=0.1):
+        driver.begin()
         yield driver
         take_down(module_bench.node, driver.client.destroy)
 
 
 def test_a_goal_heats_tells_how_it_goes_and_is_cancelled(driver):
     handle, result = driver.send()
-    assert driver.heats().reason == int(Status.HEATING)
+    assert driver.wait_for_heat().reason == int(Status.HEATING)
     poll_until(lambda: driver.feedback, 'feedback')
     told = poll_until(lambda: next((one for one in driver.feedback if one.battery_heating_power > 0.0), None),
                       'feedback on heating')
@@ -320,20 +314,13 @@ def test_a_goal_heats_tells_how_it_goes_and_is_cancelled(driver):
     # 5022 W times 0.87 warm 378 kJ/K; the leakage comes on top.
     assert 17.0 / (5022.0 * 0.87 / 378e3) < told.time_left < 1.5 * 17.0 / (5022.0 * 0.87 / 378e3)
     driver.plans.wait_for(lambda plan: plan.route_id == '~/prepare_battery')
-    entry = poll_until(lambda: next(
-        (value.value for message in driver.diagnostics.messages[-5:] for status in message.status
-         for value in status.values if value.key == 'goal of prepare_battery'), None), 'the goal')
-    assert entry == 'as soon as possible'
+    assert driver.figure('goal of prepare_battery') == 'as soon as possible'
     assert handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-    driver.commands.clear()
     driver.done(handle.cancel_goal_async())
     answer = driver.done(result)
     assert (answer.status, answer.result.code) == (GoalStatus.STATUS_CANCELED, PrepareBattery.Result.CANCELED)
     assert answer.result.explanation == 'The goal was cancelled.' and not answer.result.reached
-    off = driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
-    assert off.reason == int(Status.NO_ROUTE)
-    driver.commands.clear()
-    assert not any(command.battery_heating_power for command in driver.commands.wait_for_count(3))
+    assert driver.stays_off().reason == int(Status.NO_ROUTE)
 
 
 def test_refused_replaced_and_reached_goals_get_their_results(driver):
@@ -344,7 +331,7 @@ def test_refused_replaced_and_reached_goals_get_their_results(driver):
     assert 'target battery temperature: 200 is not allowed' in answer.result.explanation
     _, unreadable = driver.send(ambient_temperature=inf)
     assert driver.done(unreadable).result.code == PrepareBattery.Result.REFUSED
-    assert not first.done() and driver.heats()
+    assert not first.done() and driver.wait_for_heat()
     _, reached = driver.send(target_battery_temperature=2.0)
     assert driver.done(first).result.code == PrepareBattery.Result.REPLACED
     answer = driver.done(reached)
@@ -374,26 +361,22 @@ def prepare(driver):
 
 def test_ctrl_c_cancels_the_goal_and_the_heater_is_off(driver, prepare):
     process = prepare('--target', '20', '--ambient', '-5', '--plugged-in')
-    assert driver.heats().battery_heating_power == FULL_POWER_W
+    assert driver.wait_for_heat().battery_heating_power == FULL_POWER_W
     assert process.stdout.readline().startswith('HEATING: battery ')
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, errors) == (
         130, 'preheat: interrupted; the goal is cancelled and its heating off\n')
-    # A command of before may still be on its way.
-    driver.commands.clear()
-    driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
-    driver.commands.clear()
-    assert not any(command.battery_heating_power for command in driver.commands.wait_for_count(3))
+    driver.stays_off()
 
 
 def test_a_goal_outlasts_its_client_and_anybody_can_cancel_it(driver, prepare):
     process = prepare('--target', '20', '--ambient', '-5')
-    driver.heats()
+    driver.wait_for_heat()
     process.kill()
     process.wait()
     driver.commands.clear()
-    assert all(command.battery_heating_power > 0.0 for command in driver.commands.wait_for_count(5))
+    assert all(map(heats, driver.commands.wait_for_count(5)))
     answer = driver.bench.call(
         CancelGoal, 'car/planner/prepare_battery/_action/cancel_goal', CancelGoal.Request())
     assert answer.return_code == CancelGoal.Response.ERROR_NONE
@@ -417,15 +400,14 @@ def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepar
 @pytest.mark.deep
 def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
     _, result = driver.send()
-    driver.heats()
+    driver.wait_for_heat()
     driver.process.send_signal(signal.SIGTERM)
     answer = driver.done(result)
     assert (answer.status, answer.result.code) == (
         GoalStatus.STATUS_ABORTED, PrepareBattery.Result.SHUTTING_DOWN)
     assert driver.process.wait() == 0 and 'Traceback' not in driver.process.output()
     driver.commands.clear()
-    driver.diagnostics.clear()
-    driver.start()
+    driver.begin()
     # The last command of the planner before may still be on its way.
     driver.commands.wait_for(lambda command: command.reason == int(Status.NO_ROUTE))
     driver.commands.clear()

@@ -7,10 +7,10 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from gps_drives import gpx, NS, on_earth, Road
 import numpy as np
+from planner_car import LATCHED
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from bev_preheat.errors import InvalidInput
@@ -19,7 +19,6 @@ from bev_preheat.messages.route_progress import fix_from_message
 from bev_preheat.nodes.route_publisher_node import PARAMETERS
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan, RouteProgress
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S, SPEED_MPS = 1_700_000_000, 15.0
 ROAD = Road.through([(0, 0), (6000, 0), (6000, 9000)])
 AMBIENT = ('-p', 'ambient_temperature:=-6.5')

@@ -2,8 +2,9 @@
 """Set-up errors around the installed nodes are described in the log and in the diagnostics."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from planner_car import LATCHED
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rehearsal import START_NS
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
@@ -12,7 +13,6 @@ from bev_preheat.messages.fields import time_message
 from bev_preheat.nodes.setup_watch import clock_hint
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DAY_NS = 86400 * 10**9
 WALL_NS = 1_795_000_000 * 10**9

@@ -8,10 +8,9 @@ import time
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
+from planner_car import LATCHED, set_parameters
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
@@ -24,7 +23,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 START_S = 1_700_000_000
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
 VEHICLE = load_vehicle('reference')
 
@@ -56,18 +54,6 @@ def start_simulator(rehearsal, route):
     def start_simulator(**parameters):
         return rehearsal.start('vehicle_simulator', *arguments_of(route, **parameters))
     return start_simulator
-
-
-@pytest.fixture
-def record(rehearsal):
-    """`record(message_type, topic, qos)` returns a Recorder."""
-    return rehearsal.record
-
-
-@pytest.fixture
-def publisher(rehearsal):
-    """`publisher(message_type, topic, qos)` returns a publisher."""
-    return rehearsal.publisher
 
 
 def seconds(stamp):
@@ -102,12 +88,8 @@ class Drive:
             target_battery_temperature=19.0, charging_planned='false', charger_power=150e3,
             charging_departure_soc=0.72))
 
-    def set_number(self, name, value):
-        request = SetParameters.Request(parameters=[Parameter(
-            name=name, value=ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=value))])
-        return self.bench.call(
-            SetParameters, '/vehicle_simulator/set_parameters', request).results[0]
+    def set(self, **values):
+        return set_parameters(self.bench, '/vehicle_simulator', **values)
 
 
 @pytest.fixture(scope='class')
@@ -134,13 +116,13 @@ class TestOnTheWay:
         assert (message.charger_power, message.charging_departure_soc) == (150e3, 0.72)
 
     def test_what_cannot_be_set_on_the_way_is_refused(self, drive):
-        assert 'out of range' in drive.set_number('speed_up', 0.5).reason
-        assert not drive.set_number('initial_soc', 0.5).successful
+        assert 'out of range' in drive.set(speed_up=0.5).reason
+        assert not drive.set(initial_soc=0.5).successful
 
     @pytest.mark.deep
     def test_clock_runs_no_faster_than_asked_for_also_on_the_way(self, drive):
         faster_s = time.monotonic()
-        assert drive.set_number('speed_up', 30.0).successful
+        assert drive.set(speed_up=30.0).successful
         # At the speed of the start that would take over a minute.
         drive.clock.wait_for(lambda message: seconds(message.clock) >= 75.0)
         real_s, simulated_s = np.array([(real_s, seconds(message.clock))
@@ -159,28 +141,30 @@ class TestOnTheWay:
         assert np.median(np.diff(stamps_s)) == pytest.approx(1.5, abs=0.51)
 
     def test_interrupt_ends_it_cleanly(self, drive):
-        assert_ends_cleanly(drive.process, signal.SIGINT)
+        drive.process.send_signal(signal.SIGINT)
+        assert drive.process.wait() == 0
+        assert 'Traceback' not in drive.process.output()
 
 
-def assert_ends_cleanly(simulator, number):
-    simulator.send_signal(number)
-    assert simulator.wait() == 0
-    assert 'Traceback' not in simulator.output()
+def leaves_target_to_planner(message):
+    return (message.charging_planned, message.has_target_battery_temperature,
+            message.target_battery_temperature) == (True, False, 0.0)
 
 
-def test_a_target_of_0_is_left_to_the_planner(record, start_simulator):
-    plans = record(RoutePlan, 'route_plan', LATCHED)
-    start_simulator(target_battery_temperature=0.0)
-    assert leaves_target_to_planner(plans.wait_for())
+@pytest.mark.parametrize('given', [{}, {'target_battery_temperature': 0.0}])
+def test_a_target_of_0_is_left_to_the_planner(rehearsal, start_simulator, given):
+    routes = rehearsal.record(RoutePlan, 'route_plan', LATCHED)
+    start_simulator(**given)
+    assert leaves_target_to_planner(routes.wait_for())
 
 
 def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat(
-        record, route, start_simulator):
-    states = record(BatteryState, 'battery_state', MANY)
-    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
+        rehearsal, route, start_simulator):
+    states = rehearsal.record(BatteryState, 'battery_state', MANY)
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 10)
     simulator = start_simulator(speed_up=100.0, wait_for_listeners=2, exit_on_arrival='true')
     assert {state.header.stamp.sec for state in states.wait_for_count(4)} == {START_S}
-    record(BatteryState, 'battery_state', MANY)
+    rehearsal.record(BatteryState, 'battery_state', MANY)
     outcome = outcome_at_the_end(diagnostics)
     assert outcome.state == ARRIVED
     assert outcome.energy_wh.hvch_electric == outcome.energy_wh.hvch_heat == 0.0
@@ -193,10 +177,10 @@ def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat
     assert simulator.wait() == 0
 
 
-def test_commands_that_are_renewed_heat_on_until_the_lease_ends(record, publisher, start_simulator):
-    states = record(BatteryState, 'battery_state', MANY)
-    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    commands = publisher(HvchCommand, 'hvch_command', 1)
+def test_commands_that_are_renewed_heat_on_until_the_lease_ends(rehearsal, start_simulator):
+    states = rehearsal.record(BatteryState, 'battery_state', MANY)
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 10)
+    commands = rehearsal.publisher(HvchCommand, 'hvch_command', 1)
     start_simulator(speed_up=60.0, wait_for_planner='true')
     commands.wait_for_subscription()
     # The clock is held, so the lease lasts from the very start.
@@ -219,11 +203,6 @@ def held(rehearsal, route):
     assert len(clock.messages) > 20 and {seconds(message.clock) for message in clock.messages} == {0.0}
 
 
-def leaves_target_to_planner(message):
-    return (message.charging_planned, message.has_target_battery_temperature,
-            message.target_battery_temperature) == (True, False, 0.0)
-
-
 def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
     message = held.record(BatteryState, 'battery_state', MANY).wait_for()
     assert message.header.stamp == Time(sec=START_S)
@@ -236,11 +215,6 @@ def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
     assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
     assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
     assert message.present
-
-
-def test_without_a_target_it_is_left_to_the_planner(held):
-    assert leaves_target_to_planner(
-        held.record(RoutePlan, 'route_plan', LATCHED).wait_for())
 
 
 @pytest.mark.parametrize('power_w, until_s, complaint', [
@@ -265,10 +239,10 @@ def test_it_is_held_until_the_planner_has_route_and_battery(rehearsal, start_sim
     clock.wait_for(lambda message: seconds(message.clock) > 0.0)
 
 
-def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, start_simulator):
-    diagnostics = record(DiagnosticArray, '/diagnostics', 10)
-    plans = record(RoutePlan, 'route_plan', LATCHED)
-    record(BatteryState, 'battery_state', MANY)
+def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(rehearsal, start_simulator):
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 10)
+    plans = rehearsal.record(RoutePlan, 'route_plan', LATCHED)
+    rehearsal.record(BatteryState, 'battery_state', MANY)
     simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
                                 target_battery_temperature='.nan', exit_on_arrival='true')
     # This is not a target.

@@ -10,11 +10,10 @@ test_heater_answers.py kills planner and heater in process.
 """
 
 from itertools import permutations
-from pathlib import Path
 import signal
 import time
 
-from can_car import CanCar, HEATER_TIMEOUT_S
+from can_car import can_map, CanCar, HEATER_TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from example_frames import COMMAND
 from node_bench import poll_until
@@ -29,7 +28,6 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial'), pytest.mark.deep]
-SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
 TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
 # The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state.
 LEASE_S, STATE_TIMEOUT_S = 1.5, 2.0
@@ -48,16 +46,6 @@ def small_battery(folder, heat_capacity_j_per_k):
     vehicle['drivetrain']['heat_recovery_efficiency'] = 0.0
     path = folder / 'small_battery.yaml'
     path.write_text(yaml.safe_dump(vehicle))
-    return path
-
-
-def can_map(folder, port):
-    """Return the example's signal map with a port as its adapter."""
-    text = (SIGNALS / 'example_car.yaml').read_text()
-    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
-    path = folder / f'map_of_{Path(port.path).name}.yaml'
-    path.write_text(text.replace('{interface: socketcan, channel: can0}',
-                                 f'{{interface: slcan, channel: {port.path}, bitrate: 500000}}'))
     return path
 
 
@@ -82,12 +70,12 @@ class Drive:
 
     def start(self, part):
         arguments = {
-            'bus_gateway': ('-p', f'signals:={can_map(self.folder, self.car.ports[0])}', '-p',
+            'bus_gateway': ('-p', f'signals:={can_map(self.folder, self.car.ports[0].path)}', '-p',
                             'battery_state_period:=0.2', '-p',
                             f'execute_commands:={str(not self.separate).lower()}'),
             'planner': ('-p', f'vehicle:={self.vehicle}', *PLANNER, *self._options),
             'heater_controller': ('-p', f'vehicle:={self.vehicle}', '-p',
-                                  f'signals:={can_map(self.folder, self.car.ports[-1])}', '-p',
+                                  f'signals:={can_map(self.folder, self.car.ports[-1].path)}', '-p',
                                   f'command_deadline:={LEASE_S}'),
             'route_publisher': ('-p', f'vehicle:={self.vehicle}', '-p', f'route:={self.route}', '-p',
                                 f'target_battery_temperature:={TARGET_C}')}[part]
