@@ -67,78 +67,6 @@ PROGRAM = NodeProgram(
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
 
-class HeaterControllerNode(ProgramNode):
-    """Wires gates, lifecycle and a steady timer to a HeaterExecution and the heater's output."""
-
-    def __init__(self, output: Output | None = None) -> None:
-        """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
-        super().__init__(PROGRAM)
-        values, vehicle = self.values, load_vehicle(self.values['vehicle'])
-        self.hardware, most_w = vehicle.name, vehicle.hvch.maximum_power_w
-        self._can = open_can_heater(values['signals'], most_w) if values['signals'] else None
-        self._bus_problem, self._is_active = '', not values['lifecycle']
-        self._execution = HeaterExecution(
-            self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
-                               vehicle.heating_gates.power_steps_w, values['longest_lease'],
-                               values['clock_tolerance']),
-            output or self._can or _without_heater, self._obstacle,
-            self.tell, _or_none(values['command_deadline']))
-        self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self.tell)
-        if values['lifecycle']:
-            self.manage(self._on_activation)
-        self.steady_timer(min(values['period'], math.inf if self._can is None else self._can.period_s),
-                          self._on_period)
-        self.watch(('hvch_command', *self._gate_inputs.topics), ('hvch_status',),
-                   single=('hvch_command', 'hvch_status'))
-        self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to {most_w:g} W.')
-
-    def _on_activation(self, is_active: bool) -> None:
-        self._is_active = is_active
-        self._execution.apply()
-
-    def _obstacle(self, now: Instant) -> Verdict:
-        """Return the Verdict of the car's own conditions."""
-        if not self._is_active:
-            return Verdict(Refusal.NOT_ACTIVE, NOT_ACTIVE)
-        if self._can is not None and (fault := self._can.obstacle(now)).sentence:
-            return fault
-        return self._gate_inputs.verdict(now)
-
-    def _on_period(self) -> None:
-        self._execution.apply()
-
-    def entries(self) -> list[DiagnosticStatus]:
-        """Return the entries on command and bus; log a new problem of the bus, also before the first command."""
-        entries = [self._execution.entry('command', self.hardware)]
-        if self._can is not None:
-            entries.append(self._can.entry(self.get_fully_qualified_name(), self.hardware))
-            problem = self._can.bus_problem
-            if problem and not self._bus_problem:
-                self.tell(problem)
-            self._bus_problem = problem
-        return entries
-
-    def last_words(self) -> None:
-        """Switch the heater off before the process ends, and say so."""
-        self._execution.end('the controller is shutting down')
-        if self._can is not None:
-            self._can.end()
-
-
-def _or_none(value: float) -> float | None:
-    """Return a parameter's value, None if it is unset (0 or NaN)."""
-    return value if value > 0.0 else None
-
-
-def _without_heater(power_w: float) -> None:
-    """Stand for the heater in the executable."""
-
-
-def main(output: Output | None = None) -> None:
-    """Run the controller until a signal ends it; see the module on `output`."""
-    sys.exit(run_node(lambda: HeaterControllerNode(output), PROGRAM))
-
-
 class GateInputs:
     """Subscribes to the inputs of the gates; `topics` are the names."""
 
@@ -190,3 +118,72 @@ class GateInputs:
                 return Verdict(Refusal.OTHER, 'no vehicle_speed, which heating_gates need')
             speed_mps = self._speed_mps
         return gates.verdict(soc, temperature_c, speed_mps)
+
+
+class HeaterControllerNode(ProgramNode):
+    """Wires gates, lifecycle and a steady timer to a HeaterExecution and the heater's output."""
+
+    def __init__(self, output: Output | None = None) -> None:
+        """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
+        super().__init__(PROGRAM)
+        values, vehicle = self.values, load_vehicle(self.values['vehicle'])
+        self.hardware, most_w = vehicle.name, vehicle.hvch.maximum_power_w
+        self._can = open_can_heater(values['signals'], most_w) if values['signals'] else None
+        self._bus_problem, self._is_active = '', not values['lifecycle']
+        self._execution = HeaterExecution(
+            self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
+                               vehicle.heating_gates.power_steps_w, values['longest_lease'],
+                               values['clock_tolerance']),
+            output or self._can or _without_heater, self._obstacle,
+            self.tell, _or_none(values['command_deadline']))
+        self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self.tell)
+        if values['lifecycle']:
+            self.manage(self._on_activation)
+        self.steady_timer(min(values['period'], math.inf if self._can is None else self._can.period_s),
+                          self._execution.apply)
+        self.watch(('hvch_command', *self._gate_inputs.topics), ('hvch_status',),
+                   single=('hvch_command', 'hvch_status'))
+        self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to {most_w:g} W.')
+
+    def _on_activation(self, is_active: bool) -> None:
+        self._is_active = is_active
+        self._execution.apply()
+
+    def _obstacle(self, now: Instant) -> Verdict:
+        """Return the Verdict of the car's own conditions."""
+        if not self._is_active:
+            return Verdict(Refusal.NOT_ACTIVE, NOT_ACTIVE)
+        if self._can is not None and (fault := self._can.obstacle(now)).sentence:
+            return fault
+        return self._gate_inputs.verdict(now)
+
+    def entries(self) -> list[DiagnosticStatus]:
+        """Return the entries on command and bus; log a new problem of the bus, also before the first command."""
+        entries = [self._execution.entry('command', self.hardware)]
+        if self._can is not None:
+            entries.append(self._can.entry(self.get_fully_qualified_name(), self.hardware))
+            problem = self._can.bus_problem
+            if problem and not self._bus_problem:
+                self.tell(problem)
+            self._bus_problem = problem
+        return entries
+
+    def last_words(self) -> None:
+        """Switch the heater off before the process ends, and say so."""
+        self._execution.end('the controller is shutting down')
+        if self._can is not None:
+            self._can.end()
+
+
+def _or_none(value: float) -> float | None:
+    """Return a parameter's value, None if it is unset (0 or NaN)."""
+    return value if value > 0.0 else None
+
+
+def _without_heater(power_w: float) -> None:
+    """Stand for the heater in the executable."""
+
+
+def main(output: Output | None = None) -> None:
+    """Run the controller until a signal ends it; see the module on `output`."""
+    sys.exit(run_node(lambda: HeaterControllerNode(output), PROGRAM))

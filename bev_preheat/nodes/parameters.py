@@ -16,6 +16,7 @@ from typing import Any, TYPE_CHECKING
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.parameter import Parameter as RosParameter
 
+from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 
 if TYPE_CHECKING:
@@ -123,6 +124,18 @@ class Parameter:
             return (f'{self.name}: {figure_beyond(value, low, high)}{unit} is not allowed; it must be '
                     f'{figure(low)} ... {figure(high)}{unit}')
         return None
+
+
+# What a route is driven for, in every node that reads one from a file.
+GOAL_PARAMETERS = (
+    Parameter('charging_planned', True, 'Whether the route ends at a fast charger.'),
+    Parameter('target_battery_temperature', 0.0, 'Requested battery temperature on arrival', 'degC', (-60.0, 60.0),
+              unset_means='left to the planner'),
+    Parameter('minimum_arrival_soc', 0.0, 'Requested minimum state of charge on arrival', '', (0.0, 1.0)),
+    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle', 'W', CHARGER_RANGE_W,
+              unset_means='not known'),
+    Parameter('charging_departure_soc', 0.0, 'State of charge on leaving it', '', (0.0, 1.0),
+              unset_means='not known'))
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:

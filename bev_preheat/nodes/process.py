@@ -112,11 +112,6 @@ def _indented(text: str) -> list[str]:
     return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
 
 
-def has_other_than_ros_arguments(arguments: Sequence[str]) -> bool:
-    """Return whether arguments (the program name first) include any outside of --ros-args, such as --help."""
-    return bool(_without_ros_arguments(arguments[1:]))
-
-
 def check_domain_id() -> None:
     """
     Raise InvalidInput if ROS_DOMAIN_ID is a number that no participant can have.
@@ -185,7 +180,7 @@ def join_graph(name: str) -> Node | None:
 
     Return the node for `run_node`, which destroys it; None if `run_node` has to report an error or print the help.
     """
-    if has_other_than_ros_arguments(sys.argv):
+    if _without_ros_arguments(sys.argv[1:]):
         return None
     try:
         _init()

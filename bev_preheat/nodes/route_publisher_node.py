@@ -11,7 +11,6 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
-from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import entry, OK, WARN
@@ -20,7 +19,7 @@ from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C,
 from bev_preheat.messages.route_progress import fix_from_message, progress_message
 from bev_preheat.nodes.news import without_figures
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
@@ -48,14 +47,7 @@ ROUTE_PARAMETERS = (
               'given', 'degC', (NO_AMBIENT_C, 60.0)),
     Parameter('consumption', 'unknown', 'Whether a consumption in the file includes heating and auxiliaries',
               choices=tuple(WITH_AUXILIARIES)),
-    Parameter('charging_planned', True, 'Whether the route ends at a fast charger.'),
-    Parameter('target_battery_temperature', 0.0, 'Requested battery temperature on arrival', 'degC', (-60.0, 60.0),
-              unset_means='left to the planner'),
-    Parameter('minimum_arrival_soc', 0.0, 'Requested minimum state of charge on arrival', '', (0.0, 1.0)),
-    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle', 'W', CHARGER_RANGE_W,
-              unset_means='not known'),
-    Parameter('charging_departure_soc', 0.0, 'State of charge on leaving it', '', (0.0, 1.0),
-              unset_means='not known'),
+    *GOAL_PARAMETERS,
     Parameter('free_speed', 0.0, 'Speed on free road, for a line on the map without times', 'm/s', (1.0, 100.0),
               unset_means='not given'),
     Parameter('stop_duration', 0.0, 'Duration of the charging stops at waypoints of navigation',

@@ -30,6 +30,20 @@ if TYPE_CHECKING:
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 # Prefix of the hash of a message definition (REP 2016).
 HASH = 'RIHS01_'
+# In real time: while simulated time stands, so do the node's own timers.
+SETUP_PERIOD_S = 0.5
+# Parameters of ROS itself, and of other nodes in a shared parameter file.
+NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
+            'qos_overrides./rosout', 'qos_overrides./clock')
+CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
+CLOCK_PATIENCE_LOOKS = 4
+# Every node reports its diagnostics so often [s].
+DIAGNOSTICS_PERIOD_S = 1.0
+# A clock that falls back by more has been restarted [s].
+RESTART_S = 1.0
+LOG_PERIOD_S = 10.0
+# Beyond any delay or drift: the two computers run on different clocks.
+FAR_NS = NS_PER_DAY
 
 
 def endpoint_name(endpoint: TopicEndpointInfo) -> str:
@@ -39,18 +53,42 @@ def endpoint_name(endpoint: TopicEndpointInfo) -> str:
     return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
-class Surroundings:
-    """Finds publishers and subscriptions whose type or quality of service does not fit a node's own."""
+class SetupWatch:
+    """
+    Checks the setup every SETUP_PERIOD_S; logs each problem once and stores them for the diagnostics.
 
-    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
+    `problems` are the current sentences, `error` is one that makes the diagnostics ERROR.
+    """
+
+    def __init__(self, node: ProgramNode, subscribes: Iterable[str], publishes: Iterable[str],
                  single: Iterable[str] = ()) -> None:
-        """Watch the topics that the node subscribes to and publishes; those in `single` need one publisher."""
-        self._node = node
-        self._single = frozenset(node.resolve_topic_name(topic) for topic in single)
-        self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
-        self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
+        """
+        Begin to check; call it when all parameters are declared.
 
-    def problems(self) -> list[str]:
+        `subscribes` and `publishes` are the topics that the node shares with others. Each topic in `single` must
+        have one publisher.
+        """
+        self._node, self.error = node, ''
+        self._single = frozenset(map(node.resolve_topic_name, single))
+        self._subscribes = list(map(node.resolve_topic_name, subscribes))
+        self._publishes = list(map(node.resolve_topic_name, publishes))
+        self._unknown = unknown_parameters(node)
+        self._logged: set[str] = set()
+        self._found: list[str] = []
+        self._looks_at_zero = 0
+        self._note(self._unknown)
+        node.look_regularly(SETUP_PERIOD_S, 'looking around', self._look)
+
+    def _look(self) -> None:
+        found, before = self._incompatible(), self._found
+        self._found = found
+        # A single finding may be half discovered, or about to be fixed.
+        problems = [*self._unknown, *(problem for problem in found if problem in before)]
+        if self._clock_stands():
+            problems.append(CLOCK_STANDS)
+        self._note(problems)
+
+    def _incompatible(self) -> list[str]:
         """Return a sentence for each incompatible endpoint."""
         node, problems = self._node, []
         for topic in self._subscribes:
@@ -74,80 +112,6 @@ class Surroundings:
     def _own(self, endpoints: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
         own_name = self._node.get_fully_qualified_name()
         return [endpoint for endpoint in endpoints if endpoint_name(endpoint) == own_name]
-
-
-def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
-             check: Callable[[QoSProfile], tuple[QoSCompatibility, str]]) -> str:
-    """Return a sentence on an endpoint that fits none of the node's own; '' if it fits."""
-    if not own:
-        return ''
-    expected, version = own[0].topic_type, str(own[0].topic_type_hash)
-    sentence = f'{endpoint_name(other)} {what}'
-    if other.topic_type != expected:
-        return f'{sentence} as {other.topic_type}; the type must be {expected}'
-    other_version = str(other.topic_type_hash)
-    # Not every middleware reports it.
-    if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
-        return (f'{sentence} as another version of {expected}; build both nodes from the same '
-                'message definitions')
-    reasons: set[str] = set()
-    for endpoint in own:
-        compatibility, reason = check(endpoint.qos_profile)
-        if compatibility != QoSCompatibility.ERROR:
-            return ''
-        reasons.update(part.strip().removeprefix('ERROR: ').lower()
-                       for part in reason.split(';') if part.strip())
-    return f'{sentence} with an incompatible quality of service: {", ".join(sorted(reasons))}'
-
-
-# In real time: while simulated time stands, so do the node's own timers.
-SETUP_PERIOD_S = 0.5
-# Parameters of ROS itself, and of other nodes in a shared parameter file.
-NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
-            'qos_overrides./rosout', 'qos_overrides./clock')
-CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
-CLOCK_PATIENCE_LOOKS = 4
-# Every node reports its diagnostics so often [s].
-DIAGNOSTICS_PERIOD_S = 1.0
-# A clock that falls back by more has been restarted [s].
-RESTART_S = 1.0
-LOG_PERIOD_S = 10.0
-# Beyond any delay or drift: the two computers run on different clocks.
-FAR_NS = NS_PER_DAY
-
-
-class SetupWatch:
-    """
-    Checks the setup every SETUP_PERIOD_S; logs each problem once and stores them for the diagnostics.
-
-    `problems` are the current sentences, `error` is one that makes the diagnostics ERROR.
-    """
-
-    def __init__(self, node: ProgramNode, subscribes: Iterable[str], publishes: Iterable[str],
-                 single: Iterable[str] = ()) -> None:
-        """
-        Begin to check; call it when all parameters are declared.
-
-        `subscribes` and `publishes` are the topics that the node shares with others. Each topic in `single` must
-        have one publisher.
-        """
-        self._node, self.error = node, ''
-        self._surroundings = Surroundings(node, subscribes, publishes, single)
-        self._unknown = unknown_parameters(node)
-        self._logged: set[str] = set()
-        self._found: list[str] = []
-        self._looks_at_zero = 0
-        self._note(self._unknown)
-        node.look_regularly(SETUP_PERIOD_S, 'looking around', self._look)
-
-    def _look(self) -> None:
-        found, before = self._surroundings.problems(), self._found
-        self._found = found
-        # A single finding may be half discovered, or about to be fixed.
-        problems = [*self._unknown, *(problem for problem in found if problem in before)]
-        if self._clock_stands():
-            problems.append(CLOCK_STANDS)
-        self._note(problems)
 
     def _clock_stands(self) -> bool:
         stands = (self._node.get_parameter('use_sim_time').value
@@ -182,6 +146,30 @@ class SetupWatch:
         if abs(stamp_ns - now_ns) < FAR_NS:
             return ''
         return clock_hint(self._node.get_parameter('use_sim_time').value, now_ns, stamp_ns)
+
+
+def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
+             check: Callable[[QoSProfile], tuple[QoSCompatibility, str]]) -> str:
+    """Return a sentence on an endpoint that fits none of the node's own; '' if it fits."""
+    if not own:
+        return ''
+    expected, version = own[0].topic_type, str(own[0].topic_type_hash)
+    sentence = f'{endpoint_name(other)} {what}'
+    if other.topic_type != expected:
+        return f'{sentence} as {other.topic_type}; the type must be {expected}'
+    other_version = str(other.topic_type_hash)
+    # Not every middleware reports it.
+    if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
+        return (f'{sentence} as another version of {expected}; build both nodes from the same '
+                'message definitions')
+    reasons: set[str] = set()
+    for endpoint in own:
+        compatibility, reason = check(endpoint.qos_profile)
+        if compatibility != QoSCompatibility.ERROR:
+            return ''
+        reasons.update(part.strip().removeprefix('ERROR: ').lower()
+                       for part in reason.split(';') if part.strip())
+    return f'{sentence} with an incompatible quality of service: {", ".join(sorted(reasons))}'
 
 
 def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:

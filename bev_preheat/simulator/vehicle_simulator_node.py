@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 import math
 from pathlib import Path
 import sys
@@ -15,7 +16,6 @@ from rclpy.clock import ClockType
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
-from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import reading_message
 from bev_preheat.messages.fields import time_message
@@ -24,7 +24,7 @@ from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, print_error, run_node
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
 from bev_preheat.numerics.factors import NS_PER_S
@@ -56,27 +56,13 @@ if TYPE_CHECKING:
 PARAMETERS = (
     Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which also '
               'sets car, drive, battery and charger. Empty: none.', read_only=True),
-    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
-              read_only=True),
+    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.', read_only=True),
     Parameter('route', 'reference', 'Route: a name in config/routes or a file with an ambient temperature.',
               read_only=True),
-    Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start',
-              'degC', (-60.0, 60.0), read_only=True),
-    Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0),
+    Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start', 'degC', (-60.0, 60.0),
               read_only=True),
-    Parameter('target_battery_temperature', 0.0,
-              'Requested battery temperature on arrival', 'degC',
-              (-60.0, 60.0), unset_means='left to the planner', read_only=True),
-    Parameter('minimum_arrival_soc', 0.0,
-              'Requested minimum state of charge on arrival', '',
-              (0.0, 1.0), read_only=True),
-    Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
-              read_only=True),
-    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle', 'W', CHARGER_RANGE_W,
-              unset_means='not known', read_only=True),
-    Parameter('charging_departure_soc', 0.0,
-              'State of charge on leaving it', '',
-              (0.0, 1.0), unset_means='not known', read_only=True),
+    Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0), read_only=True),
+    *(replace(each, read_only=True) for each in GOAL_PARAMETERS),
     Parameter('publish_clock', True, 'Publish /clock; false: the drive follows the clock of the node.',
               read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
@@ -150,7 +136,7 @@ class VehicleSimulatorNode(ProgramNode):
             raise InvalidInput(f'scenario {values["scenario"]} makes the clock jump; that is not '
                                'possible with publish_clock:=false')
         self._time = OwnTime(
-            self, round(values['start_time'] * NS_PER_S), values['speed_up'], self._on_lost_clock
+            self, round(values['start_time'] * NS_PER_S), values['speed_up'], partial(self._end, 2)
         ) if self._owns_clock else NodeTime(self, values)
         self._pace = self._time.pace
         self._waits_for_planner = values['wait_for_planner']
@@ -227,8 +213,8 @@ class VehicleSimulatorNode(ProgramNode):
         for _ in self._publish_due(readings[-1:]):
             pass
         self._stand(real_s)
-        if self._has_lingered(LINGER_REAL_S, real_s):
-            self._leave()
+        if self.values['exit_on_arrival'] and self._has_lingered(LINGER_REAL_S, real_s):
+            self._finish(0)
 
     def _publish_due(self, readings: Iterable[Reading]) -> Iterator[None]:
         """Publish each message that is due, and Readings; yield after each."""
@@ -309,7 +295,7 @@ class VehicleSimulatorNode(ProgramNode):
         has_lingered = self._has_lingered()
         await lockstep.listeners(has_lingered)
         if has_lingered and self.values['exit_on_arrival']:
-            self._leave()
+            self._finish(0)
             return
         to_s = car.asleep_until_s or min(tick_s * (tick + 1), car.next_event_s)
         if has_lingered:
@@ -373,10 +359,6 @@ class VehicleSimulatorNode(ProgramNode):
             return False
         stood_real_s, stood_simulated_s = self._stood_since_s
         return self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S and real_s - stood_real_s >= for_s
-
-    def _leave(self) -> None:
-        if self.values['exit_on_arrival']:
-            self._finish(0)
 
     # Topics
 
@@ -451,9 +433,6 @@ class VehicleSimulatorNode(ProgramNode):
             self._car.readings_of.set_period(changed['battery_state_period'], self._plant.time_s)
 
     # End
-
-    def _on_lost_clock(self, sentence: str) -> None:
-        self._end(2, sentence)
 
     def _end(self, exit_status: int, error: Exception | str) -> None:
         """End the process after an error that the user has to fix."""
