@@ -2,10 +2,10 @@
 """
 Fixtures for tests of the installed executables over real DDS.
 
-    def test_something(start_executable, record, publisher):
-        commands = record(HvchCommand, 'hvch_command', 10)           # subscribe first,
-        start_executable('planner', '-p', 'vehicle:=reference')      # then start the node,
-        states = publisher(BatteryState, 'battery_state', 1)
+    def test_something(bench):
+        commands = bench.record(HvchCommand, 'hvch_command', 10)     # subscribe first,
+        bench.start('planner', '-p', 'vehicle:=reference')           # then start the node,
+        states = bench.publisher(BatteryState, 'battery_state', 1)
         states.wait_for_subscription()                               # wait for the match,
         states.publish(BatteryState(...))
         commands.wait_for(lambda m: m.battery_heating_power == 0.0)  # and for the answer.
@@ -24,7 +24,7 @@ import sys
 from types import SimpleNamespace
 
 from forking import Pool
-from node_bench import Bench, PatientProcess, poll_until, Recorder, Sender
+from node_bench import Bench, PatientProcess
 import pytest
 from rclpy.context import Context
 from rehearsal import Rehearsal
@@ -50,12 +50,6 @@ def pytest_collection_modifyitems(items):
         name = item.path.name
         return (LONGEST.index(name) if name in LONGEST else len(LONGEST), -waiting[item.path], -costly[item.path])
     items.sort(key=rank)
-
-
-@pytest.fixture
-def wait_until():
-    """`wait_until(condition, what)` waits for a truthy `condition()` and returns it."""
-    return poll_until
 
 
 @pytest.fixture(scope='session')
@@ -135,22 +129,6 @@ def node(domain_id):
     """Return the test's own node, spun by an executor in a thread."""
     with spun_node('tester', domain_id) as node:
         yield node
-
-
-@pytest.fixture
-def record(node):
-    """`record(message_type, topic, qos)` subscribes and returns a Recorder."""
-    def record(message_type, topic, qos):
-        return Recorder(node, message_type, topic, qos)
-    return record
-
-
-@pytest.fixture
-def publisher(node):
-    """`publisher(message_type, topic, qos)` advertises and returns a Sender."""
-    def publisher(message_type, topic, qos):
-        return Sender(node, message_type, topic, qos)
-    return publisher
 
 
 @pytest.fixture

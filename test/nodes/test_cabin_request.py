@@ -65,19 +65,19 @@ def cabin():
 # The requests, goals and answers: test_bus_conditioning.py, daily.
 @pytest.mark.deep
 @pytest.mark.parametrize('is_killed', [False, True], ids=['', 'planner killed'])
-def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, record, tmp_path, is_killed):
+def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, bench, tmp_path, is_killed):
     car, broker = cabin.car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
     signals = tmp_path / 'car_vss.yaml'
     shipped = find_configuration('signals', 'vss', '.yaml').read_text()
     signals.write_text(shipped.replace('port: 55555', f'port: {broker.port}'))
-    start_executable('bus_gateway', '-p', f'signals:={signals}', '-p', 'battery_state_period:=0.2')
+    bench.start('bus_gateway', '-p', f'signals:={signals}', '-p', 'battery_state_period:=0.2')
     planner = ('planner', '-p', f'vehicle:={vehicle}', '-p', 'command_period:=0.3', '-p', 'estimation:=false',
                '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
-    first = start_executable(*planner)
-    start_executable('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
-                     f'signals:={can_map(tmp_path, car.ports[0].path)}')
-    speeds = record(Float64, 'vehicle_speed', 1)
+    first = bench.start(*planner)
+    bench.start('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
+                f'signals:={can_map(tmp_path, car.ports[0].path)}')
+    speeds = bench.record(Float64, 'vehicle_speed', 1)
     broker.wait_for(IS_ACTIVE, False)
     poll_until(broker.has_provider, 'the actuators are served')
     frames = car.ports[0].frames
@@ -93,7 +93,7 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
         first.wait()
         # Its lease of 2.5 s.
         broker.wait_for(IS_ONGOING, False, timeout_s=4.0)
-        start_executable(*planner)
+        bench.start(*planner)
         # The new planner gets the goal again.
         broker.wait_for(IS_ONGOING, True)
     broker.wait_for(MODE, 'INACTIVE')

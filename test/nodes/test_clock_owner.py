@@ -102,7 +102,7 @@ def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
 
 
 @pytest.mark.deep
-def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
+def test_another_simulator_drives_by_the_clock_of_the_first(bench):
     states = bench.record(BatteryState, '/car2/battery_state', MANY)
     second = start_in(bench, '/car2', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
     start_in(bench, '/car1', '-p', f'start_time:={START_S}.0', '-p', 'speed_up:=5.0')
@@ -121,7 +121,7 @@ def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
         except NodeNameNonExistentError:
             return {}
 
-    wait_until(lambda: '/car2/battery_state' in topics_of_second(), 'the second in the graph')
+    bench.wait_until(lambda: '/car2/battery_state' in topics_of_second(), 'the second in the graph')
     assert '/clock' not in topics_of_second()
     route = bench.record(RoutePlan, '/car2/route_plan', LATCHED).wait_for()
     assert START_S <= route.header.stamp.sec <= first.header.stamp.sec

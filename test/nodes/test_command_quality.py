@@ -41,25 +41,24 @@ class Controller:
 
 @pytest.mark.parametrize('liveliness', [
     pytest.param(LivelinessPolicy.AUTOMATIC, marks=pytest.mark.deep), LivelinessPolicy.MANUAL_BY_TOPIC])
-def test_a_planner_that_hangs_misses_its_deadline_and_is_not_alive(
-        node, start_executable, wait_until, liveliness):
-    controller = Controller(node, LEASE_S, liveliness)
-    planner = start_executable('planner', '-p', f'command_lease:={LEASE_S}', '-p', 'command_period:=0.3')
-    wait_until(lambda: controller.commands >= 3 and controller.alive, 'commands')
+def test_a_planner_that_hangs_misses_its_deadline_and_is_not_alive(bench, liveliness):
+    controller = Controller(bench.node, LEASE_S, liveliness)
+    planner = bench.start('planner', '-p', f'command_lease:={LEASE_S}', '-p', 'command_period:=0.3')
+    bench.wait_until(lambda: controller.commands >= 3 and controller.alive, 'commands')
     assert controller.alive[-1] == 1
     os.kill(planner.process_id, signal.SIGSTOP)
     try:
         missed = controller.missed
-        wait_until(lambda: controller.missed > missed, 'a missed deadline')
-        wait_until(lambda: controller.alive[-1] == 0, 'the loss of liveliness')
+        bench.wait_until(lambda: controller.missed > missed, 'a missed deadline')
+        bench.wait_until(lambda: controller.alive[-1] == 0, 'the loss of liveliness')
         heard = controller.commands
     finally:
         os.kill(planner.process_id, signal.SIGCONT)
-    wait_until(lambda: controller.commands > heard and controller.alive[-1] == 1, 'its return')
+    bench.wait_until(lambda: controller.commands > heard and controller.alive[-1] == 1, 'its return')
 
 
-def test_who_asks_for_more_than_the_lease_is_told(node, start_executable, wait_until):
-    controller = Controller(node, 0.5 * LEASE_S, LivelinessPolicy.AUTOMATIC)
-    start_executable('planner', '-p', f'command_lease:={LEASE_S}')
-    wait_until(lambda: controller.misfits, 'the news that the quality of service does not fit')
+def test_who_asks_for_more_than_the_lease_is_told(bench):
+    controller = Controller(bench.node, 0.5 * LEASE_S, LivelinessPolicy.AUTOMATIC)
+    bench.start('planner', '-p', f'command_lease:={LEASE_S}')
+    bench.wait_until(lambda: controller.misfits, 'the news that the quality of service does not fit')
     assert not controller.commands

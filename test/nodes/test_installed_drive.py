@@ -89,10 +89,10 @@ def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer(dds, noisy, tmp_p
         assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
 
 
-def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench, wait_until):
+def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench):
     planner = bench.start('planner', '-p', 'use_sim_time:=true')
     simulator = bench.start('vehicle_simulator', *LOCKSTEP)
-    wait_until(lambda: 'the clock starts' in simulator.output(), 'the start')
+    bench.wait_until(lambda: 'the clock starts' in simulator.output(), 'the start')
     planner.send_signal(signal.SIGSTOP)
     try:
         assert simulator.wait() == 1

@@ -12,6 +12,7 @@ import signal
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_bench import poll_until
 from planner_car import LATCHED, route_at, set_parameters, state_at
 import psutil
 import pytest
@@ -546,20 +547,6 @@ def test_gives_up_at_the_time_limit_and_checks_again(alone):
         alone.diagnosis(lambda level, text, values: level == DiagnosticStatus.OK)
 
 
-@pytest.mark.deep
-def test_outlives_its_solver_and_says_so(alone):
-    with alone.feeding():
-        psutil.Process(alone.start_endless_check('fatal')).kill()
-        report = alone.report(of_route('fatal'))
-        assert report.solver_status == 'the solver process ended with SIGKILL'
-        assert not report.optimal
-        level, text, _ = alone.diagnosis(lambda level, text, values: values['state'] == 'idle')
-        assert (level, text) == (DiagnosticStatus.WARN, 'the solver process ended with SIGKILL.')
-        alone.send_route('healthy', 60)
-        report = alone.report(of_route('healthy'))
-        assert not isnan(report.optimal_energy)
-
-
 def test_bad_inputs_do_no_harm(alone):
     foreign_plans = alone.bench.publisher(PreheatPlan, '/alone/preheat_plan', LATCHED)
     foreign_plans.wait_for_subscription(2)
@@ -596,7 +583,7 @@ def test_the_solver_is_ready_before_the_first_check(own):
 
 # Beside other processes
 
-def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, wait_until):
+def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings):
     surroundings.start('planner', *PATIENT, *QUICK_COMMANDS)
     # The next check begins after the previous one.
     checker = surroundings.start('nlp_checker', *SHARING, '-p', 'check_period:=0.01')
@@ -605,7 +592,7 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
     with surroundings.feeding():
         surroundings.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
         surroundings.diagnosis(lambda level, text, values: values['checked route_id'] == 'long')
-        wait_until(lambda: working_solver(checker), 'work of the solver', REPORT_PATIENCE_S)
+        poll_until(lambda: working_solver(checker), 'work of the solver', REPORT_PATIENCE_S)
         surroundings.expect_commands(20)
         checker.send_signal(signal.SIGSTOP)
         # Without its node no solver ends at a time limit, and no solver is started.
@@ -617,4 +604,4 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
         checker.send_signal(signal.SIGKILL)
         assert checker.wait() == -signal.SIGKILL
         surroundings.expect_commands(10)
-    wait_until(lambda: all(map(is_gone, solvers)), 'the end of the solver without its node')
+    poll_until(lambda: all(map(is_gone, solvers)), 'the end of the solver without its node')

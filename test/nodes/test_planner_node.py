@@ -3,7 +3,7 @@
 The planner's node: its answers to valid, invalid, late and missing input, without DDS (test_planner_over_dds.py).
 
 Most tests start while it heats, so that 0 W is a reaction and not the initial state. What is a bad message, and
-which refused route ends the one before, are shown by test/messages.
+which refused route ends the one before, is shown by test/messages and test/control.
 """
 
 from array import array
@@ -189,10 +189,6 @@ BAD_STATES = {
     'temperature_kelvin': (lambda car: car.state(temperature=266.0),
                            'temperature: 266 is not allowed; it must be -40 ... 60'),
     'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
-    'from_the_future': (lambda car: car.state(age_s=-60.0), 's ahead of the clock; at most'),
-    # Another battery's state: of the same battery, it would have been overtaken.
-    'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S, temperature=20.0),
-                     'older than the previous one; stamps must not go back'),
 }
 
 
@@ -238,7 +234,6 @@ def test_a_bad_route_switches_off_and_is_named(car, fields, text):
     car.plans.wait_for(lambda plan: text in plan.explanation, text)
 
 
-# All others that end the route before: test_route_intake.py.
 @pytest.mark.parametrize('route_id, goes_on', [('home', True), ('work', False)])
 def test_a_refused_route_stays_an_error_whether_the_one_before_goes_on_or_not(car, route_id, goes_on):
     first = car.route()

@@ -108,10 +108,10 @@ def test_a_route_arrives_with_best_effort_and_once_three_ways(bench):
     expect_handled_once_each_time(planner, latched, bench)
 
 
-def test_a_volatile_route_of_200_000_segments_with_all_arrays_arrives(reliable, wait_until):
+def test_a_volatile_route_of_200_000_segments_with_all_arrays_arrives(reliable):
     bench, planner = reliable
     publish_once_matched(bench, VOLATILE, long_route(bench, 'long', 200_000))
-    wait_until(lambda: times_accepted(planner, 'long'), 'the route')
+    bench.wait_until(lambda: times_accepted(planner, 'long'), 'the route')
 
 
 def processor_time_s(process):
@@ -119,14 +119,14 @@ def processor_time_s(process):
     return times.user + times.system
 
 
-def test_a_huge_route_is_refused_by_its_size_once(bench, wait_until):
+def test_a_huge_route_is_refused_by_its_size_once(bench):
     commands = bench.record(HvchCommand, 'hvch_command')
     plans = bench.record(PreheatPlan, 'preheat_plan')
     planner = bench.start('planner', '-p', 'command_period:=0.2')
     routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
     routes.wait_for_subscription(2)
     routes.publish(route(bench))
-    wait_until(lambda: times_accepted(planner, 'home'), 'the route')
+    bench.wait_until(lambda: times_accepted(planner, 'home'), 'the route')
     commands.clear()
     before_s = processor_time_s(planner)
     # 7 arrays of 600 000 numbers of 8 bytes.
@@ -138,5 +138,5 @@ def test_a_huge_route_is_refused_by_its_size_once(bench, wait_until):
     # Even without other work, a command would have come within the lease.
     assert processor_time_s(planner) - before_s < LEASE_S
     routes.publish(route(bench, 'next'))
-    wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
+    bench.wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
     assert len(re.findall(r'\[ERROR\].*the message has 33', planner.output())) == 1

@@ -62,14 +62,14 @@ def car(tmp_path, monkeypatch):
 @pytest.mark.needs('can')
 @pytest.mark.needs('crccheck')
 @pytest.mark.needs('serial')
-def test_your_bus_leads_to_the_first_command_of_the_heater(car, start_executable):
+def test_your_bus_leads_to_the_first_command_of_the_heater(car, bench):
     assert COMMANDS[0] == ['python3', 'play_car.py']
     shown = re.search(r'```text\n(heater: .*?)\n```', YOUR_BUS.read_text(), re.DOTALL)[1].splitlines()
     poll_until(car, 'the car plays')
     processes = {}
     for words in COMMANDS[1:]:
         assert words[:3] == ['ros2', 'run', 'bev_preheat'] and words[4] == '--ros-args'
-        processes[words[3]] = start_executable(words[3], *words[5:])
+        processes[words[3]] = bench.start(words[3], *words[5:])
     poll_until(lambda: len(car()) >= len(shown), 'the first command')
     # It may take seconds; meanwhile the battery cools a little.
     assert [line.split(',')[0] for line in car()[:len(shown)]] == [line.split(',')[0] for line in shown]
