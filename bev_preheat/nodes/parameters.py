@@ -126,7 +126,7 @@ class Parameter:
         return None
 
 
-# What a route is driven for, in every node that reads one from a file.
+# The goal at the end of a route, in every node that reads a route from a file.
 GOAL_PARAMETERS = (
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.'),
     Parameter('target_battery_temperature', 0.0, 'Requested battery temperature on arrival', 'degC', (-60.0, 60.0),

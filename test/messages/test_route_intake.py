@@ -124,7 +124,7 @@ def driver():
     return Driver()
 
 
-# All ways to refuse a route, and what goes on: test/control/test_refused_routes.py.
+# test/control/test_refused_routes.py has all ways to refuse a route, and their effects.
 def test_a_refused_update_leaves_the_route_before_it(driver):
     driver.refused(speed=[-1.0])
     assert driver.supervisor.command(NOW_NS).battery_heating_power_w == 0.0

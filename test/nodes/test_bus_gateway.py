@@ -60,7 +60,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
         stopped = len(car.commands())
         assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
         car.wait_for_power(0.0)
-        # In frames, because a busy computer sends no more of them: 15 in a lease, and one at its start.
+        # In frames, because a busy computer sends no more frames: 15 in a lease, and one at its start.
         after = [power_w for power_w, *_ in car.commands()[stopped:]]
         assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
 
