@@ -77,9 +77,9 @@ def cabin(request, tmp_path):
 
 def test_values_arrive_with_unit_and_sign_and_hold_until_they_change(cabin):
     set_all(cabin.broker)
-    battery = until(lambda: cabin.has(-6.5), 'the first battery')
-    until(lambda: cabin.battery()[0].is_charging is False, 'all values')
-    battery = cabin.battery()[0]
+    battery = until(lambda: (now := cabin.has(-6.5)) and len(now.cells_c) == 2 and None not in (
+        now.soc, now.voltage_v, now.current_a, now.is_charging) and now, 'all values')
+    assert battery.is_charging is False
     assert (battery.soc, battery.voltage_v) == pytest.approx((0.625, 350.0))
     # VSS counts the current into the battery; here a positive one discharges it.
     assert battery.current_a == pytest.approx(80.0)
