@@ -128,11 +128,11 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml', 'identification/report.html',
-                            'charging/published.yaml', 'charging/published_schema.yaml',
                             'control/departures_schema.yaml', 'control/grid_prices_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'monitoring/assets/*', 'code_generation/c/*'],
+                  STUDIES: ['published.yaml', 'published_schema.yaml'],
                   CONFIGURATION: ['*.yaml', '*/*', '*/*/*']},
     ext_modules=[] if WITH_COLCON else [core_library()],
     data_files=[] if not WITH_COLCON else [

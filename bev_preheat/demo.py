@@ -281,19 +281,20 @@ def verdict(drive: ObservedDrive) -> tuple[bool, str]:
 
 
 def _draw(parsed: Namespace, scenario: Scenario, drive: ObservedDrive) -> None:
-    from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, draw_drive, PREDICTED, UNHEATED
+    from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
+    from bev_preheat.drawing.figure import save_figure
     target_c, route = drive.target_c, scenario.route
     goal = replace(scenario.goal, target_temperature_c=target_c)
     unheated = plan_unheated(scenario.vehicle, route, scenario.state, goal)
     times_s, temperatures_c, socs = np.array(drive.states).T
-    draw_drive(
-        parsed.output, f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at {temperatures_c[-1]:.1f} °C, '
+    save_figure(make_drive_figure(
+        f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at {temperatures_c[-1]:.1f} °C, '
         f'target {target_c:.1f} °C',
         {BATTERY: (times_s, temperatures_c), UNHEATED: (unheated.time_s, unheated.battery_temperature_c),
          PREDICTED: tuple(np.array(drive.predictions).T),
          AMBIENT: (route.time_s, np.append(route.ambient_temperature_c, route.ambient_temperature_c[-1]))},
         tuple(np.array([(instant_s, power_w) for instant_s, power_w, _ in drive.record.commands]).T), target_c,
-        {BATTERY: (times_s, socs), UNHEATED: (unheated.time_s, unheated.soc)})
+        {BATTERY: (times_s, socs), UNHEATED: (unheated.time_s, unheated.soc)}), parsed.output)
 
 
 if __name__ == '__main__':

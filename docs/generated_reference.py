@@ -17,8 +17,8 @@ import sys
 from diagnostic_msgs.msg import DiagnosticStatus
 import yaml
 
-from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import GROUPS, SUBCOMMANDS
+from bev_preheat.commands.parser import make_parser
 from bev_preheat.messages.diagnostics import HEATER_LEVELS, HEATER_SENTENCES
 from bev_preheat.monitoring import dashboard_node
 from bev_preheat.nodes import (

@@ -18,7 +18,7 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import too_warm
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.parser import option_group
+from bev_preheat.commands.parser import given_options, option_group, option_of
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.commands.terminal import print_figures, result_console
 from bev_preheat.errors import InvalidInput
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.verdict import TooWarm
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.vehicle import Vehicle
 
 MOST_TEMPERATURES = 2
@@ -109,8 +109,9 @@ def run(arguments: Namespace) -> int:
                           'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
             **more})
     if arguments.plot:
-        from bev_preheat.drawing.charging_figure import draw_sessions
-        draw_sessions(arguments.plot, vehicle, stop, sessions, title)
+        from bev_preheat.drawing.charging_figure import make_session_figure
+        from bev_preheat.drawing.figure import save_figure
+        save_figure(make_session_figure(vehicle, stop, sessions, title), arguments.plot)
     console = result_console(arguments.json)
     rows: tuple[tuple[str, Callable[[Session], str]], ...] = (
         ('Arrival temp. [degC]', lambda session: f'{session.battery_temperature_c[0]:.2f}'),
@@ -144,10 +145,9 @@ def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
     given, other, mine, needed = (
         ('--route', '--arrival-temperature', OF_AN_ARRIVAL, ('temperature', 'soc')) if after_drive
         else ('--arrival-temperature', '--route', OF_A_DRIVE, ('arrival_soc', 'ambient')))
-    problems = [f'{_option(name)}: not allowed with {given}, only with {other}' for name in mine
-                if getattr(arguments, name) is not None]
-    problems += [f'{_option(name)}: needed with {given}' for name in needed
-                 if getattr(arguments, name) is None]
+    problems = [f'{option}: not allowed with {given}, only with {other}'
+                for option in given_options(arguments, mine)]
+    problems += [f'{option_of(name)}: needed with {given}' for name in needed if getattr(arguments, name) is None]
     if not after_drive:
         if arguments.min_soc:
             problems.append('--min-soc: not allowed with --arrival-temperature, only with --route')
@@ -158,19 +158,14 @@ def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
         raise InvalidInput(problems)
 
 
-def _option(name: str) -> str:
-    return f'--{name.replace("_", "-")}'
-
-
 def _after_drive(
         arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, BatteryState], dict[str, Any]]:
     """Return vehicle, stop, states on arrival by name, and further JSON contents."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
-    inputs = situation.vehicle, situation.route, situation.state, situation.goal
-    unheated = plan_unheated(*inputs)
+    unheated = plan_unheated(*situation.inputs)
     refuse_stranded(unheated)
-    plan = plan_preheating(*inputs)
+    plan = plan_preheating(*situation.inputs)
     stop = stop_after(situation.route, arguments.charger_power, arguments.departure_soc)
     return situation.vehicle, stop, {
         name: arrival_state(drive) for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.recordings import add_log_arguments, read_trips
+from bev_preheat.commands.parser import completed_by, VEHICLES
+from bev_preheat.commands.situation import add_log_arguments, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.trips import common_remarks
@@ -16,7 +16,7 @@ from bev_preheat.vehicle import load_vehicle, vehicle_file
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.check import Check
 
@@ -62,8 +62,9 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, check.as_dictionary())
     if arguments.plot:
-        from bev_preheat.drawing.trips_figure import draw_check
-        draw_check(arguments.plot, check)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.identification_figures import check_figure
+        save_figure(check_figure(check), arguments.plot)
     console = result_console(arguments.json)
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.method_argument import add_methods_argument
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.program import FAILED, say
-from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
+from bev_preheat.commands.situation import add_methods_argument, add_situation_arguments, read_situation, warn
 from bev_preheat.commands.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
@@ -25,7 +24,7 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -48,7 +47,7 @@ def run(arguments: Namespace) -> int:
     check_output_arguments(arguments, situation.files)
     require('casadi')
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
-    inputs = situation.vehicle, situation.route, situation.state, situation.goal
+    inputs = situation.inputs
     if arguments.methods is None:
         warn(*(f'method {problem}' for problem in refused_methods()))
     plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
@@ -74,9 +73,10 @@ def run(arguments: Namespace) -> int:
             'sensitivity': sensitivity and sensitivity.as_dictionary(),
             **situation.as_dictionary()})
     if arguments.plot:
-        from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
-                   [*plans, best], title)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [*plans, best], title),
+                    arguments.plot)
     console = result_console(arguments.json)
     rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
     if any(differences.values()):

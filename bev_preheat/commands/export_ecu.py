@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from bev_preheat.code_generation.ecu_export import Export
 from bev_preheat.code_generation.ecu_vectors import BAD_INPUT, METHODS, OK
-from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.parser import completed_by, VEHICLES
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
@@ -19,7 +19,7 @@ from bev_preheat.vehicle.plausibility import assumption_warning
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
 VECTORS, MOST_VECTORS = 100, 100_000
 

@@ -9,9 +9,9 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.recordings import add_log_arguments, read_trips
+from bev_preheat.commands.parser import completed_by, VEHICLES
+from bev_preheat.commands.situation import add_log_arguments, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
@@ -24,7 +24,7 @@ from bev_preheat.vehicle.loading import SCHEMA
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.result import Identification
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.situation import add_signal_arguments
 from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
@@ -18,9 +18,9 @@ from bev_preheat.logs.reading import LONGEST_LIST, read_recording
 from bev_preheat.logs.recording import Sampling, sampling
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
+    from argparse import Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.logs.recording import Recording, Series
 
 
@@ -38,15 +38,6 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.set_defaults(run=run)
 
 
-def add_signal_arguments(parser: ArgumentParser) -> None:
-    """Add `--signals` and `--repair`."""
-    completed_by(NameCompleter('signals'), parser.add_argument(
-        '--signals', metavar='NAME|FILE',
-        help='signal map: a name in config/signals or a YAML file (default: the map that recognises the log)'))
-    parser.add_argument('--repair', action='store_true',
-                        help='correct mix-ups of sign, unit and scale that physics reveals')
-
-
 def run(arguments: Namespace) -> int:
     """Read the log, print and write its description, and return the exit status."""
     path = expanded(arguments.file)
@@ -56,8 +47,9 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, as_dictionary(recording, samplings))
     if arguments.plot:
-        from bev_preheat.drawing.log_figure import draw_recording
-        draw_recording(arguments.plot, recording)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.inputs_figure import make_recording_figure
+        save_figure(make_recording_figure(recording), arguments.plot)
     console = result_console(arguments.json)
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
     print_records(console, f'Log {Path(path).name}',

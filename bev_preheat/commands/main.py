@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     # Loading is slow enough to be interrupted, so it happens within `main`.
-    from bev_preheat.commands.arguments import make_parser
+    from bev_preheat.commands.parser import make_parser
     first = (sys.argv[1:] if arguments is None else arguments)[:1]
     # A known command imports only its own module; the help, completion and an unknown command import all.
     wanted = {name: SUBCOMMANDS[name] for name in first if name in SUBCOMMANDS} or SUBCOMMANDS

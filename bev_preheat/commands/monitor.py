@@ -13,11 +13,10 @@ from bev_preheat.monitoring.end_signals import end_signals
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
-    from argparse import Namespace
+    from argparse import ArgumentParser, Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.monitoring.end_signals import EndSignals
-    from bev_preheat.monitoring.watch import LiveView
 
 # --once waits this long for all topics [s].
 ONCE_LIMIT_S = 15.0
@@ -29,15 +28,26 @@ def add_parser(subparsers: Subparsers) -> None:
         'monitor', help='live view of a running planner in a terminal',
         description='Shows the measurements, predictions, plans and commands of a running planner, until '
         'Ctrl-C. If the output is not a terminal, prints a line every 15 s.')
-    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
-    parser.add_argument('--node', default='planner', metavar='NAME',
-                        help='node name of the planner (default: %(default)s)')
+    add_planner_arguments(parser)
     parser.add_argument('--seconds', type=float, metavar='S', help='end after this time [s]')
     parser.add_argument('--once', action='store_true',
                         help='show it once, when every message has come; exit status 1 if '
                         f'that takes more than {ONCE_LIMIT_S:g} s')
     parser.add_argument('--picture', metavar='FILE', help='write the last view as SVG')
     parser.set_defaults(run=run)
+
+
+def add_planner_arguments(parser: ArgumentParser) -> None:
+    """Add `--namespace` and `--node`."""
+    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
+    parser.add_argument('--node', default='planner', metavar='NAME',
+                        help='node name of the planner (default: %(default)s)')
+
+
+def planner_of(arguments: Namespace) -> str:
+    """Return the full name of the planner's node."""
+    prefix = arguments.namespace.strip('/')
+    return f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
 
 
 def run(arguments: Namespace) -> int:
@@ -61,31 +71,18 @@ def run(arguments: Namespace) -> int:
 def _listen(arguments: Namespace, signals: EndSignals) -> int:
     """Show the received data until a signal comes; return the exit status."""
     require_ros()
-    from rclpy.exceptions import InvalidNamespaceException
     from rich.console import Console
 
     from bev_preheat.monitoring.watch import LiveView
     from bev_preheat.nodes.listening import listening
-    prefix = arguments.namespace.strip('/')
-    planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
-    try:
-        with listening(f'monitor_{os.getpid()}', namespace=arguments.namespace) as listener:
-            return _show(arguments, LiveView(
-                listener, planner, Console(highlight=False), signals,
-                arguments.seconds or (ONCE_LIMIT_S if arguments.once else None)))
-    except InvalidNamespaceException as error:
-        raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
-
-
-def _show(arguments: Namespace, watch: LiveView) -> int:
-    """Show the view in the requested form; return the exit status."""
-    exit_status = 0
-    try:
-        if arguments.once:
-            exit_status = int(not watch.show_once())
-        else:
+    with listening(f'monitor_{os.getpid()}', namespace=arguments.namespace) as listener:
+        watch = LiveView(listener, planner_of(arguments), Console(highlight=False), signals,
+                         arguments.seconds or (ONCE_LIMIT_S if arguments.once else None))
+        try:
+            if arguments.once:
+                return int(not watch.show_once())
             watch.show()
-    finally:
-        if arguments.picture:
-            watch.write_picture(arguments.picture)
-    return exit_status
+        finally:
+            if arguments.picture:
+                watch.write_picture(arguments.picture)
+    return 0

@@ -14,7 +14,7 @@ from bev_preheat.optional_packages import require
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.nonlinear_program.solve import Optimum
 
 
@@ -44,18 +44,17 @@ def run(arguments: Namespace) -> int:
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     try:
         with progress_console().status('solving …'):
-            optimum = solve_optimum(situation.vehicle, situation.route, situation.state,
-                                    situation.goal, not arguments.no_power_limits)
+            optimum = solve_optimum(*situation.inputs, not arguments.no_power_limits)
     except SolverFailure as error:
         say(f'preheat: {error}')
         return FAILED
     if arguments.json:
-        write_json(arguments.json, {**optimum.as_dictionary(),
-                                    **situation.as_dictionary()})
+        write_json(arguments.json, {**optimum.as_dictionary(), **situation.as_dictionary()})
     if arguments.plot:
-        from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
-                   [optimum.plan], title)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [optimum.plan], title),
+                    arguments.plot)
     console = result_console(arguments.json)
     print_plans(console, [optimum.plan], title)
     console.say(*optimum_lines(optimum))

@@ -1,28 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command line parser with one-line errors, suggestions, grouped commands, and the option --version."""
+"""
+The parser of `preheat`: one-line errors, suggestions, grouped commands, the version, shell completion.
+
+The shell runs `preheat` with a variable set; argcomplete, if it is installed, then writes the possible
+completions and exits the process. An argument that takes a name of config/ is completed_by() a NameCompleter.
+"""
 
 from __future__ import annotations
 
 import argparse
 from difflib import get_close_matches
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
 import os
 import re
 import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.program import REFUSED, say, write_output
-from bev_preheat.errors import quoted
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.configuration import configuration_folder
 
 if TYPE_CHECKING:
+    from argparse import Action, ArgumentParser
     from collections.abc import Iterable, Mapping, Sequence
     from typing import Any, NoReturn
 
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+    # A group that requires exactly one argument.
+    Alternatives = argparse._MutuallyExclusiveGroup
 
 # Negative numbers, which are never options. argparse's own pattern misses -7. and -1e1, and takes "-7C" for a
 # missing value.
 NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
-
-
 # Set while the shell asks for completions; argcomplete then parses the typed words.
 COMPLETING = '_ARGCOMPLETE'
 # Options by other words that people try.
@@ -35,12 +46,25 @@ OTHER_WORDS = {
     '--target-temperature': '--target', '--power': '--charger-power', '--price': '--energy-price',
     '--out': '--output', '--save': '--output', '--picture': '--plot', '--figure': '--plot', '--image': '--plot',
     '--map': '--signals', '--fix': '--repair', '--target-soc': '--departure-soc', '--until': '--departure-soc'}
+NOT_INSTALLED = ('the studies, which measure the planner, are not installed; build bev_preheat without '
+                 'BEV_PREHEAT_WITHOUT_STUDIES')
 
 
 def option_group(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
     """Return the group of options with a title, which the help shows below the common ones."""
     return next((group for group in parser._action_groups if group.title == title),
                 None) or parser.add_argument_group(title)
+
+
+def given_options(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
+    """Return the options of the attributes that are given, as they are typed."""
+    return [option_of(name) for name in names
+            if getattr(arguments, name) is not None and getattr(arguments, name) is not False]
+
+
+def option_of(name: str) -> str:
+    """Return the option of an attribute of parsed arguments, as it is typed."""
+    return f'--{name.replace("_", "-")}'
 
 
 class GroupedHelp(argparse.HelpFormatter):
@@ -151,3 +175,75 @@ class VersionAction(argparse.Action):
         from bev_preheat.files.configuration import version
         write_output(f'{parser.prog} {version()}\n')
         parser.exit()
+
+
+class NameCompleter:
+    """Completes a name of config/, and the paths of files of the same kind."""
+
+    def __init__(self, kind: str, suffix: str = '.yaml') -> None:
+        """Complete names of the folder `kind` below config/."""
+        self._kind = kind
+        self._suffix = suffix
+
+    def __call__(self, prefix: str, **_: object) -> list[str]:
+        """Return the names and paths that begin with a prefix."""
+        names = [path.stem for path in configuration_folder(self._kind).glob(f'*{self._suffix}')]
+        return sorted(name for name in names if name.startswith(prefix)) + self._files(prefix)
+
+    def _files(self, prefix: str) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+        paths: list[str] = FilesCompleter(allowednames=(self._suffix,))(prefix)
+        return paths
+
+
+VEHICLES = NameCompleter('vehicles')
+ROUTES = NameCompleter('routes', '.csv')
+
+
+def completed_by(completer: NameCompleter, argument: Action) -> None:
+    """Attach a completer to an argument of the command line."""
+    argument.completer = completer  # type: ignore[attr-defined]  # argcomplete looks for it there
+
+
+def complete(parser: ArgumentParser) -> None:
+    """Answer a completion request of the shell and exit; otherwise return."""
+    if COMPLETING not in os.environ:
+        return
+    try:
+        import argcomplete
+    except ModuleNotFoundError:
+        raise SystemExit(1) from None
+    argcomplete.autocomplete(parser)
+
+
+def make_parser(subcommands: Mapping[str, str], groups: Mapping[str, Iterable[str]]) -> OneLineParser:
+    """
+    Return the parser of subcommands {name: module}; a module has add_parser(subparsers).
+
+    `groups` are the headings in the help, with the names below each.
+    """
+    parser = OneLineParser(
+        prog='preheat', formatter_class=partial(GroupedHelp, groups=groups),
+        description='When to warm the battery of an electric vehicle before fast charging.')
+    parser.add_argument('--version', action=VersionAction, nargs=0, help='print the version and exit')
+    subparsers = parser.add_subparsers(required=True, metavar='COMMAND', title='commands',
+                                       parser_class=OneLineParser)
+    for name, module in subcommands.items():
+        if find_spec(module.partition('.')[0]) is None:
+            _add_missing(subparsers, name)
+        else:
+            import_module(module).add_parser(subparsers)
+    complete(parser)
+    return parser
+
+
+def _add_missing(subparsers: argparse._SubParsersAction[OneLineParser], name: str) -> None:
+    """Add a subcommand whose package is not installed; it is refused with any arguments."""
+    # No argument begins with a NUL, so argparse treats none as an option.
+    parser = subparsers.add_parser(name, help='a study; not installed', add_help=False, prefix_chars='\0')
+    parser.add_argument('arguments', nargs='*')
+    parser.set_defaults(run=lambda _: _refuse(name))
+
+
+def _refuse(name: str) -> int:
+    raise InvalidInput(f'{name}: {NOT_INSTALLED}')

@@ -1,22 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat plan`: heating plan of a route, with its energy."""
+"""`preheat plan`: heating plan of a route, or of each leg of a trip with stops, with its energy."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
-from bev_preheat.commands.method_argument import add_method_argument
+from bev_preheat.charging.stop import chance_text
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
-from bev_preheat.commands.prospect import add_prospect_arguments, plan_in_doubt, read_prospect
-from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.commands.parser import completed_by, given_options, NameCompleter
+from bev_preheat.commands.situation import (
+    add_method_argument,
+    add_prospect_arguments,
+    add_situation_arguments,
+    in_steps,
+    load_planned_vehicle,
+    PROSPECT_OPTIONS,
+    read_prospect,
+    read_situation,
+    target_of,
+    warn,
+)
 from bev_preheat.commands.terminal import result_console
+from bev_preheat.control.charging_doubt import given_target_pays_from
+from bev_preheat.control.inputs import check_mission, Leg
+from bev_preheat.control.itinerary import load_itinerary
+from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from typing import Any
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.charging.stop import ChargingProspect
+    from bev_preheat.commands.parser import Alternatives, Subparsers
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import Goal
+    from bev_preheat.route import Route
+    from bev_preheat.vehicle.description import Vehicle
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -41,10 +69,8 @@ def run(arguments: Namespace) -> int:
     prospect = read_prospect(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
-    plan, in_doubt = plan_in_doubt(situation.vehicle, situation.route, situation.state, situation.goal,
-                                   prospect, arguments.method)
-    sensitivity = find_sensitivity(
-        situation.vehicle, situation.route, situation.state, situation.goal, plan)
+    plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)
+    sensitivity = find_sensitivity(*situation.inputs, plan)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     if arguments.json:
         write_json(arguments.json, {**plan.as_dictionary(),
@@ -53,11 +79,106 @@ def run(arguments: Namespace) -> int:
                                     **({'charging_probability': prospect.probability,
                                         'prospect_explanation': in_doubt} if in_doubt else {})})
     if arguments.plot:
-        from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal, [plan],
-                   title)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [plan], title),
+                    arguments.plot)
     console = result_console(arguments.json)
     print_plans(console, [plan], title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
     return 0
+
+
+def add_itinerary_argument(parser: Alternatives) -> None:
+    """Add the alternative to `--route`."""
+    completed_by(NameCompleter('itineraries'), parser.add_argument(
+        '--itinerary', metavar='NAME|FILE',
+        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML '
+        'file'))
+
+
+def run_itinerary(arguments: Namespace) -> int:
+    """Plan each leg, print, and write the requested files; returns the exit status."""
+    _refuse_what_legs_say(arguments)
+    vehicle = load_planned_vehicle(arguments.vehicle)
+    itinerary = load_itinerary(arguments.itinerary, vehicle)
+    warn(*itinerary.warnings)
+    check_output_arguments(arguments, (vehicle_file(arguments.vehicle), *itinerary.files))
+    # The first leg starts from the measured state.
+    first, *others = itinerary.mission.legs
+    first = replace(first, departure=BatteryState(arguments.temperature, arguments.soc))
+    legs = tuple(replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others))
+    target_c = target_of(arguments, vehicle)
+    check_mission(vehicle, replace(itinerary.mission, legs=legs), target_c)
+    plans, doubts = zip(*(_plan(vehicle, leg, target_c, arguments.method) for leg in legs))
+    starts_s = [leg.start_ns / NS_PER_S for leg in legs]
+    headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
+    title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
+    if arguments.json:
+        write_json(arguments.json, {
+            'itinerary': itinerary.mission.route_id,
+            'vehicle_assumed': list(vehicle.assumed),
+            'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
+                       **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
+                      for name, made_for, start_s, plan, leg in zip(
+                          itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]})
+    if arguments.plot:
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.plan_figure import make_itinerary_figure
+        save_figure(make_itinerary_figure(vehicle, legs, plans, title), arguments.plot)
+    console = result_console(arguments.json)
+    print_plans(console, plans, title, headings,
+                [('Departure after', *map(duration_text, starts_s))])
+    for heading, plan, in_doubt in zip(headings, plans, doubts):
+        console.say(f'{heading}: {plan.status.name}: {plan.explanation} {in_doubt}'.rstrip())
+    return 0
+
+
+def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> tuple[Plan, str]:
+    """Return the Plan of a Leg from its departure on, and the sentence on its prospect of charging."""
+    assert leg.departure is not None
+    return _plan_in_doubt(vehicle, leg.route, leg.departure, leg.goal(target_c), leg.prospect, method)
+
+
+def _sensitivity(vehicle: Vehicle, leg: Leg, target_c: float, plan: Plan) -> dict[str, Any] | None:
+    """Return the Sensitivity of a Leg's Plan to the temperature at its departure as in the JSON; None for none."""
+    assert leg.departure is not None
+    found = find_sensitivity(vehicle, leg.route, leg.departure, leg.goal(target_c), plan)
+    return None if found is None else found.as_dictionary()
+
+
+def _refuse_what_legs_say(arguments: Namespace) -> None:
+    given = [*(['--min-soc'] if arguments.min_soc else []),
+             *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS))]
+    if given:
+        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg '
+                           'has its own')
+
+
+def _plan_in_doubt(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, prospect: ChargingProspect,
+                  method: str) -> tuple[Plan, str]:
+    """
+    Return the Plan for the target of a Goal under a ChargingProspect, and a sentence on it, '' if it is certain.
+
+    The plan heats from the probability on from which heating to the target costs less than no heating, at the
+    usual prices and a charger that gives all that the vehicle takes.
+    """
+    def plan_to(target_c: float) -> Plan:
+        return plan_preheating(vehicle, route, state, replace(goal, target_temperature_c=target_c), method)
+
+    plan = plan_to(goal.target_temperature_c)
+    if prospect.probability == 1.0 or not goal.charging_planned or plan.heating_start_s is None:
+        return plan, ''
+    pays_from = given_target_pays_from(
+        vehicle, route, state, goal, prospect, Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H), plan_to)
+    chance = f'{prospect.in_words} chance of charging'
+    if prospect.probability >= pays_from:
+        return plan, f'{chance}: heating pays from {chance_text(pays_from)} on.'
+    if pays_from > 1.0:
+        sentence = (f'{chance}: heating to this target costs more than it saves, even if the vehicle charges for '
+                    'certain.')
+    else:
+        sentence = (f'Heating waits: {chance}; it starts after {duration_text(plan.heating_start_s)} if that '
+                    f'rises to {chance_text(pays_from)}.')
+    return plan_preheating(vehicle, route, state, replace(goal, heating_pays=False), method), sentence

@@ -1,33 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat prepare`: asks a running planner to warm the battery by an instant, with or without a route."""
+"""`preheat prepare`: asks a running planner for a warm battery by an instant; a week of departures without one."""
 
 from __future__ import annotations
 
 from datetime import datetime, timedelta
 import os
 import re
+import time
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.departures import (
-    add_departure_arguments,
-    check_departure_arguments,
-    run_skip,
-    run_week,
-)
+from bev_preheat.commands.monitor import add_planner_arguments, planner_of
+from bev_preheat.commands.output import check_output_arguments, write_json
+from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
-from bev_preheat.control.departures import CLOCK
+from bev_preheat.commands.situation import load_planned_vehicle
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.control.departure_week import prepare_week
+from bev_preheat.control.departures import CLOCK, dated_instant_ns, in_words, local
+from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.monitoring.end_signals import end_signals
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
-    from argparse import Namespace
+    from argparse import ArgumentParser, Namespace
+    from datetime import tzinfo
 
-    from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.monitoring.preparation import PreparationClient, Wanted
+    from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.control.departure_week import PreparedDeparture
+    from bev_preheat.monitoring.planner_client import PreparationClient, Wanted
     from bev_preheat_msgs.action import PrepareBattery
 
 NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 LONGEST_MIN = 24 * 60.0
+# Options that only this part of the subcommand reads.
+OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
+# Options of a goal for a running planner.
+OF_GOAL = ('at', 'in', 'target', 'plugged_in', 'skip_next', 'skip_none')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -40,16 +50,14 @@ def add_parser(subparsers: Subparsers) -> None:
     when = parser.add_mutually_exclusive_group()
     when.add_argument('--at', metavar='HH:MM', help='when the battery must be warm, by the clock of this computer '
                       '(default: as soon as possible)')
-    when.add_argument('--in', dest='minutes', type=float, metavar='MINUTES', help='the same, in minutes from now')
+    when.add_argument('--in', type=float, metavar='MINUTES', help='the same, in minutes from now')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature [degC] (default: the planner's)")
     parser.add_argument('--ambient', type=float, metavar='DEGC', help='ambient temperature until then [degC] '
                         '(default: that of the route, or the last known)')
     parser.add_argument('--plugged-in', action='store_true',
                         help='the vehicle stands, and the grid supplies the heater')
-    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
-    parser.add_argument('--node', default='planner', metavar='NAME',
-                        help='node name of the planner (default: %(default)s)')
+    add_planner_arguments(parser)
     add_departure_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -73,31 +81,25 @@ def run(arguments: Namespace) -> int:
     if NAME.fullmatch(arguments.node) is None:
         raise InvalidInput(f'--node: {quoted(arguments.node)} is not allowed; it must be letters, digits and '
                            '_, no digit first')
-    minutes = arguments.minutes
+    minutes = getattr(arguments, 'in')
     if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
         raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most '
                            f'{LONGEST_MIN:g} min')
     ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
                   else None if minutes is None else 60.0 * minutes)
-    prefix = arguments.namespace.strip('/')
-    planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
-    if arguments.skip_next or arguments.skip_none:
-        return run_skip(arguments, planner)
     require_ros()
-    from bev_preheat.monitoring.end_signals import end_signals
     try:
         # Handle signals from here on, because importing ROS is slow, too.
         with end_signals() as signals:
-            from rclpy.exceptions import InvalidNamespaceException
-
-            from bev_preheat.monitoring.preparation import PreparationClient, Wanted
+            from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
             from bev_preheat.nodes.listening import listening
-            try:
-                with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
-                    return _pursue(PreparationClient(listener, planner, signals), Wanted(
-                        ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in))
-            except InvalidNamespaceException as error:
-                raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
+            with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
+                if arguments.skip_next or arguments.skip_none:
+                    is_done, sentence = skip_departure(listener, planner_of(arguments), arguments.skip_next)
+                    result_console().say(sentence)
+                    return 0 if is_done else FAILED
+                return _pursue(PreparationClient(listener, planner_of(arguments), signals), Wanted(
+                    ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in))
     except KeyboardInterrupt:
         # A second signal: do not wait for the planner's answer.
         return INTERRUPTED
@@ -106,9 +108,8 @@ def run(arguments: Namespace) -> int:
 def _pursue(client: PreparationClient, wanted: Wanted) -> int:
     from rich.progress import BarColumn, TextColumn
 
-    from bev_preheat.commands.terminal import progress_bar, result_console
     from bev_preheat.control.preparation_goal import PreparationEnding
-    from bev_preheat.monitoring.preparation import feedback_line
+    from bev_preheat.monitoring.planner_client import feedback_line
     if not client.send(wanted):
         say('preheat: interrupted')
         return INTERRUPTED
@@ -139,3 +140,90 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
         raise InvalidInput(result.explanation.removesuffix('.'))
     console.say(result.explanation)
     return 0 if result.reached else FAILED
+
+
+def add_departure_arguments(parser: ArgumentParser) -> None:
+    """Add the options for departures."""
+    skips = parser.add_mutually_exclusive_group()
+    skips.add_argument('--skip-next', action='store_true',
+                       help="skip the next departure of the planner's parameter departures; each call skips "
+                       'one more')
+    skips.add_argument('--skip-none', action='store_true', help='take back every skip')
+    week = parser.add_argument_group('the preparations of a week, without a planner')
+    week.add_argument('--departures', metavar='FILE', help='print the preparations of the departures in this file')
+    week.add_argument('--prices', metavar='FILE', help='prices of energy from the grid')
+    week.add_argument('--vehicle', metavar='NAME|FILE',
+                      help='vehicle: a name in config/vehicles or a YAML file (default: reference)')
+    week.add_argument('--temperature', type=float, metavar='DEGC', help='battery temperature when a preparation '
+                      'may begin [degC] (default: the ambient temperature)')
+    week.add_argument('--soc', type=float, metavar='0..1', help='state of charge then (default: 0.8)')
+    week.add_argument('--from', metavar='DATE', help='begin at this time, "YYYY-MM-DD HH:MM", local '
+                      'or with an offset (default: now)')
+    week.add_argument('--json', metavar='FILE', help='write the result as JSON; - is standard output, and tables '
+                      'then go to standard error')
+    week.add_argument('--plot', metavar='FILE', help='draw the week (PNG, SVG, PDF)')
+
+
+def check_departure_arguments(arguments: Namespace) -> None:
+    """Raise InvalidInput if options are combined that do not belong together."""
+    if arguments.departures is None:
+        for option in given_options(arguments, OFFLINE):
+            raise InvalidInput(f'{option}: is for --departures only')
+        return
+    for option in given_options(arguments, OF_GOAL):
+        raise InvalidInput(f'{option}: is not allowed with --departures')
+
+
+def run_week(arguments: Namespace) -> int:
+    """Print and draw the preparations of a week; return the exit status."""
+    departures = load_departures(arguments.departures)
+    prices = None if arguments.prices is None else load_grid_prices(arguments.prices)
+    check_output_arguments(arguments, [path for path in (arguments.departures, arguments.prices) if path])
+    vehicle = load_planned_vehicle(arguments.vehicle or 'reference')
+    prepared = prepare_week(
+        vehicle, departures, prices, _from_ns(getattr(arguments, 'from'), departures.zone),
+        0.8 if arguments.soc is None else arguments.soc, arguments.ambient, arguments.temperature)
+    currency = '' if prices is None else prices.currency
+    title = f'vehicle {vehicle.name}, departures of {os.path.basename(arguments.departures)}'
+    if arguments.json:
+        write_json(arguments.json, {'currency': currency, 'departures': [one.as_dictionary() for one in prepared]})
+    if arguments.plot:
+        from bev_preheat.drawing.departures_figure import make_week_figure
+        from bev_preheat.drawing.figure import save_figure
+        save_figure(make_week_figure(prepared, prices, departures.zone, title), arguments.plot)
+    console = result_console(arguments.json)
+    if not prepared:
+        console.say('No departure within a week.')
+        return 0
+    unit = f' [{currency}]' if currency else ''
+    print_records(
+        console, title, ('departure', 'energy from', 'battery [degC]', 'heating', 'heater [kWh]', f'cost{unit}',
+                         f'latest{unit}'), [_row(one, departures.zone) for one in prepared],
+        ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
+    paid = [(one.cost, one.latest_cost) for one in prepared
+            if one.cost is not None and one.latest_cost is not None]
+    if paid:
+        cost, latest = (sum(each) for each in zip(*paid))
+        console.say(f'From the grid: {cost:.2f} {currency or "in total"}; heating as late as possible '
+                    f'would cost {latest:.2f}.')
+    return 0
+
+
+def _from_ns(text: str | None, zone: tzinfo) -> int:
+    if text is None:
+        return time.time_ns()
+    try:
+        return dated_instant_ns(text, zone)
+    except InvalidInput as error:
+        raise InvalidInput(f'--from: {error}') from error
+
+
+def _row(one: PreparedDeparture, zone: tzinfo) -> tuple[str, ...]:
+    departure, plan = one.occurrence.departure, one.plan
+    heating = ', '.join(f'{local(begin, zone):%H:%M}-{local(end, zone):%H:%M}' for begin, end in one.heating_ns())
+    return (f'{departure.name}, {in_words(one.occurrence.instant_ns, zone)}',
+            'grid' if departure.is_plugged_in else 'battery',
+            f'{plan.arrival_temperature_c:.1f} of {plan.target_temperature_c:.1f}', heating or 'none',
+            f'{plan.energy_wh.hvch_electric / WH_PER_KWH:.2f}',
+            '–' if one.cost is None else f'{one.cost:.2f}',
+            '–' if one.latest_cost is None else f'{one.latest_cost:.2f}')

@@ -3,27 +3,30 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.parser import completed_by, NameCompleter, VEHICLES
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
-from bev_preheat.errors import InvalidInput
+from bev_preheat.control.settings import FIELD_OF_PARAMETER
+from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
+from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.replay_output import Result
-    from bev_preheat.recording.flight_file import Flight
+    from bev_preheat.recording.flight import Flight, Period
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.period import Period
-    from bev_preheat.recording.player import Changes
 
 DIFFERENT = 1
+VEHICLE = 'vehicle'
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -85,7 +88,7 @@ def run(arguments: Namespace) -> int:
     if arguments.explain is not None:
         return run_explanation(arguments, flight, changes)
     from bev_preheat.commands import replay_output
-    from bev_preheat.recording.period import period_of
+    from bev_preheat.recording.flight import period_of
     period = period_of(flight, arguments.begin, arguments.end)
     if changes.is_nothing:
         flight = flight.from_instant(period.from_ns)
@@ -110,11 +113,10 @@ def changes_only(result: Result) -> bool:
 
 def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:
     """Return the Flight of a recording, and the Changes; raises InvalidInput if one is refused."""
-    from bev_preheat.commands.replay_changes import changes_of, planner_of
-    from bev_preheat.recording.recordings import has_planner, open_recording, Planner, Sources
+    from bev_preheat.recording.recordings import has_planner, open_recording, Sources
     planner = planner_of(arguments)
     # Options that change a recorded planner describe an unrecorded one.
-    changes = changes_of(arguments, planner if has_planner(path) else Planner())
+    changes = changes_of(arguments, planner if has_planner(path) else Changes())
     return open_recording(path, planner, Sources(
         arguments.route, arguments.signals, arguments.namespace)), changes
 
@@ -123,7 +125,7 @@ def replayed(flight: Flight, changes: Changes, period: Period,
              has_report: bool) -> tuple[Result, tuple[History, ...]]:
     """Return the Result in a Period, and the History of each drive; () without a report."""
     from bev_preheat.commands.replay_output import Result
-    from bev_preheat.recording.period import driven_ns
+    from bev_preheat.recording.flight import driven_ns
     from bev_preheat.recording.what_if import replay, replay_changed, Watcher
     is_changed = flight.is_log or not changes.is_nothing
     steps, length_ns = len(flight.given), driven_ns(flight, period)
@@ -174,7 +176,7 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
     if not changes.is_nothing:
         raise InvalidInput('--explain: is for the recording as it was, without changes')
     from bev_preheat.recording.explanation import explain
-    from bev_preheat.recording.period import instant_of, moment
+    from bev_preheat.recording.flight import instant_of, moment
     why = explain(flight, instant_of('--explain', arguments.explain, flight.start_ns))
     if arguments.json:
         write_json(arguments.json, {
@@ -186,3 +188,75 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
         if section.rows:
             print_records(console, section.heading, ('', ''), section.rows)
     return 0
+
+
+def planner_of(arguments: Namespace) -> Changes:
+    """Return the Changes of `--vehicle`, `--method` and `--set`; raises InvalidInput for unknown parameters."""
+    parameters: dict[str, Any] = {}
+    for text in arguments.parameters:
+        name, sign, value = text.partition('=')
+        if not sign or name not in FIELD_OF_PARAMETER:
+            raise InvalidInput(f'--set: {quoted(text)} is not allowed{_meant(name)}; it must be PARAMETER=VALUE, '
+                               f'with a parameter of {", ".join(FIELD_OF_PARAMETER)}')
+        parameters[name] = _value('--set', name, value)
+    if arguments.method is not None:
+        parameters['method'] = _value('--method', 'method', arguments.method)
+    return Changes(arguments.vehicle, parameters=parameters)
+
+
+def changes_of(arguments: Namespace, planner: Changes) -> Changes:
+    """Return the Changes of `--change`, on top of those of the planner; raises InvalidInput, naming the change."""
+    vehicle, parameters = planner.vehicle, dict(planner.parameters)
+    signals, keys = [], dict[str, Any]()
+    for text in arguments.changes:
+        name, sign, value = text.partition('=')
+        name = ALIASES.get(name, name)
+        if sign and name == VEHICLE:
+            vehicle = value
+        elif sign and name in FIELD_OF_PARAMETER:
+            parameters[name] = _value('--change', name, value)
+        elif sign and name in SIGNALS:
+            try:
+                signals.append(signal_change(name, value))
+            except InvalidInput as error:
+                raise InvalidInput(f'--change: {error}') from error
+        elif sign and '.' in name:
+            try:
+                keys[name] = json.loads(value)
+            except ValueError:
+                keys[name] = value
+        else:
+            signals_in_words = ', '.join(f'{signal} [{unit or "0 ... 1"}]' for signal, (unit, *_) in UNITS.items())
+            raise InvalidInput(f'--change: {quoted(text)} is not allowed{_meant(name)}; it must be SIGNAL=VALUE, '
+                               f'=+NUMBER, =-NUMBER or =*NUMBER with a signal of {signals_in_words}, or '
+                               'vehicle=FILE, or KEY=VALUE with a dotted key of the vehicle file, or '
+                               'PARAMETER=VALUE')
+    return Changes(vehicle, keys, parameters, tuple(signals))
+
+
+def _meant(name: str) -> str:
+    """Return the names that a person may have meant, as a part of a message; '' for none."""
+    from bev_preheat.vehicle import vehicle_contents
+    meant: dict[str, str] = {known: known for known in (*FIELD_OF_PARAMETER, VEHICLE)}
+    meant |= {known: f'--change {ALIASES.get(known, known)}' for known in (*SIGNALS, *ALIASES)}
+    # Keys by their last part too.
+    for key in keys_of_text(vehicle_contents('reference').decode()):
+        for known in (key, key.rpartition('.')[2]):
+            meant.setdefault(known, f'--change {key}')
+    near = dict.fromkeys(meant[known] for known in get_close_matches(name, meant, 3, 0.6))
+    return f'; did you mean {" or ".join(f"{each}=..." for each in near)}?' if near else ''
+
+
+def _value(option: str, name: str, text: str) -> Any:
+    from bev_preheat.nodes.parameters import check, IN_WORDS
+    from bev_preheat.nodes.planner_parameters import PARAMETERS
+    [parameter] = [each for each in PARAMETERS if each.name == name]
+    kind = type(parameter.default)
+    try:
+        value = text if kind is str else float(text) if kind is float else json.loads(text)
+    except ValueError:
+        value = None
+    if not isinstance(value, kind):
+        raise InvalidInput(f'{option}: {name}: {quoted(text)} is not allowed; it must be {IN_WORDS[kind]}')
+    check([parameter], {name: value})
+    return value

@@ -9,21 +9,22 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.recording.cause import cause_of
-from bev_preheat.recording.flight_file import FLIGHT_RECORDER
-from bev_preheat.recording.period import moment
-from bev_preheat.recording.sentences import what_if_sentence
-from bev_preheat.recording.trip_result import lapses_in_words
+from bev_preheat.recording.comparison import cause_of
+from bev_preheat.recording.course import lapses_in_words, what_if_sentence
+from bev_preheat.recording.flight import FLIGHT_RECORDER, moment
 
 if TYPE_CHECKING:
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.monitoring.recording_report import ReportText
+    from bev_preheat.recording.changes import Changes
     from bev_preheat.recording.course import Course
-    from bev_preheat.recording.flight_file import Flight
+    from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.player import Changes
     from bev_preheat.recording.what_if import Replayed
 
+FIGURES = ('begins', 'length', 'heating begins after', 'switch-ons', 'HVCH commanded [Wh]', 'HVCH delivered [Wh]',
+           'without a valid command', 'arrival after', 'arrival temp. [degC]', 'last prediction [degC]',
+           'last status')
 # The longest spans without a command are listed.
 LISTED_SPANS = 10
 
@@ -102,22 +103,19 @@ def as_dictionary(result: Result) -> dict[str, Any]:
 def figure_rows(courses: tuple[Course, ...]) -> list[list[str]]:
     """Return the figures of Courses side by side: a name, and a value for each."""
     start_ns = courses[0].instants[0].now_ns
-    return [
-        ['begins', *(moment(course.instants[0].now_ns) for course in courses)],
-        ['length', *(duration_text((course.instants[-1].now_ns - start_ns) / NS_PER_S) for course in courses)],
-        ['heating begins after', *('never' if not course.heating else duration_text(
-            (course.heating[0][0] - start_ns) / NS_PER_S) for course in courses)],
-        ['switch-ons', *(str(len(course.heating)) for course in courses)],
-        ['HVCH commanded [Wh]', *(_energy_text(course.results.account.commanded_wh) for course in courses)],
-        ['HVCH delivered [Wh]', *(_energy_text(course.results.account.delivered_wh) for course in courses)],
-        ['without a valid command', *(lapses_in_words(course.results.account.without_command) or 'never'
-                                      for course in courses)],
-        ['arrival after', *('not in the recording' if course.arrival is None else duration_text(
-            (course.arrival.now_ns - start_ns) / NS_PER_S) for course in courses)],
-        ['arrival temp. [degC]', *(_arrival_text(course) for course in courses)],
-        ['last prediction [degC]', *('none' if course.latest_prediction is None else
-                                     f'{course.latest_prediction.predicted_c:.2f}' for course in courses)],
-        ['last status', *(course.said[-1].status.name if course.said else '' for course in courses)]]
+
+    def after(now_ns: int) -> str:
+        return duration_text((now_ns - start_ns) / NS_PER_S)
+
+    columns = [(
+        moment(course.instants[0].now_ns), after(course.instants[-1].now_ns),
+        after(course.heating[0][0]) if course.heating else 'never', str(len(course.heating)),
+        _energy_text(course.results.account.commanded_wh), _energy_text(course.results.account.delivered_wh),
+        lapses_in_words(course.results.account.without_command) or 'never',
+        'not in the recording' if course.arrival is None else after(course.arrival.now_ns), _arrival_text(course),
+        'none' if course.latest_prediction is None else f'{course.latest_prediction.predicted_c:.2f}',
+        course.said[-1].status.name if course.said else '') for course in courses]
+    return [[name, *values] for name, *values in zip(FIGURES, *columns)]
 
 
 def _energy_text(energy_wh: float | None) -> str:
@@ -138,8 +136,8 @@ def result_sentences(course: Course) -> list[str]:
 
 def _arrival_text(course: Course) -> str:
     arrival = course.arrival
-    known = arrival is not None and not math.isnan(arrival.measured_c)
-    return f'{arrival.measured_c:.2f}' if arrival is not None and known else 'not in the recording'
+    return ('not in the recording' if arrival is None or math.isnan(arrival.measured_c)
+            else f'{arrival.measured_c:.2f}')
 
 
 def print_result(console: ResultConsole, result: Result) -> None:

@@ -8,16 +8,19 @@ import shlex
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
-from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
-from bev_preheat.commands.log import add_signal_arguments
-from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OPTIONS, route_options
-from bev_preheat.commands.terminal import result_console
+from bev_preheat.commands.parser import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.situation import (
+    add_route_options,
+    add_signal_arguments,
+    in_steps,
+    ROUTE_OPTIONS,
+    route_options,
+)
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.interface.route_or_log import route_or_log
+from bev_preheat.interface.inputs import route_or_log
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route import Route
@@ -78,20 +81,23 @@ def run(arguments: Namespace) -> int:
     check_outputs([OutputFile('--output', arguments.output),
                    OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES)],
                   [vehicle_file(arguments.vehicle), *inputs])
-    comparison = _comparison(arguments, vehicle) if arguments.averages else None
+    comparison = _comparison(arguments, vehicle) if arguments.averages else []
     route = rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
     save_route(arguments.output, route, comments, made_for=vehicle.name, stops=stops)
     console = result_console(soft_wrap=True)
-    console.print(_table(name, route))
+    print_records(console, f'Route {name}', ('quantity', 'value'), _summary(route), ('left', 'right'))
     console.say(*(f'note: {remark}' for remark in remarks))
     console.say(f'written: {arguments.output}')
-    if comparison is not None:
-        console.print(comparison)
+    if comparison:
+        print_records(console, 'Propulsion from mean speeds, against the samples', (
+            'means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude', 'root mean square'),
+            comparison, ['right'] * 6)
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
-        from bev_preheat.drawing.route_figure import draw_route
-        draw_route(arguments.plot, name, route)
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.inputs_figure import make_route_figure
+        save_figure(make_route_figure(name, route), arguments.plot)
         console.say(f'drawn: {arguments.plot}')
     return 0
 
@@ -148,59 +154,51 @@ def _command(arguments: Namespace) -> str:
     return shlex.join([*words, '--repair'] if arguments.repair else words)
 
 
-def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:
-    """Return the comparison of a drive cycle with the estimate from its mean speeds."""
+def _comparison(arguments: Namespace, vehicle: Vehicle) -> list[tuple[str, ...]]:
+    """Return the rows that compare a drive cycle with the estimate from its mean speeds."""
     options = route_options(arguments)
     path = Path(expanded(arguments.source))
     journey = read_journey(path, options)
     assert isinstance(journey, Journey)
     ambient_c = ambient_of(journey, options, path)
-    table = Table(title='Propulsion from mean speeds, against the samples', title_justify='left')
-    for heading in ('means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude',
-                    'root mean square'):
-        table.add_column(heading, justify='right')
+    rows: list[tuple[str, ...]] = []
     for step_s in arguments.averages:
         exact, estimated, plain = compare_averages(journey.motion, vehicle, ambient_c, step_s)
-        if not table.rows:
-            table.add_row('samples', f'{exact.energy_wh:.0f} Wh', '', '', f'{exact.magnitude_w / 1e3:.2f} kW',
-                          f'{exact.rms_w / 1e3:.2f} kW')
-        table.add_row(
+        if not rows:
+            rows.append(('samples', f'{exact.energy_wh:.0f} Wh', '', '', f'{exact.magnitude_w / 1e3:.2f} kW',
+                         f'{exact.rms_w / 1e3:.2f} kW'))
+        rows.append((
             f'{step_s:g} s', f'{estimated.energy_wh:.0f} Wh', _deviation(estimated.energy_wh, exact.energy_wh),
             _deviation(plain.energy_wh, exact.energy_wh), _deviation(estimated.magnitude_w, exact.magnitude_w),
-            _deviation(estimated.rms_w, exact.rms_w))
-    return table
+            _deviation(estimated.rms_w, exact.rms_w)))
+    return rows
 
 
 def _deviation(value: float, true: float) -> str:
     return f'{100.0 * (value / true - 1.0):+.1f} %' if true else '-'
 
 
-def _table(name: str, route: Route) -> Table:
-    """Return a summary of a route."""
+def _summary(route: Route) -> list[tuple[str, str]]:
+    """Return the rows of a summary of a route."""
     duration_s, power_w = route.duration_s, route.propulsion_power_w
     total_s = route.total_duration_s
     energy_wh = power_w * duration_s / JOULES_PER_WH
     rms_w = np.sqrt(route.propulsion_power_rms_w**2 @ duration_s / total_s)
     ambient_c = route.ambient_temperature_c
-    table = Table(title=Text(f'Route {name}', 'table.title'), show_header=False, title_justify='left')
-    table.add_column()
-    table.add_column(justify='right')
-    for what, value in (
-            ('segments', f'{len(route)}'),
-            ('duration', f'{total_s / 60.0:.1f} min'),
-            ('distance', f'{route.distance_m / 1000.0:.2f} km'),
-            ('mean speed', f'{3.6 * route.distance_m / total_s:.1f} km/h'),
-            ('propulsion power, mean', f'{power_w @ duration_s / total_s / 1000.0:.2f} kW'),
-            ('propulsion power, root mean square', f'{rms_w / 1000.0:.2f} kW'),
-            ('propulsion power, segments from', f'{power_w.min() / 1000.0:.1f} kW'),
-            ('propulsion power, segments to', f'{power_w.max() / 1000.0:.1f} kW'),
-            ('energy of driving segments', f'{energy_wh[energy_wh > 0.0].sum():.0f} Wh'),
-            ('energy of regenerating segments', f'{energy_wh[energy_wh < 0.0].sum():.0f} Wh'),
-            ('cabin heating', _energy(route.cabin_heating_power_w, duration_s)),
-            ('auxiliaries', _energy(route.auxiliary_power_w, duration_s)),
-            ('ambient temperature', f'{ambient_c.min():.1f} ... {ambient_c.max():.1f} degC')):
-        table.add_row(what, value)
-    return table
+    return [
+        ('segments', f'{len(route)}'),
+        ('duration', f'{total_s / 60.0:.1f} min'),
+        ('distance', f'{route.distance_m / 1000.0:.2f} km'),
+        ('mean speed', f'{3.6 * route.distance_m / total_s:.1f} km/h'),
+        ('propulsion power, mean', f'{power_w @ duration_s / total_s / 1000.0:.2f} kW'),
+        ('propulsion power, root mean square', f'{rms_w / 1000.0:.2f} kW'),
+        ('propulsion power, segments from', f'{power_w.min() / 1000.0:.1f} kW'),
+        ('propulsion power, segments to', f'{power_w.max() / 1000.0:.1f} kW'),
+        ('energy of driving segments', f'{energy_wh[energy_wh > 0.0].sum():.0f} Wh'),
+        ('energy of regenerating segments', f'{energy_wh[energy_wh < 0.0].sum():.0f} Wh'),
+        ('cabin heating', _energy(route.cabin_heating_power_w, duration_s)),
+        ('auxiliaries', _energy(route.auxiliary_power_w, duration_s)),
+        ('ambient temperature', f'{ambient_c.min():.1f} ... {ambient_c.max():.1f} degC')]
 
 
 def _energy(power_w: FloatArray, duration_s: FloatArray) -> str:

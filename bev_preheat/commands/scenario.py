@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
-from bev_preheat.commands.completion import completed_by, NameCompleter
-from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.parser import completed_by, NameCompleter
+from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.situation import warn
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Mapping, Sequence
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.simulation.scenario import Scenario
     from bev_preheat.simulation.scenario_drive import DriveRecord, Finding

@@ -1,16 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments that define a situation: vehicle, route, state and goal."""
+"""The arguments that subcommands share: vehicle, route, state and goal, methods, prospect of charging, logs."""
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
-from bev_preheat.commands.parser import option_group
+from bev_preheat.charging.stop import ChargingProspect, check_prospect
+from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, ROUTES, VEHICLES
+from bev_preheat.commands.program import say
 from bev_preheat.errors import InvalidInput
-from bev_preheat.interface.route_or_log import route_or_log
+from bev_preheat.interface.inputs import route_or_log
+from bev_preheat.planning.planner import (
+    check_method,
+    DEFAULT_METHOD,
+    method_names,
+    METHODS,
+    REPLACED,
+    replaced_in_words,
+)
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.route.plausibility import unit_warnings
@@ -20,16 +32,18 @@ from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
-    from pathlib import Path
+    from collections.abc import Iterator
     from typing import Any
 
-    from bev_preheat.commands.arguments import Alternatives
+    from bev_preheat.commands.parser import Alternatives
+    from bev_preheat.identification.trips import Trip
 
 # Options of `add_route_options`.
 ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
 # The title of options that few need.
 LESS_COMMON = 'less common options'
 AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
+PROSPECT_OPTIONS = 'charging_probability', 'arrival_deviation', 'charging_known_before'
 
 
 @dataclass(frozen=True)
@@ -46,6 +60,11 @@ class PlanningArguments:
     goal: Goal
     files: tuple[Path, ...]
     route_made_for: str | None
+
+    @property
+    def inputs(self) -> tuple[Vehicle, Route, BatteryState, Goal]:
+        """What planning functions take."""
+        return self.vehicle, self.route, self.state, self.goal
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the part of a command's JSON on the inputs."""
@@ -176,3 +195,109 @@ def target_of(arguments: Namespace, vehicle: Vehicle) -> float:
     """Return the target [degC] of parsed arguments, the vehicle's default without one."""
     target_c: float | None = arguments.target
     return vehicle.defaults.target_battery_temperature_c if target_c is None else target_c
+
+
+class MethodNames:
+    """The names of all methods for argparse; installed packages are searched only if a name is not built in."""
+
+    def __init__(self, *more: str) -> None:
+        """Allow `more` names than those of methods."""
+        self._more = more
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a name is allowed."""
+        return name in self._more or name in METHODS or name in method_names()
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over all names, as help and completion do."""
+        return iter((*self._more, *method_names()))
+
+    def checked(self, name: str) -> str:
+        """
+        Return an allowed name, as the `type` of an option; a method of a package is loaded.
+
+        For a method of earlier versions, say what took its place, and return that.
+        """
+        if name in REPLACED:
+            say(f'preheat: {replaced_in_words(name)}')
+            return REPLACED[name]
+        if name not in self._more:
+            try:
+                check_method(name)
+            except InvalidInput as error:
+                also = f'; also allowed: {", ".join(self._more)}' if self._more else ''
+                raise ArgumentTypeError(f'{str(error).removeprefix("method: ")}{also}') from None
+        return name
+
+
+def add_method_argument(parser: ArgumentParser) -> None:
+    """Add `--method`."""
+    names = MethodNames()
+    option_group(parser, LESS_COMMON).add_argument(
+        '--method', choices=names, type=names.checked, default=DEFAULT_METHOD, metavar='NAME',
+        help='planning method: %(choices)s (default: %(default)s)')
+
+
+def add_methods_argument(parser: ArgumentParser, default: str) -> None:
+    """Add `--methods`, None by default; `default` is the help's word for None."""
+    names = MethodNames()
+    parser.add_argument('--methods', nargs='+', choices=names, type=names.checked, metavar='NAME',
+                        help=f'planning methods, of %(choices)s (default: {default})')
+
+
+def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
+    """Add the logs, at least one if the command `needs_logs`, `--signals` and `--repair`."""
+    parser.add_argument('logs', nargs='+' if needs_logs else '*', metavar='LOG',
+                        help='recorded drives, charging sessions, nights at stand')
+    add_signal_arguments(parser)
+
+
+def add_signal_arguments(parser: ArgumentParser) -> None:
+    """Add `--signals` and `--repair`."""
+    completed_by(NameCompleter('signals'), parser.add_argument(
+        '--signals', metavar='NAME|FILE',
+        help='signal map: a name in config/signals or a YAML file (default: the map that recognises the log)'))
+    parser.add_argument('--repair', action='store_true',
+                        help='correct mix-ups of sign, unit and scale that physics reveals')
+
+
+def read_trips(arguments: Namespace, vehicle: Vehicle, is_fit: bool = False) -> list[Trip]:
+    """
+    Return the Trips of the logs, one recording in memory at a time.
+
+    A fit also refuses recordings with doubts about sign or unit. Raises InvalidInput with one line for each
+    problem of a log.
+    """
+    from bev_preheat.identification.recording_checks import refuse_doubted
+    from bev_preheat.identification.trips import trip_of, trips_from
+    from bev_preheat.logs.reading import read_recording
+
+    def trip(path: str) -> Trip:
+        recording = read_recording(Path(path), arguments.signals, arguments.repair)
+        if is_fit:
+            refuse_doubted(recording)
+        return trip_of(recording, vehicle)
+
+    return trips_from(partial(trip, path) for path in arguments.logs)
+
+
+def add_prospect_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments that `read_prospect` reads."""
+    group = option_group(parser, 'charging or arrival in doubt')
+    group.add_argument('--charging-probability', type=float, metavar='0..1',
+                       help='probability that the vehicle charges on arrival, above 0 (default: it does)')
+    group.add_argument('--arrival-deviation', type=float, metavar='S',
+                       help='standard deviation of the arrival time [s] (default: exact)')
+    group.add_argument('--charging-known-before', type=float, metavar='S',
+                       help='for how long before the arrival the driver knows whether the vehicle charges [s] '
+                       '(default: on arrival)')
+
+
+def read_prospect(arguments: Namespace) -> ChargingProspect:
+    """Return the ChargingProspect of parsed arguments; raise InvalidInput if they are not allowed."""
+    probability, deviation_s, known_s = (getattr(arguments, name) for name in PROSPECT_OPTIONS)
+    prospect = ChargingProspect(
+        1.0 if probability is None else probability, 0.0 if deviation_s is None else deviation_s,
+        0.0 if known_s is None else known_s)
+    check_prospect(prospect)
+    return prospect

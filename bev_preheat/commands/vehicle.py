@@ -8,13 +8,11 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.published import describe_timed_car, USUAL_WARM_C, warm_session
-from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.parser import option_group
+from bev_preheat.commands.parser import completed_by, option_group, VEHICLES
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import print_figures, print_records, result_console
-from bev_preheat.commands.vehicle_published import add_published
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from bev_preheat.charging.session import Session
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
@@ -101,7 +99,6 @@ def add_parser(subparsers: Subparsers) -> None:
     actions.add_parser(
         'list', help='the cars that come with the package',
         description='List the cars that come with the package.').set_defaults(run=run_list)
-    add_published(actions)
 
 
 def _add_new(actions: Subparsers) -> None:

@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
-from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.figure import (
+    draw_course,
+    draw_steps,
+    legend_above,
+    show_range,
+    stacked_figure,
+    TimeAxis,
+)
 from bev_preheat.drawing.palette import AMBIENT, look_of, TARGET, WITHOUT_PREHEATING
 from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.vehicle.charging import charging_of
@@ -21,7 +27,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
 
 # In the order of the sessions.
@@ -31,12 +36,6 @@ HEATER_DASHES = (0, (1.0, 1.5))
 MOST_SHOWN_S = 2.0 * 3600.0
 SHOWN_BEYOND = 1.3
 LEAST_SHOWN_S = 60.0
-
-
-def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],
-                  title: str) -> None:
-    """Draw sessions into a file; its suffix gives the format."""
-    save_figure(make_session_figure(vehicle, stop, sessions, title), path)
 
 
 def draw_charging_power(axis: Axes, session: Session) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from matplotlib.dates import DateFormatter, DayLocator
 import numpy as np
 
-from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.figure import legend_above, stacked_figure
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE
 from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
 
@@ -21,17 +21,10 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.departure_week import PreparedDeparture
     from bev_preheat.control.departures import GridPrices
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
 # Matplotlib counts days since 1970.
 S_PER_DAY = 86400.0
-
-
-def draw_week(path: AnyPath, prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
-              title: str) -> None:
-    """Draw the preparations of a week into a file; its suffix gives the format."""
-    save_figure(make_week_figure(prepared, prices, zone, title), path)
 
 
 def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,

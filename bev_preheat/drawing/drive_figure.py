@@ -6,8 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.drawing import palette
-from bev_preheat.drawing.curves import draw_course, show_range, TimeAxis
-from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.figure import draw_course, legend_above, show_range, stacked_figure, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
 from bev_preheat.planning.explanation import duration_text
 
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.drawing.palette import Style
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
     # Instants [s] and values, shape (N,) each.
@@ -38,12 +36,6 @@ STYLES: dict[str, Style] = {
 }
 # The legend has the value of these on arrival.
 ENDS = (TRUE, BATTERY, UNHEATED)
-
-
-def draw_drive(path: AnyPath, title: str, temperatures_c: Mapping[str, Course], command_w: Course, target_c: float,
-               socs: Mapping[str, Course]) -> None:
-    """Draw a drive into a file; its suffix gives the format."""
-    save_figure(make_drive_figure(title, temperatures_c, command_w, target_c, socs), path)
 
 
 def make_drive_figure(title: str, temperatures_c: Mapping[str, Course], command_w: Course, target_c: float,

@@ -1,29 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes and saves figures without a screen."""
+"""Makes and saves figures without a screen; curves over time, and their axes."""
 
 from __future__ import annotations
 
 import io
 import os
 import textwrap
-from typing import TYPE_CHECKING
+from typing import overload, TYPE_CHECKING
 import warnings
 
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+import numpy as np
 
 from bev_preheat.files.output_files import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from typing import Any
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    import numpy as np
-    from numpy.typing import NDArray
+    from matplotlib.lines import Line2D
+    from numpy.typing import ArrayLike, NDArray
 
     from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
     # Axes in rows and columns; NumPy does not know the type of objects in an array.
     AxesGrid = NDArray[np.object_]
@@ -35,6 +37,13 @@ LINES_OF_TITLE = 9
 LEGEND_CHARACTERS = 128
 # Width of the line sample beside a text, in characters.
 HANDLE_CHARACTERS = 8
+# More points than this exceed the columns of a picture.
+MOST_POINTS = 4000
+# Longest trip [s] drawn in a unit, seconds per unit, its name.
+TIME_UNITS = ((180.0, 1.0, 's'), (4.0 * 3600.0, 60.0, 'min'), (np.inf, 3600.0, 'h'))
+MARGIN = 0.06
+# A bound is shown if its distance from the curves is at most this many of their spans.
+REACH = 0.6
 
 
 def grid_figure(rows: int, columns: int, title: str, height_in: float,
@@ -111,3 +120,99 @@ def save_figure(figure: Figure, path: AnyPath) -> None:
         warnings.filterwarnings('ignore', message='Glyph .* missing from')
         figure.savefig(drawn, format=os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130)
     write_whole(path, drawn.getvalue())
+
+
+class TimeAxis:
+    """The time of a trip, in a unit that fits its length; call it with seconds to convert them."""
+
+    def __init__(self, duration_s: float) -> None:
+        """Choose the unit for a trip of `duration_s` seconds."""
+        self.seconds, self.unit = next(
+            (seconds, unit) for longest_s, seconds, unit in TIME_UNITS if duration_s <= longest_s)
+
+    @overload
+    def __call__(self, seconds: float) -> float: ...
+
+    @overload
+    def __call__(self, seconds: Sequence[float] | FloatArray) -> FloatArray: ...
+
+    def __call__(self, seconds: float | Sequence[float] | FloatArray) -> float | FloatArray:
+        """Return instants [s] in the unit."""
+        return np.asarray(seconds, dtype=float) / self.seconds
+
+    def finish(self, axis: Axes, start_s: float, end_s: float, name: str = 'trip time') -> None:
+        """Label the x axis, and let it span the trip."""
+        axis.set_xlabel(f'{name} [{self.unit}]')
+        axis.set_xlim(self(start_s), self(end_s))
+
+
+def draw_course(axis: Axes, instants: ArrayLike, values: ArrayLike, **style: Any) -> Line2D:
+    """Draw a curve through values at instants, thinned if there are too many; returns it."""
+    line, = axis.plot(*_thinned(np.asarray(instants), np.asarray(values)), **style)
+    return line
+
+
+def draw_steps(axis: Axes, edges: FloatArray, values: ArrayLike, **style: Any) -> Line2D:
+    """Draw one value per step, between its edges, as a staircase; returns it."""
+    return draw_course(axis, *_staircase(edges, values), **style)
+
+
+def shade_steps(axis: Axes, edges: FloatArray, low: ArrayLike, high: ArrayLike,
+                **style: Any) -> None:
+    """Shade the area between two values per step."""
+    edges, low = _staircase(edges, np.broadcast_to(low, len(edges) - 1))
+    high = np.repeat(np.broadcast_to(high, len(low) // 2), 2)
+    kept = _kept(low) | _kept(high)
+    axis.fill_between(edges[kept], low[kept], high[kept], linewidth=0.0, **style)
+
+
+def _staircase(edges: FloatArray, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    return np.repeat(edges, 2)[1:-1], np.repeat(values, 2)
+
+
+def _thinned(instants: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    kept = _kept(values)
+    return instants[kept], values[kept]
+
+
+def _kept(values: FloatArray) -> BoolArray:
+    """Return which points of a curve are drawn, shape (N,): the extremes of each column if there are many."""
+    kept = np.ones(len(values), dtype=bool)
+    if len(values) > MOST_POINTS:
+        kept[1:-1] = False
+        for part in np.array_split(np.arange(len(values)), MOST_POINTS // 2):
+            # A gap (NaN) stays a gap.
+            kept[part[[np.argmin(values[part]), np.argmax(values[part])]]] = True
+    return kept
+
+
+def show_range(axis: Axes, *values: ArrayLike, least: float,
+               bounds: Iterable[ArrayLike] = ()) -> list[bool]:
+    """
+    Show all finite values, with a margin, in a span of at least `least`, so that noise is not magnified.
+
+    A bound (value or array) near the curves is shown, too. Returns for each bound whether part
+    of it is in the panel.
+    """
+    low, high = _extent(values)
+    # Quantities that start at 0, such as a power, need no space below it.
+    missing, below = max(0.0, least - (high - low)), 0.5 if low else 0.0
+    low, high = low - below * missing, high + (1.0 - below) * missing
+    reach = REACH * (high - low)
+    nearest = low - reach, high + reach
+    shown = []
+    for bound in bounds:
+        least_bound, most_bound = _extent([bound])
+        shown.append(least_bound <= nearest[1] and most_bound >= nearest[0])
+        if shown[-1]:
+            low = min(low, max(least_bound, nearest[0]))
+            high = max(high, min(most_bound, nearest[1]))
+    margin = MARGIN * (high - low)
+    axis.set_ylim(low - margin, high + margin)
+    return shown
+
+
+def _extent(values: Iterable[ArrayLike]) -> tuple[float, float]:
+    finite = np.concatenate([np.ravel(part) for part in values])
+    finite = finite[np.isfinite(finite)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of an identification: trips, resistance, residuals, errors on unseen trips, coverage."""
+"""Pictures of recorded trips beside their prediction, and of an identification."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import warnings
 
 import numpy as np
 
-from bev_preheat.drawing.figure import grid_figure
+from bev_preheat.drawing.figure import draw_course, draw_steps, grid_figure, legend_above, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VERMILLION
-from bev_preheat.drawing.trips_figure import check_figure
 from bev_preheat.identification.uncertainty import QUANTILE
 
 if TYPE_CHECKING:
@@ -20,13 +19,67 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.identification.check import Check
+    from bev_preheat.identification.check import Check, TripCheck
     from bev_preheat.identification.result import Identification
     from bev_preheat.identification.trips import Trip
 
+# Beyond this many trips a figure is too tall to be read; the others are in the table.
+MOST_TRIPS_DRAWN = 24
+ROW_HEIGHT_IN = 1.9
 PANEL_HEIGHT_IN = 3.4
 # One residual a minute is enough for a picture.
 RESIDUAL_STEP_S = 60.0
+
+
+def check_figure(check: Check) -> Figure:
+    """Return the figure of a Check: a row for each trip, temperature on the left, charge on the right."""
+    shown = check.trips[:MOST_TRIPS_DRAWN]
+    left_out = len(check.trips) - len(shown)
+    figure, axes = grid_figure(
+        len(shown), 2, f'vehicle {check.vehicle.name}: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K on '
+        f'{len(check.trips)} trips' + (f', the first {len(shown)} drawn' if left_out else ''),
+        ROW_HEIGHT_IN * len(shown) + 0.8)
+    for row, trip in zip(axes, shown):
+        draw_trip(row[0], row[1], trip)
+    legend_above(axes[0, 0], columns=1)
+    legend_above(axes[0, 1], columns=1)
+    return figure
+
+
+def draw_arrival_errors(axis: Axes, check: Check) -> None:
+    """Draw the error on arrival of each trip of a Check on an axis of any figure."""
+    axis.barh([trip.trip.name for trip in check.trips], [trip.arrival_error_k for trip in check.trips], color=BLUE)
+    axis.invert_yaxis()
+    axis.set_xlabel('predicted minus measured temperature on arrival [K]')
+
+
+def draw_trip(temperature: Axes, charge: Axes, check: TripCheck) -> None:
+    """Draw a TripCheck: readings as intervals of the sensor's step, prediction as a line."""
+    trip, predicted = check.trip, check.prediction
+    time = TimeAxis(len(trip))
+    edges = time(np.arange(len(trip) + 1.0))
+    half_k = 0.5 * trip.resolution_k
+    readings_c = trip.battery_temperature_c
+    if half_k:
+        temperature.fill_between(edges[:-1], readings_c - half_k, readings_c + half_k, step='post', color=GRAY,
+                                 alpha=0.3, linewidth=0.0, label='measured, within the step of the sensor')
+    else:
+        draw_course(temperature, edges[:-1], readings_c, color=GRAY, linewidth=2.5, label='measured')
+    draw_course(temperature, time(predicted.time_s), predicted.reading_c, color=BLUE, linewidth=1.6,
+                label='predicted from the first reading')
+    if trip.heats:
+        heater = temperature.twinx()
+        draw_steps(heater, edges, 1e-3 * trip.heater_w, color=ORANGE, linewidth=0.8)
+        heater.set_ylabel('heater [kW]', fontsize='small', color=ORANGE)
+    temperature.set_ylabel(f'{trip.name}\n[°C]', fontsize='small')
+    temperature.annotate(f'{check.arrival_error_k:+.2f} K'.replace('-', '\N{MINUS SIGN}'), (0.99, 0.06),
+                         xycoords='axes fraction', horizontalalignment='right', fontsize='small')
+    draw_course(charge, edges[:-1], 100.0 * trip.soc, color=GRAY, linewidth=2.5, label='measured')
+    draw_course(charge, time(predicted.time_s), 100.0 * predicted.soc, color=VERMILLION, linewidth=1.2,
+                label='predicted')
+    charge.set_ylabel('charge [%]', fontsize='small')
+    for axis in (temperature, charge):
+        time.finish(axis, 0.0, float(len(trip)))
 
 
 def report_pictures(result: Identification) -> dict[str, str]:

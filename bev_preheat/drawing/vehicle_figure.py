@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
-from bev_preheat.charging.published import USUAL_WARM_C, warm_session
+from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import S_PER_MIN

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Value of heating: cost over the target, and minutes at the charger over energy bought."""
+"""Value of heating: cost over the target, minutes at the charger over energy bought, cost of each charger."""
 
 from __future__ import annotations
 
@@ -7,29 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.drawing.curves import show_range
-from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
-from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, ORANGE, WITHOUT_PREHEATING
+from bev_preheat.drawing.figure import grid_figure, legend_above, literal, show_range
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, GREEN, look_of, ORANGE, WITHOUT_PREHEATING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Worth
-    from bev_preheat.files.output_files import AnyPath
 
     # Coordinates of a target on the axes: x, y.
     Place = Callable[[TargetWorth], tuple[float, float]]
 
 MARK_POINTS = 9.0
-
-
-def draw_worth(path: AnyPath, worth: Worth, title: str) -> None:
-    """Draw a Worth into a file; its suffix gives the format."""
-    save_figure(make_worth_figure(worth, title), path)
+PARTS = (('energy', 'energy_cost', BLUE), ('charging time', 'charging_cost', ORANGE),
+         ('detour', 'detour_cost', GREEN), ('expected wait', 'wait_cost', GRAY))
 
 
 def make_worth_figure(worth: Worth, title: str) -> Figure:
@@ -65,3 +61,24 @@ def _draw(axis: Axes, worth: Worth, place: Place) -> None:
             axis.plot(*at, linestyle='', marker=marker, color=colour, markersize=size,
                       markeredgecolor=BLACK, markeredgewidth=0.6, label=name)
     show_range(axis, finite[:, 1], least=1e-3)
+
+
+def make_chargers_figure(ranked: Sequence[CandidateWorth], title: str) -> Figure:
+    """Return the figure of ranked chargers, the cheapest on top; one with a problem shows its name only."""
+    figure, ((axis,),) = grid_figure(1, 1, title, height_in=1.8 + 0.5 * len(ranked))
+    places = np.arange(len(ranked))
+    left = np.zeros(len(ranked))
+    for label, name, colour in PARTS:
+        widths = np.array([0.0 if item.problem is not None else getattr(item, name) for item in ranked])
+        axis.barh(places, widths, left=left, height=0.6, color=colour, label=label)
+        left += widths
+    for place, item, end in zip(places, ranked, left):
+        text = f' {item.total_cost:.2f}' if item.problem is None else ' not compared'
+        axis.annotate(text, (end, place), va='center')
+    axis.set_yticks(places, [literal(item.candidate.name) for item in ranked])
+    axis.set_axisbelow(True)
+    axis.invert_yaxis()
+    axis.set_xlim(0.0, max(1.12 * float(left.max(initial=0.0)), 1e-3))
+    axis.set(xlabel='cost of energy and time')
+    legend_above(axis, columns=4)
+    return figure

@@ -61,11 +61,11 @@ class CheckResult(Result):
                 f'{len(self.checked.trips)} recordings')
 
     def _figure(self) -> Figure:
-        from bev_preheat.drawing.trips_figure import check_figure
+        from bev_preheat.drawing.identification_figures import check_figure
         return check_figure(self.checked)
 
     def _draw(self, axis: Axes) -> None:
-        from bev_preheat.drawing.trips_figure import draw_arrival_errors
+        from bev_preheat.drawing.identification_figures import draw_arrival_errors
         draw_arrival_errors(axis, self.checked)
 
 

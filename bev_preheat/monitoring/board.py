@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that was heard of one planner: latest values, history of the drive, changes of the plan."""
+"""All that was heard of one planner: latest values, history of the drive of bounded size, changes of the plan."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.diagnosis import diagnose, Diagnosis
 from bev_preheat.monitoring.health import Banner, banner_of, Pulse, Surroundings
-from bev_preheat.monitoring.plain import instant, instants, number, numbers
-from bev_preheat.monitoring.trail import Trail, TRAIL_POINTS
-from bev_preheat.monitoring.view import LONGEST_SENTENCE, status_name, View
+from bev_preheat.monitoring.seen import diagnose, Diagnosis
+from bev_preheat.monitoring.view import instant, instants, LONGEST_SENTENCE, number, numbers, status_name, View
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
@@ -24,6 +22,12 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
     from bev_preheat.recording.deviation import Unheated
 
+TRAIL_POINTS = 2000
+# Points older than this are dropped [s].
+HORIZON_S = 86400.0
+# Rows of a full trail are at least this share of their age apart, divided by the most rows, and this time [s].
+# Then some 3/4 of the rows are left, whatever the rate: their number grows with the logarithm of the horizon.
+SHARE_OF_AGE, LEAST_APART_S = 14.0, 0.05
 MOST_MARKS, MOST_SPANS = 200, 200
 NO_COMMAND = 'no valid command'
 # The trajectories of a plan are drawn with at most so many points.
@@ -39,6 +43,58 @@ PLAN_FRESH_S = 10.0
 ANSWER_HOLDS_S = ANSWER_HOLDS_NS / NS_PER_S
 # A heater's controller refuses longer leases [s].
 LONGEST_LEASE_S = 60.0
+
+
+class Trail:
+    """
+    Rows of numbers, the instant [s] first, in order of time; at most `most` rows.
+
+    A full trail drops the rows beyond the horizon, and others so that older rows are further apart. `generation`
+    changes when rows were dropped, so that a reader knows that it has to read all rows again.
+    """
+
+    def __init__(self, most: int = TRAIL_POINTS, horizon_s: float = HORIZON_S) -> None:
+        """Start empty."""
+        self._most, self._horizon_s = most, horizon_s
+        self._rows: list[tuple[float, ...]] = []
+        self.generation = 0
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._rows)
+
+    def add(self, row: tuple[float, ...]) -> None:
+        """Add a row; one with the latest instant, or with an earlier one, replaces the later rows."""
+        if self._rows and row[0] <= self._rows[-1][0]:
+            self._rows.pop()
+            while self._rows and row[0] <= self._rows[-1][0]:
+                self._rows.pop()
+            self.generation += 1
+        self._rows.append(row)
+        if len(self._rows) > self._most:
+            self._thin(row[0])
+
+    def clear(self) -> None:
+        """Drop all rows."""
+        if self._rows:
+            self._rows.clear()
+            self.generation += 1
+
+    def since(self, count: int) -> Sequence[tuple[float, ...]]:
+        """Return the rows after the first `count`."""
+        return self._rows[count:]
+
+    def _thin(self, now_s: float) -> None:
+        share, kept, later_s = SHARE_OF_AGE / self._most, [self._rows[-1]], self._rows[-1][0]
+        for row in reversed(self._rows[:-1]):
+            age_s = now_s - row[0]
+            if age_s > self._horizon_s:
+                break
+            if later_s - row[0] >= max(share * age_s, LEAST_APART_S):
+                kept.append(row)
+                later_s = row[0]
+        self._rows = kept[::-1][-self._most:]
+        self.generation += 1
 
 
 class Mark(NamedTuple):

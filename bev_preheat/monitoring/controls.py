@@ -14,8 +14,8 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.preparation_goal import PreparationEnding
-from bev_preheat.monitoring.asked import Answer, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
-from bev_preheat.monitoring.preparation import Wanted
+from bev_preheat.monitoring.planner_client import Wanted
+from bev_preheat.monitoring.source import Answer, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from bev_preheat.monitoring.asked import Asked
+    from bev_preheat.monitoring.source import Asked
 
     # Steps of a conversation with a planner; the result is its Answer.
     Conversation = Generator[None, None, Answer]
@@ -34,7 +34,13 @@ PRESENT_WITHIN_S, REPLY_WITHIN_S = 4.0, 4.0
 # The first report on an accepted goal comes with the next command.
 REPORTED_WITHIN_S = 2.5
 STEP_PERIOD_S = 0.05
-UNKNOWN_EFFECT = 'whether it does so is not known: look at its status'
+NOT_FOUND = 'The planner was not found: nothing was asked.'
+NO_REPLY = (f'The planner has not answered within {REPLY_WITHIN_S:g} s; whether it does so is not known: look at '
+            'its status.')
+
+
+class _Unanswered(Exception):
+    """The planner was not found, or has not answered; the text is a sentence."""
 
 
 class _Clients(NamedTuple):
@@ -106,6 +112,8 @@ class Controls:
                 continue
             except StopIteration as end:
                 result = end.value
+            except _Unanswered as error:
+                result = Answer(False, str(error))
             except Exception as error:
                 result = Answer(False, f'The request failed: {type(error).__name__}: {error}')
             self._talks.remove((talk, answer))
@@ -120,17 +128,14 @@ class Controls:
         if asked.kind == PREPARE:
             return (yield from self._prepare(planner, clients.prepare, asked, at_s))
         if asked.kind == CANCEL:
-            return (yield from self._cancel(clients.cancel))
+            # A request without identification and stamp cancels all goals.
+            count = len((yield from _called(clients.cancel, CancelGoal.Request())).goals_canceling)
+            return Answer(count > 0, 'The preparation is cancelled.' if count else
+                          'There is no preparation to cancel.')
         client, value = (clients.enable, asked.kind == ENABLE) if asked.kind in (ENABLE, DISABLE) else (
             clients.skip, asked.kind == SKIP)
-        if not (yield from _until(client.service_is_ready, PRESENT_WITHIN_S)):
-            return Answer(False, 'The planner was not found: nothing was asked.')
         # Sent once: a second request would skip another departure.
-        answered = client.call_async(SetBool.Request(data=value))
-        if not (yield from _until(answered.done, REPLY_WITHIN_S)):
-            client.remove_pending_request(answered)
-            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
-        response = answered.result()
+        response = yield from _called(client, SetBool.Request(data=value))
         return Answer(bool(response.success),
                       str(response.message) or ('Done.' if response.success else 'Refused.'))
 
@@ -138,7 +143,7 @@ class Controls:
         if at_s is None and asked.minutes is not None:
             return Answer(False, "The planner's time is not known yet: nothing was asked.")
         if not (yield from _until(client.server_is_ready, PRESENT_WITHIN_S)):
-            return Answer(False, 'The planner was not found: nothing was asked.')
+            raise _Unanswered(NOT_FOUND)
         wanted = Wanted(None if asked.minutes is None else 60.0 * asked.minutes, asked.target_c,
                         is_plugged_in=asked.is_plugged_in)
         reports: list[str] = []
@@ -148,7 +153,7 @@ class Controls:
 
         sent = client.send_goal_async(wanted.goal(round((at_s or 0.0) * NS_PER_S)), on_feedback)
         if not (yield from _until(sent.done, REPLY_WITHIN_S)):
-            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
+            raise _Unanswered(NO_REPLY)
         handle = sent.result()
         if not handle.accepted:
             return Answer(False, 'The planner rejects the goal.')
@@ -165,17 +170,16 @@ class Controls:
         if not ended.cancelled() and ended.exception() is None:
             self._on_outcome(planner, str(ended.result().result.explanation))
 
-    def _cancel(self, client: Any) -> Conversation:
-        if not (yield from _until(client.service_is_ready, PRESENT_WITHIN_S)):
-            return Answer(False, 'The planner was not found: nothing was asked.')
-        # A request without identification and stamp cancels all goals.
-        answered = client.call_async(CancelGoal.Request())
-        if not (yield from _until(answered.done, REPLY_WITHIN_S)):
-            client.remove_pending_request(answered)
-            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
-        count = len(answered.result().goals_canceling)
-        return Answer(count > 0, 'The preparation is cancelled.' if count else
-                      'There is no preparation to cancel.')
+
+def _called(client: Any, request: Any) -> Generator[None, None, Any]:
+    """Return the response of a service."""
+    if not (yield from _until(client.service_is_ready, PRESENT_WITHIN_S)):
+        raise _Unanswered(NOT_FOUND)
+    answered = client.call_async(request)
+    if not (yield from _until(answered.done, REPLY_WITHIN_S)):
+        client.remove_pending_request(answered)
+        raise _Unanswered(NO_REPLY)
+    return answered.result()
 
 
 def _until(condition: Callable[[], bool], patience_s: float) -> Generator[None, None, bool]:

@@ -22,8 +22,8 @@ from bev_preheat.monitoring.handlers import (
     MainHandler,
     MissingHandler,
     Shared,
+    TabHandler,
 )
-from bev_preheat.monitoring.tab import TabHandler
 
 if TYPE_CHECKING:
     from collections.abc import Callable

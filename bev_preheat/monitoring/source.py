@@ -1,28 +1,79 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page's source: running planners, and the messages about them to one browser tab."""
+"""The page's source: running planners, requests of people to them, and the messages to one browser tab."""
 
 from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import dataclass
+import math
 from threading import Lock
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.monitoring.plain import written
-from bev_preheat.monitoring.view import status_name
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.monitoring.view import status_name, written
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.monitoring.asked import Answer, Asked
     from bev_preheat.monitoring.board import Board
 
     # Asks a planner by name at an instant of its clock [s].
-    Ask = Callable[[str, Asked, float | None], Future[Answer]]
+    Ask = Callable[[str, 'Asked', float | None], Future['Answer']]
 
-
+ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP = (
+    'enable', 'disable', 'prepare', 'cancel', 'skip', 'unskip')
+KINDS = (ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP)
+# As the action has them: a day ahead, and the temperatures of batteries.
+MINUTES, TARGETS_C = (1.0, 1440.0), (-60.0, 60.0)
 # A tab gets the trajectories of a plan at most this often [s]: the planner makes a plan at each battery state.
 PLAN_PERIOD_S = 1.0
+
+
+class Asked(NamedTuple):
+    """
+    A request: its kind; for `prepare` when [min from now], the target [deg C], whether the car is plugged in.
+
+    `minutes` None: as soon as possible. `target_c` None: the planner's own.
+    """
+
+    kind: str
+    minutes: float | None = None
+    target_c: float | None = None
+    is_plugged_in: bool = False
+
+
+class Answer(NamedTuple):
+    """Whether the planner serves the request, and its sentence."""
+
+    is_accepted: bool
+    text: str
+
+
+def asked_of(values: Any) -> Asked:
+    """Return the Asked of a request's JSON; raises InvalidInput, naming the field."""
+    if not isinstance(values, dict):
+        raise InvalidInput('the request must be a JSON object')
+    kind = values.get('kind')
+    if kind not in KINDS:
+        raise InvalidInput(f'kind: {quoted(str(kind)[:40])} is not allowed; it must be one of {", ".join(KINDS)}')
+    if kind != PREPARE:
+        return Asked(kind)
+    plugged_in = values.get('pluggedIn', False)
+    if not isinstance(plugged_in, bool):
+        raise InvalidInput('pluggedIn: must be true or false')
+    return Asked(kind, _number(values, 'minutes', MINUTES, 'min'), _number(values, 'target', TARGETS_C, 'degC'),
+                 plugged_in)
+
+
+def _number(values: dict[str, Any], name: str, limits: tuple[float, float], unit: str) -> float | None:
+    value, (low, high) = values.get(name), limits
+    if value is None:
+        return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not is_number or not low <= value <= high:
+        raise InvalidInput(f'{name}: {quoted(str(value)[:40])} is not allowed; it must be {low:g} ... {high:g} '
+                           f'{unit}')
+    return float(value)
 
 
 @dataclass

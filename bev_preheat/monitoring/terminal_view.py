@@ -13,9 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.errors import one_line, shortened
-from bev_preheat.monitoring.diagnosis import LEVELS
-from bev_preheat.monitoring.plain import number
-from bev_preheat.monitoring.view import LONGEST_SENTENCE, status_name
+from bev_preheat.monitoring.seen import LEVELS
+from bev_preheat.monitoring.view import LONGEST_SENTENCE, number, status_name
 from bev_preheat.nodes.news import without_figures
 from bev_preheat.planning.explanation import duration_text
 

@@ -1,21 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view of a planner at an instant: the one value that the web page and the terminal lay out."""
+"""The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+import json
+import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.plain import instant, number
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
-    from bev_preheat.monitoring.diagnosis import Diagnosis
-    from bev_preheat.monitoring.health import Banner
-    from bev_preheat.monitoring.seen import PlanSeen
+    from collections.abc import Sequence
 
+    from bev_preheat.monitoring.health import Banner
+    from bev_preheat.monitoring.seen import Diagnosis, PlanSeen
+
+# Values beyond this are no measurement of a car, and no scale of a chart fits them.
+MOST_VALUE = 1e9
 LONGEST_SENTENCE = 2000
+
+
+def number(value: float | None, digits: int = 3) -> float | None:
+    """Return a number rounded for display; None if it is unknown, infinite or beyond MOST_VALUE."""
+    if value is None or not math.isfinite(value) or abs(value) > MOST_VALUE:
+        return None
+    return round(value, digits)
+
+
+def instant(value: float | None) -> float | None:
+    """Return an instant [s] in milliseconds' resolution; None if it is unknown or unset."""
+    return None if value is None or not math.isfinite(value) or value <= 0.0 else round(value, 3)
+
+
+def instants(values: Sequence[float]) -> list[float | None]:
+    """Return the instants of a column [s]."""
+    return [instant(value) for value in values]
+
+
+def numbers(values: Sequence[float], digits: int = 3) -> list[float | None]:
+    """Return the numbers of a column."""
+    return [number(value, digits) for value in values]
+
+
+def written(value: Any) -> str:
+    """Return a value as JSON, without characters that end a script element."""
+    return json.dumps(value, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
 
 
 @dataclass(frozen=True)

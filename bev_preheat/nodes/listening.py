@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
+
+from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,12 +47,15 @@ def listening(name: str, domain_id: int | None = None, namespace: str = '') -> I
     """
     Give the Listener of a new node during the block; the caller handles signals.
 
-    `domain_id` None: the environment's. Raises rclpy.exceptions.InvalidNamespaceException.
+    `domain_id` None: the environment's. Raises InvalidInput, naming `--namespace`, if that is not allowed.
     """
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
     try:
-        node = rclpy.create_node(name, context=context, namespace=namespace, enable_rosout=False)
+        try:
+            node = rclpy.create_node(name, context=context, namespace=namespace, enable_rosout=False)
+        except InvalidNamespaceException as error:
+            raise InvalidInput(f'--namespace: {namespace!r}: {error}') from error
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         try:

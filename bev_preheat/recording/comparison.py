@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a replay answers as the recorded planner did, instant by instant."""
+"""Whether a replay answers as the recorded planner did, instant by instant, and the likely cause if not."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.files.configuration import version
+from bev_preheat.native.library import core
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.period import Period, WHOLE
+from bev_preheat.recording.flight import FLIGHT_RECORDER
 from bev_preheat.recording.recorded_steps import command_values
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from bev_preheat.recording.flight_file import Given
-    from bev_preheat.recording.player import Played
-
+    from bev_preheat.control.decision import Command
+    from bev_preheat.recording.flight import Flight
+    from bev_preheat.recording.recorded_steps import RecordedStep
 
 # Leases of a recording without the instants of steps may end this much apart [ns].
 LEASE_TOLERANCE_NS = 1_000_000
@@ -31,17 +32,18 @@ class Difference(NamedTuple):
     replayed: str
 
 
-@dataclass(frozen=True)
+@dataclass
 class Comparison:
     """
     `commands` recorded commands were compared, `different` commands differ, `first` is the first Difference.
 
-    `largest_w` is the largest difference of power [W], `tolerance_w` [W] the tolerated difference.
+    `largest_w` is the largest difference of power [W], `tolerance_w` [W] the tolerated difference: above 0 the
+    recording has no steps of its own, and steps without a recorded command are not compared.
     """
 
-    commands: int
-    different: int
-    first: Difference | None
+    commands: int = 0
+    different: int = 0
+    first: Difference | None = None
     largest_w: float = 0.0
     tolerance_w: float = 0.0
 
@@ -50,33 +52,20 @@ class Comparison:
         """Whether every command is the recorded one."""
         return self.different == 0
 
-
-def compare(pairs: Iterable[tuple[Given, Played]], period: Period = WHOLE, tolerance_w: float = 0.0,
-            has_commands: bool = True) -> Comparison:
-    """
-    Return the Comparison of recorded steps with their replays, in a Period.
-
-    A command differs if its power, the end of its lease or its reason does. With `tolerance_w` [W] above 0 the
-    recording has no steps of its own: steps without a recorded command are not compared. Without `has_commands`
-    nothing is.
-    """
-    commands = different = 0
-    first: Difference | None = None
-    largest_w = 0.0
-    for index, (given, played) in enumerate(pairs):
-        recorded, replayed = given.step.command, command_values(played.output.command)
-        if not has_commands or not period.has(given.step.now_ns) or (
-                recorded is None and (replayed is None or tolerance_w > 0.0)):
-            continue
-        commands += 1
+    def add(self, number: int, step: RecordedStep, command: Command | None) -> None:
+        """Compare the replayed command of a step: its power, the end of its lease and its reason."""
+        recorded, replayed = step.command, command_values(command)
+        if recorded is None and (replayed is None or self.tolerance_w > 0.0):
+            return
+        self.commands += 1
         if recorded is not None and replayed is not None:
-            largest_w = max(largest_w, abs(recorded[0] - replayed[0]))
-            if recorded == replayed or (tolerance_w > 0.0 and _are_near(recorded, replayed, tolerance_w)):
-                continue
-        different += 1
-        if first is None:
-            first = Difference(index, given.step.now_ns, *_both_in_words(recorded, replayed))
-    return Comparison(commands, different, first, largest_w, tolerance_w)
+            self.largest_w = max(self.largest_w, abs(recorded[0] - replayed[0]))
+            if recorded == replayed or (self.tolerance_w > 0.0 and _are_near(
+                    recorded, replayed, self.tolerance_w)):
+                return
+        self.different += 1
+        if self.first is None:
+            self.first = Difference(number, step.now_ns, *_both_in_words(recorded, replayed))
 
 
 def _are_near(recorded: tuple[float, int, int], replayed: tuple[float, int, int], tolerance_w: float) -> bool:
@@ -103,3 +92,23 @@ def in_words(command: tuple[float, int, int] | None) -> str:
         return 'no command'
     power_w, _, reason = command
     return f'{power_w:.1f} W ({Status(reason).name})'
+
+
+def cause_of(flight: Flight, first: Difference) -> str:
+    """Return the likely cause of the first Difference, as a sentence."""
+    beginning, parameters = flight.beginning, flight.beginning.parameters
+    if flight.source != FLIGHT_RECORDER:
+        return ('The recording has no vehicle file, parameters and learned factors: compare those of the recorded '
+                'planner with --vehicle, --method and --set.')
+    if any(gap <= first.number and not any(gap <= start.at <= first.number for start in flight.starts)
+           for gap in flight.gaps):
+        return 'Steps before it were not recorded, so the replayed planner knows less.'
+    if beginning.version != version():
+        return f'Version {beginning.version} recorded it, and version {version()} replays it.'
+    method = str(parameters.get('method', ''))
+    if method and method not in METHODS:
+        return f'The method {method} comes from an installed package, and may depend on more than its inputs.'
+    if parameters.get('compiled_core', True) and core() is None:
+        return 'The native core is not built here, and the recorded planner may have used it.'
+    return ('None is known: version, parameters, vehicle file and inputs are the recorded ones. The file may '
+            'have been changed, or the computer computes otherwise.')

@@ -14,7 +14,7 @@ from bev_preheat.recording.player import Player
 
 if TYPE_CHECKING:
     from bev_preheat.control.state import State
-    from bev_preheat.recording.flight_file import Flight
+    from bev_preheat.recording.flight import Flight
 
 NODE = 'planner'
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.events import BATTERY_STATE
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.recording.period import moment
+from bev_preheat.recording.flight import moment
 
 if TYPE_CHECKING:
-    from bev_preheat.recording.flight_file import Given
+    from bev_preheat.recording.flight import Given
     from bev_preheat.recording.player import Played
 
 # A clock that goes back by less is only read in two threads [ns].

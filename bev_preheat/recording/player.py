@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, Reconfigured, ROUTE_PLAN
@@ -14,9 +13,9 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS, Reader
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.recording.beginning import learned_of
+from bev_preheat.recording.changes import Changes, with_keys
 from bev_preheat.recording.message_types import read_message
 from bev_preheat.recording.recorded_steps import event_of, FAIL, GoalNumbers, MESSAGE_KINDS, RECONFIGURED, STOP
-from bev_preheat.recording.vehicle_keys import with_keys
 from bev_preheat.vehicle import vehicle_contents
 from bev_preheat.vehicle.loading import vehicle_of_text
 
@@ -28,36 +27,10 @@ if TYPE_CHECKING:
     from bev_preheat.control.state import State
     from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.estimation.prior import Learned
-    from bev_preheat.recording.flight_file import Flight, Given, Start
-    from bev_preheat.recording.signal_changes import SignalChange
+    from bev_preheat.recording.flight import Flight, Given, Start
     from bev_preheat.vehicle.description import Vehicle
 
 RECORDED_VEHICLE = 'the recorded vehicle file'
-
-
-@dataclass(frozen=True)
-class Changes:
-    """
-    The changes of a replay: none by default.
-
-    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `vehicle_keys` replace values of that
-    file by dotted keys, `parameters` recorded ones, `signals` change recorded signals.
-    """
-
-    vehicle: str | None = None
-    vehicle_keys: Mapping[str, Any] = field(default_factory=dict)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    signals: tuple[SignalChange, ...] = ()
-
-    @property
-    def is_nothing(self) -> bool:
-        """Whether the replay is to reproduce the recording."""
-        return self.has_recorded_vehicle and not self.parameters and not self.signals
-
-    @property
-    def has_recorded_vehicle(self) -> bool:
-        """Whether the vehicle file is the recorded one."""
-        return self.vehicle is None and not self.vehicle_keys
 
 
 class Played(NamedTuple):

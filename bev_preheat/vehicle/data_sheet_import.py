@@ -41,7 +41,7 @@ LEAKAGE_SOURCE = (
     'parked packs keep warm: a compact car over a night 1.4 to 2.6 W/(m2 K), a large saloon below 1 (both '
     'measured; docs/reference/vehicles.md), a saloon 12 K above the air after 10 h at -32 degC, about 2 '
     '(insideevs.com, "A Tesla Model 3 Sat Overnight At -33F"); while driving, the warming that owners '
-    'report means 9 W/(m2 K) at 80 km/h (preheat vehicle published)')
+    'report means 9 W/(m2 K) at 80 km/h (python3 -m bev_preheat_studies published)')
 DRIVE_KW_PER_KWH = 2.0
 REGENERATION_SHARE = 0.6
 # Battery power over drivetrain power; heater and auxiliaries are added.

@@ -16,7 +16,7 @@ STUDIES = {
     'robustness': 'robustness.command', 'sweep': 'optimality.sweep', 'reproduce': 'table_two',
     'best_target': 'optimality.best_target', 'uncertain_charging': 'optimality.uncertain_charging',
     'fleet': 'fleet.study', 'identification': 'identification.study', 'tunables': 'tunables',
-    'value_picture': 'value_picture', 'cost': 'cost.benchmark', 'soak': 'soak.command'}
+    'value_picture': 'value_picture', 'published': 'published', 'cost': 'cost.benchmark', 'soak': 'soak.command'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,23 +2,30 @@
 """
 The results of a study: a file to which each result is appended, and from which a stopped study resumes.
 
-JSON lines: the first identifies the study, each other one is a result. Numbers are read back to the last bit.
-A line is written at once; an incomplete one (power loss, full disk) is dropped when the file is opened again.
+JSON lines: the first identifies the study and the sources that compute it, because others may compute another
+result; each other line is a result. Numbers are read back to the last bit. A line is written at once; an
+incomplete one (power loss, full disk) is dropped when the file is opened again.
 """
 
 from __future__ import annotations
 
 from dataclasses import is_dataclass
 import fcntl
+from functools import cache
+from hashlib import sha256
 from itertools import chain
 import json
 import os
+from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints, TYPE_CHECKING, TypeVar
 
+import numpy as np
+
+import bev_preheat
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.configuration import version
 from bev_preheat.files.output_files import check_writable, target_of
-from bev_preheat_studies.sources import sources
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,6 +37,10 @@ Result = TypeVar('Result')
 STUDY = 'bev_preheat_study'
 # Longer values are cut in messages.
 LONGEST_VALUE = 60
+# The product and its studies.
+PACKAGES = (Path(bev_preheat.__file__).resolve().parent, Path(__file__).resolve().parent)
+# Hexadecimal digits that distinguish sources and inputs.
+DIGITS = 12
 
 
 class ResultsFile:
@@ -145,3 +156,33 @@ def _shown(value: Any) -> str:
         return 'not given'
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= LONGEST_VALUE else f'{text[:LONGEST_VALUE]}…'
+
+
+@cache
+def sources() -> str:
+    """Return version and digest of the Python files and data of both packages, as a text."""
+    digest = sha256()
+    for package in PACKAGES:
+        for path in sorted(package.rglob('*')):
+            if path.suffix in ('.py', '.yaml'):
+                digest.update(path.relative_to(package.parent).as_posix().encode())
+                digest.update(path.read_bytes())
+    return f'{version()} ({digest.hexdigest()[:DIGITS]})'
+
+
+def digest_of(value: Any) -> str:
+    """Return a digest of a tree of dataclasses, arrays and plain values; equal trees have equal digests."""
+    return sha256(json.dumps(_plain(value)).encode()).hexdigest()[:DIGITS]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, '__dataclass_fields__'):
+        return {type(value).__name__: {name: _plain(getattr(value, name))
+                                       for name in value.__dataclass_fields__}}
+    return value

@@ -19,9 +19,8 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.program import WorkerLost
+from bev_preheat.commands.program import keeping_what_is_finished, WorkerLost
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import OutputFile

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
@@ -121,10 +121,12 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
     if arguments.plot:
-        from bev_preheat.drawing.plan_figure import draw_plans
+        from bev_preheat.drawing.figure import save_figure
+        from bev_preheat.drawing.plan_figure import make_plan_figure
         vehicle = load_vehicle('reference')
-        draw_plans(arguments.plot, vehicle, load_route('reference', vehicle.defaults), GOAL,
-                   [result.heuristic, result.optimum.plan], "the paper's Figure 6", every_panel=True)
+        save_figure(make_plan_figure(
+            vehicle, load_route('reference', vehicle.defaults), GOAL, [result.heuristic, result.optimum.plan],
+            "the paper's Figure 6", every_panel=True), arguments.plot)
     console = result_console(arguments.json)
     print_result(console, result)
     if arguments.fit:

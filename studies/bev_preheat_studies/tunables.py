@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
     # Arrivals above the target [K], heating energies [Wh], switch-ons, and verdicts on heaters.
     Figures = tuple[list[float], list[float], int, tuple[str, ...]]

@@ -14,8 +14,15 @@ import numpy as np
 
 from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
-from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
+from bev_preheat.drawing.figure import (
+    draw_course,
+    draw_steps,
+    grid_figure,
+    legend_above,
+    save_figure,
+    show_range,
+    TimeAxis,
+)
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.numerics.factors import W_PER_KW
@@ -29,7 +36,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.recursion import ValueTable

@@ -60,22 +60,22 @@ def plans_of(preheat_plan, tmp_path):
 
 # Results
 
-@pytest.mark.parametrize('key, expected', [
-    ('route', ['./drive.csv', 'drive.csv']), ('departure_s', [0.0, DRIVE_S + 1200.0]),
-    ('arrival_time_s', [DRIVE_S] * 2), ('target_temperature_c', [19.0, 25.0])])
-def test_json_has_a_plan_for_each_leg(plans_of, key, expected):
-    assert [plan[key] for plan in plans_of(FIRST, LAST)] == expected
-
-
-def test_each_plan_starts_from_its_departure(plans_of):
-    assert [(plan['battery_temperature_c'][0], plan['soc'][0])
-            for plan in plans_of(FIRST, LAST)] == [(-6.0, 0.75), (33.0, 0.85)]
-
-
-def test_each_leg_is_heated_for_its_own_end(plans_of):
-    first, last = plans_of(FIRST, LAST)
+def test_each_leg_has_a_plan_from_its_departure_for_its_own_end(plans_of):
+    first, last = plans = plans_of(FIRST, LAST)
+    for key, expected in (('route', ['./drive.csv', 'drive.csv']), ('departure_s', [0.0, DRIVE_S + 1200.0]),
+                          ('arrival_time_s', [DRIVE_S] * 2), ('target_temperature_c', [19.0, 25.0])):
+        assert [plan[key] for plan in plans] == expected
+    assert [(plan['battery_temperature_c'][0], plan['soc'][0]) for plan in plans] == [(-6.0, 0.75), (33.0, 0.85)]
     assert first['energy_wh']['hvch_electric'] > 100.0
     assert (last['status'], last['energy_wh']['hvch_electric']) == ('NO_CHARGING_PLANNED', 0.0)
+
+
+def test_options_hold_for_every_leg(plans_of):
+    plans = plans_of(FIRST, {**LAST, 'charging_planned': True}, arguments=(
+        '--target', '12', '--step', '20', '--method', 'optimal_switch'))
+    assert [plan['target_temperature_c'] for plan in plans] == [19.0, 12.0]
+    assert [len(plan['hvch_battery_power_w']) for plan in plans] == [DRIVE_S / 20.0] * 2
+    assert [plan['method'] for plan in plans] == ['optimal_switch'] * 2
 
 
 def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
@@ -93,21 +93,6 @@ def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
         key: value for key, value in alone.items() if key not in ignored}
 
 
-def test_the_target_given_holds_for_a_leg_without_one(plans_of):
-    plans = plans_of(FIRST, {**LAST, 'charging_planned': True}, arguments=('--target', '12'))
-    assert [plan['target_temperature_c'] for plan in plans] == [19.0, 12.0]
-
-
-def test_the_step_holds_for_every_leg(plans_of):
-    plans = plans_of(FIRST, LAST, arguments=('--step', '20'))
-    assert [len(plan['hvch_battery_power_w']) for plan in plans] == [DRIVE_S / 20.0] * 2
-
-
-def test_the_method_holds_for_every_leg(plans_of):
-    plans = plans_of(FIRST, LAST, arguments=('--method', 'optimal_switch'))
-    assert [plan['method'] for plan in plans] == ['optimal_switch'] * 2
-
-
 def test_the_table_has_a_column_for_each_leg(preheat_plan):
     status, output, _ = preheat_plan(FIRST, LAST)
     heading, = [line for line in output.splitlines() if line.startswith('┃')]
@@ -115,10 +100,6 @@ def test_the_table_has_a_column_for_each_leg(preheat_plan):
     assert (status, [cell.strip() for cell in heading.split('┃')[2:4]],
             [cell.strip() for cell in departure.split('│')[2:4]]) == (
         0, ['1: ./drive.csv', '2: drive.csv'], ['0:00 min', '45:00 min'])
-
-
-def test_each_leg_is_explained(preheat_plan):
-    _, output, _ = preheat_plan(FIRST, LAST)
     assert '2: drive.csv: NO_CHARGING_PLANNED: No fast charging at the end' in output
 
 
@@ -133,9 +114,10 @@ def test_the_trip_is_drawn(preheat_plan, tmp_path):
             if f'<!-- {text} -->' not in drawn] == []
 
 
-def test_the_shipped_itinerary_has_two_charging_stops_and_a_plain_stretch():
-    mission = load_itinerary('winter_holiday', VEHICLE).mission
-    assert [leg.charging_planned for leg in mission.legs] == [True, True, False]
+def test_the_shipped_itinerary_has_two_charging_stops_and_a_plain_stretch_at_whole_nanoseconds():
+    first, second, third = load_itinerary('winter_holiday', VEHICLE).mission.legs
+    assert [leg.charging_planned for leg in (first, second, third)] == [True, True, False]
+    assert second.start_ns == round((first.route.total_duration_s + 1500.0) * NS_PER_S)
 
 
 @pytest.mark.parametrize(
@@ -222,9 +204,3 @@ def test_either_a_route_or_an_itinerary_is_given(preheat_plan, arguments, text):
 def test_a_file_may_hold_as_many_stops_as_the_node_plans():
     schema = yaml.safe_load(SCHEMA.read_text())
     assert schema['properties']['legs']['maxItems'] == MOST_STOPS + 1
-
-
-def test_legs_are_placed_in_whole_nanoseconds():
-    mission = load_itinerary('winter_holiday', VEHICLE).mission
-    first, second, _ = mission.legs
-    assert second.start_ns == round((first.route.total_duration_s + 1500.0) * NS_PER_S)

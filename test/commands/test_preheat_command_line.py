@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from bev_preheat.commands import arguments as command_arguments
-from bev_preheat.commands.completion import NameCompleter
+from bev_preheat.commands import parser as console_parser
 from bev_preheat.commands.main import main, SUBCOMMANDS
+from bev_preheat.commands.parser import NameCompleter
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation import scenario_drive
 from bev_preheat.simulation.scenario_drive import DriveRecord
@@ -83,6 +83,12 @@ def test_help_is_printed(capsys, command):
     # argparse takes it for no value.
     (['plan', '--target=--', *SITUATION],
      "preheat plan: error: argument --target: '--' is not allowed; see preheat plan --help"),
+    (['plan', *SITUATION, '--soc', '0,9'], "preheat plan: error: argument --soc: '0,9' is not a number; give it "
+     'without a unit and with a decimal point; see preheat plan --help'),
+    (['plan', *SITUATION, '--temperature', '-7C'], "preheat plan: error: argument --temperature: '-7C' is not a "
+     'number; give it without a unit and with a decimal point; see preheat plan --help'),
+    (['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.5'],
+     'preheat plan: error: the following arguments are required: --temperature; see preheat plan --help'),
     (['sweep', '--seed', '1e9'],
      "preheat sweep: error: argument --seed: '1e9' is not a whole number; use digits only; "
      'see preheat sweep --help'),
@@ -99,7 +105,7 @@ def test_wrong_use_is_one_line(capsys, arguments, message):
 @pytest.fixture
 def without_studies(monkeypatch):
     """Make the studies uninstalled."""
-    monkeypatch.setattr(command_arguments, 'find_spec', lambda name: (
+    monkeypatch.setattr(console_parser, 'find_spec', lambda name: (
         None if name == 'bev_preheat_studies' else importlib.util.find_spec(name)))
 
 

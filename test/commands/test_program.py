@@ -77,7 +77,7 @@ def test_interrupted_while_it_is_still_loading():
     code = ('import os, signal, sys\n'
             'class Interrupting:\n'
             '    def find_spec(self, name, path=None, target=None):\n'
-            '        if name == "bev_preheat.commands.arguments":\n'
+            '        if name == "bev_preheat.commands.parser":\n'
             '            os.kill(os.getpid(), signal.SIGINT)\n'
             'sys.meta_path.insert(0, Interrupting())\n'
             'from bev_preheat.commands.main import main\n'

@@ -127,21 +127,10 @@ def test_logs_are_joined(preheat_route, log):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('name, start', [
-    ('route.png', b'\x89PNG'), pytest.param('route.svg', b'<?xml', marks=pytest.mark.deep)])
-def test_a_plot_is_drawn_where_it_is_asked_for(preheat_route, legs, tmp_path, name, start):
-    plot = tmp_path / name
-    status, out, _, _ = preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot',
-                                      str(plot))
-    assert status == 0
-    assert plot.read_bytes().startswith(start)
-    assert f'drawn: {plot}' in out
-
-
-@pytest.mark.costly
 def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
     plot = tmp_path / 'route.svg'
-    preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot', str(plot))
+    status, out, _, _ = preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot', str(plot))
+    assert status == 0 and f'drawn: {plot}' in out
     # matplotlib names each text in a comment of the SVG.
     text = plot.read_text(encoding='utf-8')
     for words in ('route to_the_shop', 'km/h', 'kW', '°C', 'trip time [min]',

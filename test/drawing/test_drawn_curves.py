@@ -6,8 +6,17 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
-from bev_preheat.drawing.curves import draw_course, draw_steps, MOST_POINTS, show_range, TimeAxis
-from bev_preheat.drawing.figure import legend_above, literal, save_figure, stacked_figure
+from bev_preheat.drawing.figure import (
+    draw_course,
+    draw_steps,
+    legend_above,
+    literal,
+    MOST_POINTS,
+    save_figure,
+    show_range,
+    stacked_figure,
+    TimeAxis,
+)
 from bev_preheat.drawing.palette import look_of, LOOKS
 
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.inputs import Leg
-from bev_preheat.drawing.itinerary_figure import make_itinerary_figure
+from bev_preheat.drawing.inputs_figure import make_route_figure
 from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of, name_of
-from bev_preheat.drawing.plan_figure import make_plan_figure
-from bev_preheat.drawing.route_figure import make_route_figure
+from bev_preheat.drawing.plan_figure import make_itinerary_figure, make_plan_figure
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, plan_without_heating

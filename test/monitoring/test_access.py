@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.monitoring.access import Access, CONTENT_SECURITY_POLICY, host_name
-from bev_preheat.monitoring.asked import Asked, asked_of
+from bev_preheat.monitoring.source import Asked, asked_of
 
 TOKEN = 'correct-horse-battery'
 

@@ -9,9 +9,9 @@ from seen_examples import a_board, a_plan, NAN, START_S
 
 from bev_preheat.control.heater_power import HeaterStatus
 from bev_preheat.monitoring.board import change_of, thinned
-from bev_preheat.monitoring.plain import written
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.monitoring.source import Cursor, message
+from bev_preheat.monitoring.view import written
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle

@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.program import FAILED
-from bev_preheat.monitoring import departure_skip
+from bev_preheat.monitoring import planner_client
 
 
 class Planner:
@@ -49,7 +49,7 @@ def skip(monkeypatch, capfd):
             yield planner
 
         monkeypatch.setattr('bev_preheat.nodes.listening.listening', listening)
-        monkeypatch.setattr(departure_skip, 'time', planner)
+        monkeypatch.setattr(planner_client, 'time', planner)
         monkeypatch.setenv('COLUMNS', '200')
         return main(['prepare', *arguments]), *capfd.readouterr()
 

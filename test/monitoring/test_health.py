@@ -3,9 +3,8 @@
 
 import pytest
 
-from bev_preheat.monitoring.diagnosis import Departure, diagnose, MOST_ENTRIES
 from bev_preheat.monitoring.health import banner_of, Pulse, Surroundings
-from bev_preheat.monitoring.seen import EntrySeen
+from bev_preheat.monitoring.seen import Departure, diagnose, EntrySeen, MOST_ENTRIES
 
 THERE = Surroundings()
 

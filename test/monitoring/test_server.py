@@ -18,12 +18,11 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.monitoring import server, tab
+from bev_preheat.monitoring import handlers, server
 from bev_preheat.monitoring.access import Access
-from bev_preheat.monitoring.asked import Answer, Asked
-from bev_preheat.monitoring.pages import FILES
+from bev_preheat.monitoring.handlers import FILES
 from bev_preheat.monitoring.server import PageServer
-from bev_preheat.monitoring.source import LiveSource
+from bev_preheat.monitoring.source import Answer, Asked, LiveSource
 
 TOKEN = 'correct-horse-battery'
 LIMIT_S = 60.0
@@ -232,7 +231,7 @@ def test_a_tab_that_talks_nonsense_is_closed(page, text):
 
 def test_only_so_many_tabs(page):
     async def crowd():
-        connections = [await page.connect() for _ in range(tab.MOST_TABS)]
+        connections = [await page.connect() for _ in range(handlers.MOST_TABS)]
         with pytest.raises(Exception, match='503'):
             await page.connect()
         # The others go on.
@@ -245,7 +244,7 @@ def test_only_so_many_tabs(page):
 
 
 def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch):
-    monkeypatch.setattr(tab, 'TAB_CLOSED_AFTER_S', 0.5)
+    monkeypatch.setattr(handlers, 'TAB_CLOSED_AFTER_S', 0.5)
     monkeypatch.setattr(server, 'EVENT_PERIOD_S', 0.02)
     times = tuple(START_S + second for second in range(240))
     big = a_plan(times_s=times, temperatures_c=(1.0,) * 240, socs=(0.5,) * 240, powers_w=(0.0,) * 239,

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bev_preheat.monitoring.trail import Trail
+from bev_preheat.monitoring.board import Trail
 
 
 def test_a_day_at_one_hertz_stays_small_and_keeps_its_latest_minutes_whole():

@@ -35,9 +35,9 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.prepare_battery import preparation_goal_of
-from bev_preheat.monitoring import preparation
+from bev_preheat.monitoring import planner_client
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.preparation import feedback_line, Wanted
+from bev_preheat.monitoring.planner_client import feedback_line, Wanted
 from bev_preheat.monitoring.seen import plan_seen
 from bev_preheat.monitoring.terminal_view import line, page
 from bev_preheat.nodes.optimality_report import case_of_plan
@@ -208,13 +208,13 @@ class PlannerThatAnswersLate:
 def client_of(monkeypatch):
     """`client_of(planner)` returns a PreparationClient that has heard a command at 1000 s."""
     def client_of(planner):
-        monkeypatch.setattr(preparation, 'ActionClient', lambda *arguments: planner)
-        monkeypatch.setattr(preparation, 'ANSWERED_WITHIN_S', 0.02)
-        monkeypatch.setattr(preparation, 'FOUND_WITHIN_S', 0.3)
+        monkeypatch.setattr(planner_client, 'ActionClient', lambda *arguments: planner)
+        monkeypatch.setattr(planner_client, 'ANSWERED_WITHIN_S', 0.02)
+        monkeypatch.setattr(planner_client, 'FOUND_WITHIN_S', 0.3)
         callbacks = []
         node = SimpleNamespace(create_subscription=lambda *arguments: callbacks.append(arguments[2]))
         listener = SimpleNamespace(node=node, listen=lambda seconds: time.sleep(0.005))
-        client = preparation.PreparationClient(
+        client = planner_client.PreparationClient(
             listener, '/planner', SimpleNamespace(have_come=False))
         command = HvchCommand()
         command.header.stamp = Time(sec=1000)
@@ -418,7 +418,7 @@ def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
 
 
 def test_without_a_planner_it_is_one_line(ros, capsys, monkeypatch):
-    monkeypatch.setattr(preparation, 'FOUND_WITHIN_S', 0.3)
+    monkeypatch.setattr(planner_client, 'FOUND_WITHIN_S', 0.3)
     assert main(['prepare', '--namespace', '/nobody', '--in', '40']) == 2
     errors = capsys.readouterr().err
     assert errors.startswith('preheat: error: no planner answers as /nobody/planner') and errors.count('\n') == 1

@@ -13,8 +13,9 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.recording.flight_file import read_flight
-from bev_preheat.recording.recordings import open_recording, Planner, Sources
+from bev_preheat.recording.changes import Changes
+from bev_preheat.recording.flight import read_flight
+from bev_preheat.recording.recordings import open_recording, Sources
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
@@ -160,7 +161,7 @@ def test_a_recording_of_the_topics_is_reproduced(rehearsal, car, tmp_path):
         for topic, _, received_ns, data in recorded:
             writer.add_message(channels[topic], received_ns, data, received_ns)
         writer.finish()
-    flight = open_recording(tmp_path / 'drive.mcap', Planner('reference', {
+    flight = open_recording(tmp_path / 'drive.mcap', Changes('reference', parameters={
         'command_period': 0.2, 'battery_state_timeout': 60.0, 'command_lease': LEASE_S}), Sources())
     replayed = replay(flight)
     assert replayed.comparison.commands > 10 and replayed.comparison.different == 0, replayed.comparison

@@ -9,7 +9,7 @@ from rclpy.serialization import serialize_message
 from bev_preheat.control.decision import Command
 from bev_preheat.messages.heater import command_message
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.message_types import definition
 
 TYPES = {'battery_state': 'sensor_msgs/msg/BatteryState', 'route_plan': 'bev_preheat_msgs/msg/RoutePlan',

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.ring import recordings_in
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.costly]

@@ -9,9 +9,9 @@ from bev_preheat.control.heater_power import HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.course import TripResults
 from bev_preheat.recording.heater_account import HeaterAccount, Span
 from bev_preheat.recording.player import Played
-from bev_preheat.recording.trip_result import TripResults
 from bev_preheat.vehicle.heater_controller import Refusal
 
 START_S = 1_700_000_000

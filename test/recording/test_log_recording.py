@@ -10,7 +10,8 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.recordings import open_recording, Planner, Sources
+from bev_preheat.recording.changes import Changes
+from bev_preheat.recording.recordings import open_recording, Sources
 from bev_preheat_msgs.msg import RoutePlan
 
 START_S = 1_700_000_100
@@ -23,7 +24,7 @@ def flight(tmp_path):
     def flight(columns, rows):
         path = tmp_path / 'log.csv'
         path.write_text('\n'.join(','.join(map(str, row)) for row in (columns, *rows)) + '\n')
-        return open_recording(path, Planner(None, {}), Sources(route='reference'))
+        return open_recording(path, Changes(), Sources(route='reference'))
 
     return flight
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.commands.main import main
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.message_types import definition
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]

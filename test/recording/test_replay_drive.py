@@ -21,10 +21,9 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.explanation import explain
-from bev_preheat.recording.flight_file import read_flight
-from bev_preheat.recording.period import Period
-from bev_preheat.recording.player import Changes
+from bev_preheat.recording.flight import Period, read_flight
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry
 

@@ -11,9 +11,10 @@ import pytest
 from bev_preheat.commands.main import main
 from bev_preheat.nodes import flight_recording
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.explanation import explain
-from bev_preheat.recording.flight_file import read_flight, Start
-from bev_preheat.recording.player import Changes, Player
+from bev_preheat.recording.flight import read_flight, Start
+from bev_preheat.recording.player import Player
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from bev_preheat_studies.fleet.figure import make_fleet_figure
-from bev_preheat_studies.fleet.groups import ALWAYS, BEST, NONE, USUAL
 from bev_preheat_studies.fleet.study import drive_trip, FleetResult, Stop, summarise_fleet
-from bev_preheat_studies.fleet.winter_trips import CARS, draw_winter_trip
+from bev_preheat_studies.fleet.winter_trips import ALWAYS, BEST, CARS, draw_winter_trip, NONE, USUAL
 
 
 @pytest.fixture(scope='module')

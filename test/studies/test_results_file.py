@@ -8,9 +8,8 @@ import pytest
 from short_drives import made_drive, made_result
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat_studies.results_file import ResultsFile, value_of
+from bev_preheat_studies.results_file import ResultsFile, sources, value_of
 from bev_preheat_studies.robustness.cars import CarResult
-from bev_preheat_studies.sources import sources
 
 STUDY = {'study': 'sweep', 'seed': 1, 'vehicle': 'reference (17ab)', 'methods': ['a', 'b']}
 

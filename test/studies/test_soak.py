@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bev_preheat_studies.soak.assessment import judge, memory_growth_mb_in_10_min
+from bev_preheat_studies.soak.command import judge, memory_growth_mb_in_10_min
 
 
 def load(instants_s, **changed):

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.finished import keeping_what_is_finished
 from bev_preheat.commands.output import json_output, write_json
+from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
+from bev_preheat.drawing.figure import grid_figure, legend_above
 from bev_preheat.drawing.palette import GRAY, look_of
-from bev_preheat_studies.fleet.groups import ALWAYS, AMBIENTS, BEST, LENGTHS, USUAL
+from bev_preheat_studies.fleet.winter_trips import ALWAYS, AMBIENTS, BEST, LENGTHS, USUAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat_studies.fleet.study import Figures
 
 # The ways drawn as lines, widest first; the spread is shown for the last.
@@ -23,11 +22,6 @@ SPREAD_OF = BEST
 SPREAD_ALPHA = 0.12
 # Distance between the ways' markers, as a share of that between groups.
 BESIDE = 0.1
-
-
-def draw_fleet(path: AnyPath, summary: Figures) -> None:
-    """Draw a fleet's summary into a file, whose suffix selects the format."""
-    save_figure(make_fleet_figure(summary), path)
 
 
 def make_fleet_figure(summary: Figures) -> Figure:

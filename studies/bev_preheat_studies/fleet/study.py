@@ -25,8 +25,17 @@ from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat_studies.fleet.groups import ALWAYS, AMBIENTS, BEST, LENGTHS, NONE, USUAL, WAYS
-from bev_preheat_studies.fleet.winter_trips import CARS, draw_winter_trip
+from bev_preheat_studies.fleet.winter_trips import (
+    ALWAYS,
+    AMBIENTS,
+    BEST,
+    CARS,
+    draw_winter_trip,
+    LENGTHS,
+    NONE,
+    USUAL,
+    WAYS,
+)
 from bev_preheat_studies.study import (
     add_study_arguments,
     check_study_arguments,
@@ -42,7 +51,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat_studies.fleet.winter_trips import WinterTrip
 
     # Plain values, as in JSON.
@@ -107,8 +116,9 @@ def run(arguments: Namespace) -> int:
     def show(console: Console, results: list[FleetResult]) -> dict[str, Any]:
         summary = summarise_fleet(results)
         if arguments.plot and summary['groups']:
-            from bev_preheat_studies.fleet.figure import draw_fleet
-            draw_fleet(arguments.plot, summary)
+            from bev_preheat.drawing.figure import save_figure
+            from bev_preheat_studies.fleet.figure import make_fleet_figure
+            save_figure(make_fleet_figure(summary), arguments.plot)
         print_fleet(console, summary)
         return {'summary': summary}
 

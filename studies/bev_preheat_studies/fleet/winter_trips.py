@@ -8,8 +8,10 @@ assumed; results by temperature and trip length depend on them less than results
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+import math
 
 import numpy as np
 
@@ -22,6 +24,11 @@ from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 
+# The ways to heat a trip.
+NONE, ALWAYS, USUAL, BEST = WAYS = ('no_heating', 'always_on', 'usual_target', 'best_target')
+# Edges of the groups of trips.
+AMBIENT_EDGES_C = (-10.0, -5.0, 0.0, 5.0)
+LENGTH_EDGES_MIN = (30.0, 60.0, 90.0)
 STEP_S = 60.0
 MPS_PER_KMH = 1.0 / 3.6
 # The cars of the package and their shares; assumed: equal.
@@ -54,6 +61,16 @@ ARRIVAL_SOC, DEPARTURE_SOC, FULL_SOC = (0.08, 0.3), 0.8, 0.97
 CABIN_W_PER_K, CABIN_C, CABIN_SHARE = 80.0, 20.0, 0.7
 # Approximate factor for losses in the circuit on the energy of a trip.
 LOSSES = 1.03
+
+
+def _intervals(edges: Sequence[float], unit: str) -> list[tuple[str, float, float]]:
+    """Return the name and bounds of the intervals between edges."""
+    return [(f'below {edges[0]:g} {unit}', -math.inf, edges[0]),
+            *((f'{low:g} to {high:g} {unit}', low, high) for low, high in zip(edges, edges[1:])),
+            (f'from {edges[-1]:g} {unit}', edges[-1], math.inf)]
+
+
+AMBIENTS, LENGTHS = _intervals(AMBIENT_EDGES_C, 'degC'), _intervals(LENGTH_EDGES_MIN, 'min')
 
 
 @dataclass(frozen=True)

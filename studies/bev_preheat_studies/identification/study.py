@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
 # Temperatures [deg C] at which the resistance is compared.
 RESISTANCES_C = (-5, 5)

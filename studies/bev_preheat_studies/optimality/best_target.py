@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
 # Outcomes of a trip.
 COMPARED, NOT_DRIVEN, NEVER_CHARGED, SOLVER_FAILED = 'compared', 'not driven', 'never charged', 'solver failed'

@@ -11,8 +11,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.completion import completed_by, VEHICLES
-from bev_preheat.commands.method_argument import add_methods_argument
+from bev_preheat.commands.parser import completed_by, VEHICLES
+from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.optional_packages import require
@@ -24,7 +24,7 @@ from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
-from bev_preheat_studies.sources import digest_of
+from bev_preheat_studies.results_file import digest_of
 from bev_preheat_studies.study import (
     add_study_arguments,
     check_study_arguments,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle import Vehicle
@@ -128,8 +128,9 @@ def run(arguments: Namespace) -> int:
     def show(console: Console, results: list[GapResult]) -> Figures:
         summary = summarise_gaps(results, methods)
         if arguments.plot:
-            from bev_preheat_studies.optimality.sweep_figure import draw_sweep
-            draw_sweep(arguments.plot, results, methods)
+            from bev_preheat.drawing.figure import save_figure
+            from bev_preheat_studies.optimality.sweep_figure import make_sweep_figure
+            save_figure(make_sweep_figure(results, methods), arguments.plot)
         print_summary(console, summary)
         return {'summary': summary}
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
+from bev_preheat.drawing.figure import grid_figure, legend_above
 from bev_preheat.drawing.palette import GRAY, look_of, name_of
 
 if TYPE_CHECKING:
@@ -15,17 +15,11 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat_studies.optimality.sweep import GapResult
 
 # Gaps below this are the solver's rounding; a logarithmic axis needs a floor.
 FLOOR_WH = 1e-6
-
-
-def draw_sweep(path: AnyPath, results: Sequence[GapResult], methods: Iterable[str]) -> None:
-    """Draw GapResults into a file, whose suffix selects the format."""
-    save_figure(make_sweep_figure(results, methods), path)
 
 
 def make_sweep_figure(results: Sequence[GapResult], methods: Iterable[str]) -> Figure:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat_studies.optimality.charging_trips import ChargingTrip

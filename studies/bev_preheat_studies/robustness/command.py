@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
-from bev_preheat.commands.method_argument import MethodNames
-from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
+from bev_preheat.commands.parser import completed_by, ROUTES, VEHICLES
+from bev_preheat.commands.situation import load_planned_vehicle, MethodNames, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
 from bev_preheat.vehicle import vehicle_file
+from bev_preheat_studies.results_file import digest_of
 from bev_preheat_studies.robustness.cars import CarResult, drive_car, print_summary, summarise_drives
 from bev_preheat_studies.robustness.days import DayResult, drive_day, print_days, summarise_days
 from bev_preheat_studies.robustness.drawn_cars import (
@@ -28,7 +28,6 @@ from bev_preheat_studies.robustness.drawn_cars import (
 )
 from bev_preheat_studies.robustness.driven import COMPARED
 from bev_preheat_studies.robustness.signals import CASES, drive_case, print_cases, SignalResult, summarise_cases
-from bev_preheat_studies.sources import digest_of
 from bev_preheat_studies.study import add_study_arguments, check_study_arguments, MOST_SITUATIONS, Study
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.commands.parser import Subparsers
 
 # Number of trips, days or cars by kind of study; the routes of days.
 DEFAULT_TRIPS = {'': 300, 'days': 200, 'signals': 20}
@@ -131,8 +130,9 @@ def run(arguments: Namespace) -> int:
     def show(console: Console, results: list[CarResult]) -> dict[str, Any]:
         summary = summarise_drives(results, methods)
         if arguments.plot:
-            from bev_preheat_studies.robustness.figure import draw_robustness
-            draw_robustness(arguments.plot, results, methods)
+            from bev_preheat.drawing.figure import save_figure
+            from bev_preheat_studies.robustness.figure import make_robustness_figure
+            save_figure(make_robustness_figure(results, methods), arguments.plot)
         console.print(_drawn_sentence(), soft_wrap=True)
         print_summary(console, summary, methods)
         return {'drawn': _drawn(), 'summary': summary}

@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
-from bev_preheat.drawing.figure import grid_figure, save_figure
+from bev_preheat.drawing.figure import grid_figure
 from bev_preheat.drawing.palette import look_of, name_of, WANTED
 from bev_preheat_studies.robustness.cars import (
     energy_excess,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat_studies.robustness.cars import CarResult
     from bev_preheat_studies.robustness.driven import DriveOutcome
@@ -35,12 +34,6 @@ if TYPE_CHECKING:
 BINS_PER_ROOT = 2.2
 # Most bins of whole switch-ons.
 MOST_BINS = 40
-
-
-def draw_robustness(path: AnyPath, results: Sequence[CarResult],
-                    methods: Sequence[str]) -> None:
-    """Draw CarResults into a file, whose suffix selects the format."""
-    save_figure(make_robustness_figure(results, methods), path)
 
 
 def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str]) -> Figure:

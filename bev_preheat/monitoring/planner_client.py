@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of a planner's action ~/prepare_battery, for a terminal: sends a goal and follows it."""
+"""Asks a running planner for a terminal: its action ~/prepare_battery and its service ~/skip_departure."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionClient
+from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds, time_message
@@ -36,6 +37,7 @@ CANCELLED_WITHIN_S = 5.0
 # Feedback comes every command_period, at most 10 s; after this silence [s] the planner has gone.
 PLANNER_GONE_S = 30.0
 SPIN_PERIOD_S = 0.1
+NOT_THERE = 'no planner answers as {}: is it running, in this ROS domain and under this name?'
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,11 @@ class PreparationClient:
         Raises InvalidInput if no planner answers.
         """
         # The planner's clock may be simulated; its commands give the time.
-        if not self._wait(lambda: self._now_ns is not None and self._client.server_is_ready(),
-                          'is it running, in this ROS domain and under this name?'):
-            return False
+        if not _wait(self._listener, lambda: self._now_ns is not None and self._client.server_is_ready(),
+                     FOUND_WITHIN_S, self._signals):
+            if self._signals.have_come:
+                return False
+            raise InvalidInput(NOT_THERE.format(self._planner))
         sent, sent_s = self._send(wanted), time.monotonic()
         # Wait even after a signal, because a goal without a handle cannot be cancelled.
         end_s = sent_s + FOUND_WITHIN_S
@@ -127,20 +131,7 @@ class PreparationClient:
     def cancel(self) -> bool:
         """Cancel the goal; return whether the planner confirms that it has ended."""
         self._goal_handle.cancel_goal_async()
-        end_s = time.monotonic() + CANCELLED_WITHIN_S
-        while not self._result.done() and time.monotonic() < end_s:
-            self._listener.listen(SPIN_PERIOD_S)
-        return bool(self._result.done())
-
-    def _wait(self, condition: Callable[[], bool], hint: str) -> bool:
-        end_s = time.monotonic() + FOUND_WITHIN_S
-        while not condition():
-            if self._signals.have_come:
-                return False
-            if time.monotonic() > end_s:
-                raise InvalidInput(f'no planner answers as {self._planner}: {hint}')
-            self._listener.listen(SPIN_PERIOD_S)
-        return True
+        return _wait(self._listener, self._result.done, CANCELLED_WITHIN_S)
 
     def _on_command(self, message: HvchCommand) -> None:
         self._now_ns, self._heard_s = nanoseconds(message.header.stamp), time.monotonic()
@@ -163,3 +154,31 @@ def feedback_line(feedback: PrepareBattery.Feedback) -> str:
 
 def _degrees(value: float) -> str:
     return f'{value:.1f} degC' if math.isfinite(value) else '-'
+
+
+def skip_departure(listener: Listener, planner: str, is_skipped: bool) -> tuple[bool, str]:
+    """
+    Skip the next departure of a planner, by the full name of its node, or take back every skip.
+
+    Returns whether it is done, and the planner's sentence. Raises InvalidInput if no planner answers.
+    """
+    client = listener.node.create_client(SetBool, f'{planner}/skip_departure')
+    if not _wait(listener, client.service_is_ready, FOUND_WITHIN_S):
+        raise InvalidInput(NOT_THERE.format(planner))
+    # Sent once: a second request would skip another departure.
+    answer = client.call_async(SetBool.Request(data=is_skipped))
+    if not _wait(listener, answer.done, FOUND_WITHIN_S + ANSWERED_WITHIN_S):
+        raise InvalidInput(f'{planner} has not answered; `preheat monitor` shows whether the departure is skipped')
+    response = answer.result()
+    return bool(response.success), str(response.message)
+
+
+def _wait(listener: Listener, condition: Callable[[], bool], patience_s: float,
+          signals: EndSignals | None = None) -> bool:
+    """Listen until a condition holds; return whether it does, False after `patience_s` [s] or a signal."""
+    end_s = time.monotonic() + patience_s
+    while not condition():
+        if time.monotonic() > end_s or (signals is not None and signals.have_come):
+            return False
+        listener.listen(SPIN_PERIOD_S)
+    return True

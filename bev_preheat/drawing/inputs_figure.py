@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The signals of a recording over time, with their gaps."""
+"""Inputs over time: a route with its speed and power, and the signals of a recording with their gaps."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.drawing.curves import TimeAxis
-from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
-from bev_preheat.drawing.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
+from bev_preheat.drawing.figure import (
+    draw_steps,
+    legend_above,
+    shade_steps,
+    show_range,
+    stacked_figure,
+    TimeAxis,
+)
+from bev_preheat.drawing.palette import BLACK, BLUE, GREEN, ORANGE, POWER, PURPLE, ROUTE, SKY_BLUE, VERMILLION
 from bev_preheat.logs.recording import gaps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.logs.recording import Recording, Series
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.route import Route
 
 # Panels: label, factor from the signals' unit, and signals with colour and name.
 PANELS = (
@@ -36,9 +42,37 @@ PANELS = (
     ('elevation\n[m]', 1.0, (('elevation_m', GREEN, 'elevation'),)))
 
 
-def draw_recording(path: AnyPath, recording: Recording) -> None:
-    """Draw a Recording into a file; its suffix gives the format."""
-    save_figure(make_recording_figure(recording), path)
+def make_route_figure(name: str, route: Route) -> Figure:
+    """Return the figure of a Route; shading shows the variation of the power within each segment."""
+    time = TimeAxis(route.total_duration_s)
+    edges = time(route.time_s)
+    figure, (speed, power, ambient) = stacked_figure(
+        3, f'route {name}: {edges[-1]:.3g} {time.unit}, {route.distance_m / 1000.0:.1f} km, '
+           f'{route.propulsion_power_w @ route.duration_s / 3.6e6:.1f} kWh of propulsion',
+        panel_height_in=2.2)
+
+    draw_steps(speed, edges, 3.6 * route.speed_mps, color=ROUTE)
+    show_range(speed, [0.0], 3.6 * route.speed_mps, least=20.0)
+    speed.set_ylabel('speed\n[km/h]')
+
+    mean_kw = route.propulsion_power_w / 1000.0
+    deviation_kw = np.sqrt(route.propulsion_power_variance_w2) / 1000.0
+    low_kw, high_kw = mean_kw - deviation_kw, mean_kw + deviation_kw
+    draw_steps(power, edges, mean_kw, color=POWER, label='mean of the segment')
+    if deviation_kw.max() > 0.0:
+        shade_steps(power, edges, low_kw, high_kw, color=POWER, alpha=0.3,
+                    label='± standard deviation within the segment (rms² = mean² + deviation²)')
+    power.axhline(0.0, color='black', linewidth=0.6)
+    show_range(power, [0.0], low_kw, high_kw, least=10.0)
+    power.set_ylabel('propulsion power\n[kW]')
+    legend_above(power)
+
+    draw_steps(ambient, edges, route.ambient_temperature_c, color=SKY_BLUE)
+    show_range(ambient, route.ambient_temperature_c, least=5.0)
+    ambient.set_ylabel('ambient temperature\n[°C]')
+    time.finish(ambient, 0.0, route.total_duration_s)
+    figure.align_ylabels()
+    return figure
 
 
 def make_recording_figure(recording: Recording) -> Figure:

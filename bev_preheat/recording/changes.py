@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of recorded signals: the planner is given another value than the recorded one."""
+"""The changes of `preheat replay`: another vehicle file, single values in it, method, parameters, signals."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 import math
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+import yaml
 
 from bev_preheat.errors import InvalidInput, quoted
 
 if TYPE_CHECKING:
-    from typing import Any
+    from collections.abc import Iterator, Mapping
+
 
 # Fields of battery_state and of route_plan, by the names of the command line.
 BATTERY_FIELDS = {'temperature': 'temperature', 'soc': 'percentage', 'voltage': 'voltage', 'current': 'current'}
@@ -105,3 +109,71 @@ def signal_change(signal: str, text: str) -> SignalChange:
     if found['sign'] == '*':
         return SignalChange(signal, number, 0.0)
     return SignalChange(signal, 1.0, number if found['sign'] == '+' else -number)
+
+
+def with_keys(text: str, values: Mapping[str, Any]) -> str:
+    """
+    Return the text of a vehicle file with other values, such as {'hvch.maximum_power_w': 5000.0}.
+
+    Keys need not be in the file; the schema of vehicle files decides whether they are allowed.
+    """
+    if not values:
+        return text
+    contents = yaml.safe_load(text)
+    for key, value in values.items():
+        *above, last = key.split('.')
+        node = contents
+        for name in above:
+            if not isinstance(node.get(name), dict):
+                node[name] = {}
+            node = node[name]
+        node[last] = value
+    return str(yaml.safe_dump(contents, sort_keys=False))
+
+
+def keys_of_text(text: str) -> list[str]:
+    """Return the dotted keys of the single values of a vehicle file."""
+    return list(_keys(yaml.safe_load(text)))
+
+
+def _keys(node: dict[str, Any], above: str = '') -> Iterator[str]:
+    for name, item in node.items():
+        if isinstance(item, dict):
+            yield from _keys(item, f'{above}{name}.')
+        elif not isinstance(item, list):
+            yield f'{above}{name}'
+
+
+@dataclass(frozen=True)
+class Changes:
+    """
+    The changes of a replay: none by default.
+
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `vehicle_keys` replace values of that
+    file by dotted keys, `parameters` recorded ones, `signals` change recorded signals.
+    """
+
+    vehicle: str | None = None
+    vehicle_keys: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    signals: tuple[SignalChange, ...] = ()
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the replay is to reproduce the recording."""
+        return self.has_recorded_vehicle and not self.parameters and not self.signals
+
+    @property
+    def has_recorded_vehicle(self) -> bool:
+        """Whether the vehicle file is the recorded one."""
+        return self.vehicle is None and not self.vehicle_keys
+
+
+def changes_in_words(changes: Changes) -> str:
+    """Return the changes in words: my_car.yaml, method=paper, temperature + 2."""
+    words = [] if changes.vehicle is None else [changes.vehicle]
+    words += [f'{key}={value}' for key, value in changes.vehicle_keys.items()]
+    words += [f'{name}={str(value).lower() if isinstance(value, bool) else value}'
+              for name, value in changes.parameters.items()]
+    words += [change.in_words() for change in changes.signals]
+    return ' and '.join(words)

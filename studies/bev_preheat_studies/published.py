@@ -1,117 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Published charging times and battery temperatures of cars against computed ones (published.yaml).
+Published charging times and battery temperatures of cars against computed ones; cars and sources: published.yaml.
 
 Each time is computed from the data sheet alone (the curve of the car's class), with the published curve, with the
 published time from 10 to 80 %, and with the car's shipped file, if it has one. Temperatures are those of heating
-runs of owners, and rises in charging sessions; the cars are described from their data sheets alone.
+runs of owners and rises in charging sessions, of cars described from their data sheets alone.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.session import charge, Session
-from bev_preheat.charging.stop import CHARGER_RANGE_W, ChargingStop
+from bev_preheat.charging.published_time import describe_timed_car, PUBLISHED_SPAN, warm_session
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.output_files import check_outputs
 from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW
-from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import run_forward
-from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import session_charging
-from bev_preheat.vehicle.charging_curve import charging_map, checked_curve, FIT_RANGE, PERCENT
-from bev_preheat.vehicle.chemistry import load_chemistry
+from bev_preheat.vehicle.charging_curve import checked_curve, PERCENT
 from bev_preheat.vehicle.data_sheet import DataSheet
-from bev_preheat.vehicle.data_sheet_import import describe_car, warm_curve
 from bev_preheat.vehicle.loading import vehicle_of_text
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.writing import vehicle_text
 
 if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Sequence
+
+    from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.data_sheet_import import Entry
-
-USUAL_WARM_C = 25.0
-AIR_C = 20.0
-PUBLISHED_SPAN = (0.1, 0.8)
-# Factor of a published curve beyond which curve and time do not belong to one car.
-CURVE_FACTOR_RANGE = (0.8, 1.25)
-# The fit's range is halved until a time is met far below the digits of data sheets.
-TIME_HALVINGS = 20
-
-
-def warm_session(vehicle: Vehicle, span: tuple[float, float] = PUBLISHED_SPAN,
-                 battery_c: float = USUAL_WARM_C) -> Session:
-    """
-    Return the Session of a Vehicle between two states of charge (0 ... 1) at an unlimited charger.
-
-    `battery_c` is the battery temperature at its start [deg C]; the air has AIR_C, or `battery_c` if it is colder.
-    The cabin is not heated, and a car whose file does not say whether it heats its battery does not. States of
-    charge outside the vehicle's soc_range are cut off.
-    """
-    low, high = vehicle.battery.soc_range
-    start, end = (min(max(soc, low), high) for soc in span)
-    car = replace(vehicle, charging=session_charging(vehicle))
-    stop = ChargingStop(CHARGER_RANGE_W[1], end, min(AIR_C, battery_c), 0.0, vehicle.defaults.auxiliary_power_w)
-    return charge(car, stop, BatteryState(battery_c, start))
-
-
-def curve_fit(sheet: DataSheet) -> float:
-    """
-    Return the `curve_fit` of `describe_car` with which a session takes the published time of a DataSheet.
-
-    1 without a published time. Raises InvalidInput if the data sheet is implausible, or if no fit gives the time.
-    """
-    chemistry = load_chemistry(sheet.chemistry) if sheet.charging_time_10_80_min is not None else None
-    entries = describe_car(sheet)
-    if chemistry is None or sheet.charging_time_10_80_min is None:
-        return 1.0
-    vehicle = vehicle_of_text(vehicle_text(sheet.name, entries, ''), sheet.name)
-    wanted_s = S_PER_MIN * sheet.charging_time_10_80_min
-
-    def time_s(fit: float) -> float:
-        table = charging_map(warm_curve(sheet, fit), chemistry, sheet.charging_power_kw, sheet.charging_limit)
-        charging = session_charging(vehicle)
-        return warm_session(replace(vehicle, charging=replace(
-            charging, power_limit=table))).charging_time_s
-
-    slow, fast = CURVE_FACTOR_RANGE if sheet.charging_curve is not None else FIT_RANGE
-    shortest_s, longest_s = time_s(fast), time_s(slow)
-    if not shortest_s <= wanted_s <= longest_s:
-        raise InvalidInput(_unfit(sheet, time_s(1.0), shortest_s, longest_s))
-    return math.exp(halve(
-        math.log(fast), math.log(slow), lambda fit: time_s(math.exp(fit)) <= wanted_s, TIME_HALVINGS))
-
-
-def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float) -> str:
-    low, high = (f'{seconds / S_PER_MIN:.1f}' for seconds in (shortest_s, longest_s))
-    start = f'--charging-time-10-80-min: {sheet.charging_time_10_80_min:g} min'
-    if sheet.charging_curve is not None:
-        return (f'{start} does not fit --charging-curve, which takes {duration_text(usual_s)}; {low} ... {high} '
-                'min are allowed. Do both belong to one car?')
-    return (f'{start} does not fit --charging-power-kw {sheet.charging_power_kw:g} kW; it must be {low} ... '
-            f'{high} min. Give the maximum power and the time of one car')
-
-
-def describe_timed_car(sheet: DataSheet) -> dict[str, Entry]:
-    """Return the entries of a vehicle file as `describe_car`, with the curve fitted to the published time."""
-    return describe_car(sheet, curve_fit(sheet))
-
 
 FIGURES = Path(__file__).with_name('published.yaml')
 SCHEMA = Path(__file__).with_name('published_schema.yaml')
+MPS_PER_KMH = 1.0 / 3.6
+# State of charge of a heating run; owners do not give it, and it hardly matters.
+RUN_SOC = 0.5
 
 
 @dataclass(frozen=True)
@@ -192,11 +132,6 @@ def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
 def described(sheet: DataSheet) -> Vehicle:
     """Return the Vehicle of a DataSheet as `preheat vehicle new` makes it."""
     return vehicle_of_text(vehicle_text(sheet.name, describe_timed_car(sheet), ''), sheet.name)
-
-
-MPS_PER_KMH = 1.0 / 3.6
-# State of charge of a heating run; owners do not give it, and it hardly matters.
-RUN_SOC = 0.5
 
 
 @dataclass(frozen=True)
@@ -280,3 +215,76 @@ def _session(vehicle: Vehicle, node: dict[str, FileData]) -> ComputedWarmth:
         vehicle.name, start_c, float(node['end_c']), float(session.battery_temperature_c[-1]),
         session.charging_time_s / S_PER_MIN, node['source'], start, end,
         float(session.charging_power_w[-1]) / W_PER_KW, node.get('not_comparable'))
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'published', help='published charging times and battery temperatures of cars against computed ones',
+        description='Compare published figures of cars with those computed from their data sheets. Charging '
+                    'times: from the data sheet alone, with the published curve, with the published time from 10 '
+                    'to 80 %%, with the shipped file. Battery temperatures: heating runs and charging sessions.')
+    parser.add_argument('--sources', action='store_true', help='print the source of each published figure')
+    add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Print the tables, write the requested file, and return the exit status."""
+    check_outputs([json_output(arguments.json)])
+    times = computed_times()
+    runs, sessions = computed_warmth()
+    if arguments.json:
+        write_json(arguments.json, {
+            'times': [time.as_dictionary() for time in times],
+            'heating_runs': [run.as_dictionary() for run in runs],
+            'sessions': [session.as_dictionary() for session in sessions]})
+    console = result_console(arguments.json)
+    _print_times(console, times)
+    print_records(console, 'Battery heated by the car, in degC', (
+        'car', 'from', 'min', 'published', 'computed', 'rise'), [
+            (run.car, f'{run.start_c:g}', f'{run.minutes:g}', f'{run.published_c:g}', f'{run.computed_c:.1f}',
+             f'{100.0 * run.deviation:+.0f} %') for run in runs], ('left', *('right',) * 5))
+    print_records(console, 'Battery warmed by a charging session, in degC', (
+        'car', 'span', 'from', 'published', 'computed', 'rise', 'kW at its end'), [
+            (session.car, _span(session), f'{session.start_c:g}', f'{session.published_c:g}',
+             f'{session.computed_c:.1f}',
+             '' if session.not_comparable else f'{100.0 * session.deviation:+.0f} %',
+             f'{session.end_power_kw:.0f}') for session in sessions], ('left', *('right',) * 6))
+    for session in sessions:
+        if session.not_comparable:
+            console.say(f'{session.car}, {_span(session)}: not comparable: {session.not_comparable}.')
+    if arguments.sources:
+        _print_sources(console, times, runs, sessions)
+    return 0
+
+
+def _print_times(console: ResultConsole, times: Sequence[ComputedTime]) -> None:
+    rows = []
+    for time in times:
+        def text(minutes: float | None, published_min: float = time.published_min) -> str:
+            return '' if minutes is None else f'{minutes:.1f} {100.0 * (minutes / published_min - 1.0):+.0f} %'
+
+        rows.append((time.car, _span(time), f'{time.published_min:.1f}',
+                     text(time.data_sheet_min), text(time.curve_min),
+                     'given' if time.is_fitted else text(time.fitted_min), text(time.shipped_min)))
+    print_records(console, 'Charging times in min', (
+        'car', 'span', 'published', 'data sheet', 'curve', 'time', 'shipped'), rows,
+        ('left', 'right', 'right', 'right', 'right', 'right', 'right'))
+    for time in times:
+        if time.remark is not None:
+            console.say(f'{time.car}, {_span(time)}: {time.remark}.')
+
+
+def _print_sources(console: ResultConsole, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],
+                   sessions: Sequence[ComputedWarmth]) -> None:
+    figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
+    for figure in figures:
+        console.say(f'{figure.car}, {_span(figure)}: {figure.source}')
+    for run in runs:
+        console.say(f'{run.car}, heated for {run.minutes:g} min: {run.source}')
+
+
+def _span(figure: ComputedTime | ComputedWarmth) -> str:
+    assert figure.start_soc is not None and figure.end_soc is not None
+    return f'{100 * figure.start_soc:g} ... {100 * figure.end_soc:g} %'
