@@ -46,7 +46,7 @@ CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-cir
 LEAST_DEVIATION_A = 5.0         # A   | of few changes: below it, noise of the sensors correlates
 LEAST_DEVIATION_OF_ALL_A = 1.5  # A   | of CURRENT_CHANGES of them
 PROVES_CORRELATION = 0.7        # 1   | measured drives show -0.99
-LEAST_MOVED = 0.0025            # 1   | of the charge, tells a direction: above the noise of displays
+LEAST_MOVED = 0.0025            # 1   | of the charge, shows a direction: above the noise of displays
 LEAST_MOVED_STEPS = 0.9         # n   | … in steps of the charge's signal, less rounding
 LEAST_MOVED_DEVIATIONS = 5.0    # sd  | … of its noise: chance in one of a million
 SOC_NOISE_OVER = 30.0           # n   | over which the noise of the charge is averaged
@@ -167,7 +167,7 @@ NOWHERE_M = 100.0                      # m  | a route no longer than an error of
 
 # control/regime.py: driving, standing, charging; nine winter drives (10 300 s) of an i3
 CHARGING_AFTER_S = 9.0             # s  | regeneration never stayed within a tenth for so long
-LEAST_CHARGING_STATES = 3          # n  | a regime is not told from one state
+LEAST_CHARGING_STATES = 3          # n  | a regime is not recognised from one state
 CHARGING_DOUBTED_AFTER_S = 2.0     # s  | learning pauses until the regime is clear
 CHARGES_W = 1000.0                 # W  | into the battery in each state
 STEADY_SHARE = 0.1                 # 1  | of the mean power: chargers are steady
@@ -275,7 +275,7 @@ SAME_POWER_W = 0.1           # W  | heater and brake take the same within the li
 NOW_S = 1e-6                 # s  | a switching instant this close is now
 LEAST_PRICE_SHARE = 1e-3     # 1  | of the highest price, for energy that is free: none is wasted
 LEAST_TOLD_S = 0.5           # s  | a route that starts within this starts now
-RESOLUTION_K = 0.05          # K  | of what would change a plan, and of arrivals in words
+RESOLUTION_K = 0.05          # K  | of what would change a plan, and of arrivals as text
 LEAST_TOLD_WH = 0.05         # Wh | a change of the energy that is worth words
 MOST_EXCESS_K = 150.0        # K  | coolant over battery: more is implausible
 WIDEST_FORECAST_K = 10.0     # K  | a larger deviation is no forecast

@@ -107,7 +107,7 @@ class CanLink:
 
     @property
     def name(self) -> str:
-        """The bus in words."""
+        """The bus as text."""
         return f'{self._settings.interface} {self._settings.channel}'
 
     def start(self) -> None:

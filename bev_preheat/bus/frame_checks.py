@@ -282,5 +282,5 @@ def _counter(message: Any, rule: MessageRule, where: str) -> Any:
     if rule.counter is not None:
         return signal_of(message, rule.counter, f'{where}.counter')
     found = [signal for signal in message.signals if COUNTER.search(signal.name)]
-    # Of several, only the map can tell which one counts the frames.
+    # Of several, only the map can decide which one counts the frames.
     return found[0] if len(found) == 1 and found[0].length <= 8 else None

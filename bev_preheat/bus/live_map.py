@@ -27,7 +27,7 @@ REQUIRED = ('battery_temperature_c', 'soc')
 VALID_FOR_S = {'can': 2.0, 'vss': 600.0}
 # The interface whose channel is a recording of frames.
 REPLAY = 'replay'
-# Databrokers listen here unless told otherwise.
+# Databrokers listen here by default.
 BROKER_PORT = 55555
 
 

@@ -145,7 +145,7 @@ def read_battery(view: View) -> tuple[LiveBattery | None, tuple[str, ...]]:
 
 
 class LiveSource:
-    """A bus that is being received; `name` is the bus in words, such as `socketcan can0`."""
+    """A bus that is being received; `name` is the bus as text, such as `socketcan can0`."""
 
     name: str
 

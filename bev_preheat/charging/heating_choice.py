@@ -42,7 +42,7 @@ SHIFTS_K = (-0.2, 0.15, 0.35)
 LOWER_SOC, COLDER_K = 0.06, 0.5
 # Mean heater power of a step [W] below which it counts as unheated.
 HEATED_FROM_W = 1.0
-# Smaller differences of cost, in any currency, are not told.
+# Smaller differences of cost, in any currency, are not reported.
 LEAST_TOLD = 0.005
 
 

@@ -167,7 +167,7 @@ def _readable(error: UnicodeError) -> tuple[str, int]:
 
 
 class _Heard:
-    """Whether any signal was heard."""
+    """Whether any signal has arrived."""
 
     any = False
 

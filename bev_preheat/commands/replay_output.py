@@ -123,7 +123,7 @@ def _energy_text(energy_wh: float | None) -> str:
 
 
 def result_sentences(course: Course) -> list[str]:
-    """Return the result of each trip, and the spans without a valid command, in words."""
+    """Return the result of each trip, and the spans without a valid command, as text."""
     told = [sentence for trip in course.results.trips for sentence in trip.sentences()]
     spans = course.results.account.without_command
     # In order of time again.

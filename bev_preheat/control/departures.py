@@ -61,7 +61,7 @@ def dated_instant_ns(text: str, zone: tzinfo) -> int:
     """
     Return the instant [ns] of a text YYYY-MM-DD HH:MM in a zone, or with its own offset; raise InvalidInput.
 
-    The offset (Z, +01:00) tells apart the two hours of the same name when clocks are set back.
+    The offset (Z, +01:00) distinguishes the two hours of the same name when clocks are set back.
     """
     match = DATED.fullmatch(text)
     try:

@@ -19,7 +19,7 @@ class HeatingPause(NamedTuple):
 
     Only time that passes forward counts, as `elapsed_ns` [ns]: a clock that falls back neither ends a pause nor
     prolongs it. `interruptions`, `switch_ons` and `doubted_ns` (None: no pause) are instants of that time;
-    the pause lasts `wait_ns` [ns], for a `cause` in words.
+    the pause lasts `wait_ns` [ns], for a `cause` as text.
     """
 
     now_ns: int | None = None
@@ -41,7 +41,7 @@ class HeatingPause(NamedTuple):
 
     def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
         """
-        Return the pause begun or begun again, for a cause in words.
+        Return the pause begun or begun again, for a cause as text.
 
         It gets longer with each interruption of heating within INTERRUPTIONS_OVER_S.
         """
@@ -131,7 +131,7 @@ class HeaterSwitch(NamedTuple):
         return HeaterSwitch(pause=self.pause, since_ns=now_ns if self.is_on else self.since_ns)
 
     def doubted(self, now_ns: int, cause: str, minimum_off_time_s: float) -> HeaterSwitch:
-        """Return the switch off because something is in doubt, for a cause in words; a pause begins."""
+        """Return the switch off because something is in doubt, for a cause as text; a pause begins."""
         return HeaterSwitch(pause=self.pause.at(now_ns).doubted(cause, self.is_on, minimum_off_time_s))
 
     def allowed(self) -> HeaterSwitch:

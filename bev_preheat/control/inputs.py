@@ -149,7 +149,7 @@ class Mission:
     A trip: at least one Leg, in driving order, with a stop between each and the next.
 
     The vehicle stood for `standing_time_s` [s] before it; 0: unknown. The legs' instants include `delay_ns` [ns],
-    their delay against the route plan. `power_source` is the source of the legs' propulsion power, in words; '' if
+    their delay against the route plan. `power_source` is the source of the legs' propulsion power, as text; '' if
     the planner made the trip.
     """
 

@@ -2,7 +2,7 @@
 """
 The regime of the vehicle, from evidence and not from its route: driving, standing or charging.
 
-The battery's power is the quickest witness. Charging is steady and flows into the battery where the
+The battery's power is the quickest evidence. Charging is steady and flows into the battery where the
 route plans no such regeneration; a vehicle that stands takes no more than its consumers where the
 route drives. A position outranks the power; `power_supply_status` counts if it is set.
 Instants are integers, in nanoseconds of the node's clock; power is positive while the battery is

@@ -111,7 +111,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
 
 
 def fail(state: State, now_ns: int, what: str) -> tuple[State, StepOutput]:
-    """Return the State and the StepOutput that switch the heater off after an exception, given in words."""
+    """Return the State and the StepOutput that switch the heater off after an exception, given as text."""
     what = shortened(what, LONGEST_PROBLEM)
     decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
     state = _off(state, now_ns, Status.INTERNAL_ERROR)._replace(intended=decision, decision=decision)
@@ -327,7 +327,7 @@ class Supervisor:
         return self._keep(*step(self._state, now_ns, *events))
 
     def fail(self, now_ns: int, what: str) -> StepOutput:
-        """Return the StepOutput that switches the heater off after an exception, given in words."""
+        """Return the StepOutput that switches the heater off after an exception, given as text."""
         return self._keep(*fail(self._state, now_ns, what))
 
     def stop(self, now_ns: int) -> StepOutput:

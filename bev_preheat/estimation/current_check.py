@@ -141,7 +141,7 @@ class CurrentSign(NamedTuple):
             changes = (*changes, (
                 sample.voltage_v - before.voltage_v, sample.current_a - before.current_a))[-CURRENT_CHANGES:]
         moved = sample.drawn_since(before, capacity_as)
-        # A jump tells nothing about the current.
+        # A jump shows nothing about the current.
         since = (soc, 0.0) if self._jumps(soc, moved, soc_step) else (self.first_soc, self.discharged + moved)
         if self.latest_soc is not None and soc_step == 0.0:
             noise += (min(abs(soc - self.latest_soc), MOST_SOC_NOISE)**2 - noise) / SOC_NOISE_OVER

@@ -14,7 +14,7 @@ from bev_preheat.files.units import split_unit, unit_named
 
 SEPARATORS = ('\t', ';', ',', '|')
 SEPARATOR_LINE = re.compile('"?sep=(.)?"?[;,\\t]*', re.IGNORECASE)
-# Lines that tell the layout.
+# Lines that determine the layout.
 SAMPLE_LINES = 400
 # LeafSpy's later versions write a few values more than its header names.
 MOST_UNNAMED, LEAST_NAMED = 8, 20

@@ -16,7 +16,7 @@ from bev_preheat.files.units import conversion
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-# Seconds since the epoch lie in these years; the same range tells milliseconds and finer units.
+# Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
 EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.

@@ -227,7 +227,7 @@ class Check:
 
 def check_trips(vehicle: Vehicle, trips: Sequence[Trip], replays: bool = True,
                 tell: Callable[[str], None] = lambda name: None) -> Check:
-    """Return the Check of a vehicle on Trips; `replays`: also as the running planner; `tell` hears each name."""
+    """Return the Check of a vehicle on Trips; `replays`: also as the running planner; `tell` gets each name."""
     checks = []
     for trip in trips:
         tell(trip.name)

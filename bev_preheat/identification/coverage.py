@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Situations that the trips cover, and refusals of trips that cannot tell anything."""
+"""Situations that the trips cover, and refusals of trips that determine nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LEAST_TRIPS, MOST_TRIPS = 3, 200
 # Least change of the battery temperature over any trip [K].
 LEAST_CHANGE_K = 2.0
-# A night that tells leakage: duration [h] and difference to the air [K].
+# A night that determines leakage: duration [h] and difference to the air [K].
 NIGHT_H, NIGHT_DIFFERENCE_K = 3.0, 5.0
 
 

@@ -39,7 +39,7 @@ SMOOTHING_S = 121
 ROWS_PER_OBSERVATION = 20.0
 # Rows of one trip, so that a night does not outweigh the drives.
 ROWS_OF_A_TRIP = 1500
-# Least root mean square of the current's changes within 30 s [A] for a trip that tells the resistance.
+# Least root mean square of the current's changes within 30 s [A] for a trip that determines the resistance.
 LEAST_VARIATION_A = 3.0
 # Prior standard deviations: open-circuit voltage as shares of itself (offset, slope and curvature over the whole
 # charge), logarithm of the resistance (level, change of the correction from knot to knot),
@@ -51,7 +51,7 @@ POLARISATION_DEVIATION = 0.5
 # What voltage and heat may mean differently by resistance, at any temperature.
 SYSTEMATIC_DEVIATION = 0.01
 CAPACITY_DEVIATION = 0.10
-# A change of charge smaller than this tells nothing of the capacity.
+# A change of charge smaller than this shows nothing of the capacity.
 CAPACITY_SOC_CHANGE = 0.05
 DISPLAYED_SOC_NOISE = 0.002
 OCV = 3

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Readings that count as one independent observation against the priors: at least, at most (a quarter of an hour).
 LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0
-# Fewer trips do not tell how far readings of one trip hang together: those of nine drives of an i3 do by this
+# Fewer trips do not show how far readings of one trip hang together: those of nine drives of an i3 do by this
 # factor (docs/how-to/identify.md).
 USUAL_DISPERSION = 40.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].

@@ -58,8 +58,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     """
     Return the Identification of the car that drove the Trips, from a START vehicle; it is called `name`.
 
-    `tell` hears each stage; `structures_tried` must include those of a vehicle file. Raises InvalidInput with
-    reasons if the trips tell too little, and names the recordings that are missing.
+    `tell` gets each stage; `structures_tried` must include those of a vehicle file. Raises InvalidInput with
+    reasons if the trips determine too little, and names the recordings that are missing.
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
@@ -110,7 +110,7 @@ def keep_start(fitter: Fitter, full: ThermalFit,
     """
     Return the coordinates of the parameters that keep START's values, and the fit of all others beside them.
 
-    They are those that the trips do not tell: their intervals are hardly narrower than the priors'. Values that
+    They are those that the trips do not give: their intervals are hardly narrower than the priors'. Values that
     the trips refute together do not stay: as long as the fit explains the readings worse than `full` by more than
     it may at random, the parameter whose release helps most is released.
     """

@@ -3,7 +3,7 @@
 Temperature readings as intervals: residuals of a model's sensor temperature.
 
 A reading of 5 in whole degrees says that the noisy temperature lay between 4.5 and 5.5. Readings that flicker
-between two values tell more than steady ones: their shares tell how far the temperature is from the boundary. All
+between two values say more than steady ones: their shares say how far the temperature is from the boundary. All
 readings of a short window count together, with the temperature constant within it.
 """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The result of an identification: estimates, errors on unseen trips, a verdict in words, recordings to make."""
+"""The result of an identification: estimates, errors on unseen trips, a verdict as text, recordings to make."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _structures(structures: Sequence[StructureResult], structure: str) -> Iterat
 
 
 def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: Electrical) -> Iterator[str]:
-    """Yield the recordings that would tell most, the most valuable first."""
+    """Yield the recordings that would determine most, the most valuable first."""
     widths = {item.name: item for item in estimates}
     if not electrical.used:
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
@@ -148,7 +148,7 @@ class Estimated:
     """
     A parameter: START's value, estimate, 90 % interval, and what half the interval is worth on arrival [K].
 
-    `is_identified` False: the trips do not tell it, and the estimate is START's value. `prior` explains the prior,
+    `is_identified` False: the trips do not give it, and the estimate is START's value. `prior` explains the prior,
     `prior_low` and `prior_high` are its 90 % interval. `bound` is the bound at which the estimate lies, if any.
     `can_be_0`: 0 is a value like others, as for a share of heat.
     """
@@ -172,7 +172,7 @@ class Estimated:
     @property
     def is_unusual(self) -> bool:
         """
-        Whether the trips tell a value outside the prior's interval, or at its bound.
+        Whether the trips determine a value outside the prior's interval, or at its bound.
 
         A lag is never: it stands for several in a row, and hardly changes an arrival.
         """

@@ -84,7 +84,7 @@ def graded(left_out: Sequence[LeftOut]) -> list[LeftOut]:
     """
     Return the LeftOuts that grade a file: those with another trip of their kind.
 
-    Without the only night no other trip tells the leakage at stand, so it does not grade the file.
+    Without the only night no other trip determines the leakage at stand, so it does not grade the file.
     """
     kinds = [trip.kind for trip in left_out]
     return [trip for trip in left_out if kinds.count(trip.kind) > 1] or list(left_out)
@@ -97,7 +97,7 @@ def left_out_electricals(fitter: Fitter) -> list[Electrical]:
 
 def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical, electricals: Sequence[Electrical],
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
-    """Return the StructureResult of each of `structures`, and its fit to all trips; `tell` hears each name."""
+    """Return the StructureResult of each of `structures`, and its fit to all trips; `tell` gets each name."""
     results, fits = [], {}
     if len(fitter.trips) < LEAST_TRIPS:
         electricals = ()

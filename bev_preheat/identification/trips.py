@@ -36,7 +36,7 @@ ARRIVAL_S = 10.0
 # A remark on more logs than this gives their number.
 MOST_NAMED = 3
 # Samples of the temperature count one by one if they are this far apart [s]. A signal that is only sent on a
-# change tells something in between as well.
+# change shows something in between as well.
 PERIODS_S = 1.0, 300.0
 # Between two samples that are farther apart [s] and differ by more [K] than a signal that is sent on changes,
 # nothing is known. A sample alone counts like as many readings in a row as have one lasting error.
@@ -232,7 +232,7 @@ def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]
     """
     Return the signals of a log at stand with state of charge and power, and a remark for each that was missing.
 
-    A night, and a battery that is heated from a charger, tell leakage and heat capacity without both. Other logs
+    A night, and a battery that is heated from a charger, give leakage and heat capacity without both. Other logs
     are returned as they are, without remarks.
     """
     temperature, speed = signals.get('battery_temperature_c'), signals.get('speed_mps')

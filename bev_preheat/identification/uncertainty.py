@@ -35,7 +35,7 @@ PROBABILITY, QUANTILE = 0.90, 1.6449
 # Two lags stand for heater, coolant, plates and sensor. The error of that shows in no residual, so it is added to
 # the deviations of the coordinates.
 SYSTEMATIC_DEVIATIONS = {'heat_lag': 0.05, 'sensor_lag': 0.1}
-# An interval wider than this share of the prior's tells nothing new.
+# An interval wider than this share of the prior's shows nothing new.
 MOST_OF_PRIOR = 0.75
 # Rise of half the sum of squares at the ends of a profile interval.
 RISE = 0.5 * QUANTILE**2
@@ -151,8 +151,8 @@ def uncertainty_of(start: Uncertainty, estimates: Iterable[Estimated], resistanc
     """
     Return the Uncertainty of an identified vehicle file.
 
-    `start` is that of START, which values keep that the logs do not tell. `resistance` is None if the logs do not
-    tell it. `speed_mps` is the mean speed of the drives: the factor on the leakage is one on both of its parts.
+    `start` is that of START, which values keep that the logs do not give. `resistance` is None if the logs do not
+    give it. `speed_mps` is the mean speed of the drives: the factor on the leakage is one on both of its parts.
     """
     by_name = {item.name: item for item in estimates}
     found = {factor: _log_deviation(by_name[name].low, by_name[name].high) for factor, name in (

@@ -21,7 +21,7 @@ LONGEST_QUOTED = 60
 
 
 class _Kind(NamedTuple):
-    """The allowed values of an argument, as a function and in words."""
+    """The allowed values of an argument, as a function and as text."""
 
     is_allowed: Callable[[Any], bool]
     words: str

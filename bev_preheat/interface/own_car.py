@@ -141,7 +141,7 @@ def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'ide
     Return the car that drove the recordings, as `preheat identify` does.
 
     It needs casadi and scipy (extra `identify`). `vehicle` is the car to start from, `name` the name of the new
-    car, which is the attribute `vehicle` of the result. Raises InvalidInput if the recordings tell too little.
+    car, which is the attribute `vehicle` of the result. Raises InvalidInput if the recordings give too little.
     """
     require('casadi', 'scipy')
     from bev_preheat.identification.identify import identify as identify_trips

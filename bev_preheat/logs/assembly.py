@@ -95,7 +95,7 @@ MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
 # The largest difference between sensors of a battery [K].
 MOST_SPREAD_K = 15.0
-# Fewer samples do not tell that a channel jumps.
+# Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
 

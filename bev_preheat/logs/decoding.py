@@ -32,7 +32,7 @@ def all_ones(numbers: FloatArray, is_temperature: bool, full: tuple[float, ...] 
     """
     Return which numbers are all ones and stand apart from the others, shape (N,).
 
-    `full` are the values of all ones if the log tells them; otherwise the usual ones are tried, those of a byte
+    `full` are the values of all ones if the log has them; otherwise the usual ones are tried, those of a byte
     for temperatures only, because other signals pass through them.
     """
     finite = np.unique(numbers[np.isfinite(numbers)])
@@ -69,7 +69,7 @@ class Decoder:
 
     def __init__(self, source: Source, channel: str, channel_unit: str, decimal: str = '.',
                  full: tuple[float, ...] = ()) -> None:
-        """Take the unit that the log names ('': none), and the values of all ones if the log tells them."""
+        """Take the unit that the log names ('': none), and the values of all ones if the log has them."""
         self.source, self.channel, self._full = source, channel, full
         self.given = Hypothesis(source.unit or _fitting(channel_unit, source.signal), source.scales[0])
         self.hypotheses: tuple[Hypothesis, ...] = ()
@@ -149,7 +149,7 @@ class Decoder:
             low = max(low, LEAST_PLAUSIBLE_SOC)
         for scale in self.source.scales:
             scaled = self.given._replace(scale=scale)
-            # Zeros fit any scale, and tell none.
+            # Zeros fit any scale, and reveal none.
             own = scaled.own(finite[finite != 0.0], self.source)
             if not own.size or np.mean((own >= low) & (own <= high)) >= SCALE_FITTING_SHARE:
                 self.given = scaled

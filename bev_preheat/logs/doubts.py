@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mix-ups of sign, unit and scale, told from physics: charge and energy balances, distances, magnitudes."""
+"""Mix-ups of sign, unit and scale, revealed by physics: charge and energy balances, distances, magnitudes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Intervals longer than this [s] have no known charge, energy or distance.
 LONGEST_HOLD_S = 120.0
-# Distance that tells a speed's unit [m], and the agreement that a unit must reach.
+# Distance that determines a speed's unit [m], and the agreement that a unit must reach.
 UNIT_TELLING_M, AGREEMENT = 500.0, 0.08
 
 
@@ -211,7 +211,7 @@ def _size(signals: Signals) -> Iterator[Doubt]:
 
 def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
     """
-    Doubt a power or current that a moving car delivers in the mean, if the state of charge does not tell.
+    Doubt a power or current that a moving car delivers in the mean, if the state of charge does not decide.
 
     Not if the car descends enough for it, or if the power rises with the acceleration, as on an unknown descent.
     """

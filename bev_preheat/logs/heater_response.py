@@ -53,7 +53,7 @@ def heater_response(signals: Mapping[str, Series]) -> HeaterResponse | None:
     rise_k = np.interp(at_s, temperature.time_s, temperature.value)
     rise_k = rise_k - rise_k[0]
     energy_j = _integral(heater, np.maximum(at_s - DELAY_S, begin_s))
-    # A steady rise tells nothing: the drive's own heat, and a cabin's heater that is always on, are as steady.
+    # A steady rise shows nothing: the drive's own heat, and a cabin's heater that is always on, are as steady.
     others = [np.ones_like(at_s), at_s - begin_s]
     if 'power_w' in signals:
         power = signals['power_w']

@@ -74,7 +74,7 @@ class Hypothesis(NamedTuple):
         return own
 
     def fits(self, numbers: FloatArray, source: Source, share: float = FITTING_SHARE) -> bool:
-        """Return whether a share of the finite raw values is plausible; zeros tell nothing."""
+        """Return whether a share of the finite raw values is plausible; zeros show nothing."""
         finite = numbers[np.isfinite(numbers) & (numbers != 0.0)]
         return not finite.size or bool(np.mean(plausible(self.own(finite, source), source)) >= share)
 

@@ -118,7 +118,7 @@ def _named(items: Any) -> dict[str, Any]:
     return found
 
 
-# Objects that are searched for channels, and those that tell how time is written; texts that are held at once.
+# Objects that are searched for channels, and those that show how time is written; texts that are held at once.
 MOST_SEARCHED, SAMPLE, CELLS_AT_ONCE = 200_000, 400, 1_000_000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28

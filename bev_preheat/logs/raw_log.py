@@ -62,7 +62,7 @@ class Channel:
     """
     A channel (column, PID, CAN signal, field of a topic) and its unit ('' if not given).
 
-    `full` has the value of a raw one with all bits set, if the log tells how it is coded.
+    `full` has the value of a raw one with all bits set, if the log says how it is coded.
     """
 
     name: str

@@ -63,7 +63,7 @@ HIGHEST_SPEED_MPS = 100.0
 # cars in a log they turn at least so often, and at such a share of the steps.
 LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
 LEAST_TURNS, SHARE_OF_TURNS = 5, 0.05
-# Names of channels that tell the car.
+# Names of channels that identify the car.
 CAR = re.compile(r'(.*\.)?((car|veh(icle)?)( ?(id|no|nr|num(ber)?|name))?|vin)')
 
 

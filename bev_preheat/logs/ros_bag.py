@@ -67,7 +67,7 @@ class RosBag:
 
     def _readings(self, wanted: Collection[str], remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         topics = {name.partition('.')[0] for name in wanted}
-        # Simulated time runs apart from the recorder's clock; stamps tell by how much.
+        # Simulated time runs apart from the recorder's clock; stamps show by how much.
         ahead_s = 0.0
         problem: list[str] = []
         for number, (topic, received_s, stamp_s, message) in enumerate(self._messages(problem), start=1):

@@ -224,7 +224,7 @@ def read_source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> 
 
 
 def source_problems(signal: str, entry: FileData) -> Iterable[str]:
-    """Yield sentences on faults of an entry that the schema cannot tell."""
+    """Yield sentences on faults of an entry that the schema cannot find."""
     if isinstance(entry, str | list):
         entry = {'channels': entry}
     yield from _bad_patterns(entry['channels'])

@@ -210,7 +210,7 @@ def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -
 
 
 def heater_sentence(report: HeaterReport) -> str:
-    """Return a HeaterReport in words."""
+    """Return a HeaterReport as text."""
     sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
     return f'{report.heater.value}: {sentence}'
 

@@ -38,7 +38,7 @@ class Reader(NamedTuple):
 
 class Input(NamedTuple):
     """
-    A topic: its message's type, its meaning in words ('': the type says it), and a message read as an event.
+    A topic: its message's type, its meaning as text ('': the type says it), and a message read as an event.
 
     `has_many_sources`: more than one publisher is no mistake.
     """

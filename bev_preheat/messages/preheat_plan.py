@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PreheatPlan and the predicted temperature: written from a Decision, and the charging session read in words."""
+"""PreheatPlan and the predicted temperature: written from a Decision, and the charging session read as text."""
 
 from __future__ import annotations
 

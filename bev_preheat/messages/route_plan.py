@@ -170,7 +170,7 @@ def _problems_at_the_end(message: RoutePlan) -> list[str]:
 def _with_powers(message: RoutePlan, columns: dict[str, FloatArray],
                  vehicle: Vehicle) -> tuple[dict[str, FloatArray], str]:
     """
-    Return the columns with the powers of the road load, for a message without any, and their source in words.
+    Return the columns with the powers of the road load, for a message without any, and their source as text.
 
     Raises InvalidInput if other columns are wrong, if the vehicle has no road_load, or if rms or magnitude are
     given without the mean power.

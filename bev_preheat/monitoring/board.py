@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that was heard of one planner: latest values, history of the drive of bounded size, changes of the plan."""
+"""All messages of one planner: latest values, history of the drive of bounded size, changes of the plan."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class PlanSeen(NamedTuple):
     `status` is the number of a planning.status.Status. Instants [s] are None if they are unset. Temperatures in
     deg C, charge 0 ... 1, charging times in s; NaN: unknown. The trajectories `times_s` (N + 1,) are instants,
     `temperatures_c` and `socs` are at them, `powers_w` (N,) between them; () without a plan. `later_legs` is the
-    number of legs after this one. `sessions` are the charging sessions with and without heating in words, () if
+    number of legs after this one. `sessions` are the charging sessions with and without heating as text, () if
     the charger is unknown.
     """
 
@@ -136,7 +136,7 @@ def _set_instant(stamp: Time) -> float | None:
 
 
 class Departure(NamedTuple):
-    """The next departure in words ('' for none), the state of its preparation, and the skipped departures."""
+    """The next departure as text ('' for none), the state of its preparation, and the skipped departures."""
 
     next_words: str
     state: str
@@ -147,9 +147,9 @@ class Diagnosis(NamedTuple):
     """
     The planner's entries as the page shows them.
 
-    `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery in words, '' for none; `departure` is
+    `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery as text, '' for none; `departure` is
     None without departures. `heater_share` (0 ... 1) is the share of the command that the heater delivers by
-    the planner's estimate. `sensitivity` is that of the plan, in words.
+    the planner's estimate. `sensitivity` is that of the plan, as text.
     """
 
     entries: tuple[EntrySeen, ...] = ()

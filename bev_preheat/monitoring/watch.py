@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
-# A planner that is not there is said after this time [s].
+# A missing planner is reported after this time [s].
 PATIENCE_S = 3.0
 MOST_WIDTH = 110
 

@@ -61,7 +61,7 @@ class CommandSenders:
     Numbers the senders by the sequence numbers of their publications, which rise by publisher.
 
     rclpy does not say who sent a message, and a killed publisher stays in the graph for some 20 s, so the graph
-    alone cannot tell two commanders from a restarted one.
+    alone cannot distinguish two commanders from a restarted one.
     """
 
     def __init__(self) -> None:

@@ -177,7 +177,7 @@ class Reached(Protocol):
 
 def difference(plan: Reached, optimum: Reached) -> str:
     """
-    Return in words how a plan's result differs from the optimum's; '' if both reach the same.
+    Return as text how a plan's result differs from the optimum's; '' if both reach the same.
 
     NaN: unknown.
     """

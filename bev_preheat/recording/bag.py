@@ -53,7 +53,7 @@ def bag_messages(path: Path, types: Mapping[str, str],
             is_empty = False
             yield message
         if is_empty and len(remarks) > before:
-            # The remark tells why there is nothing.
+            # The remark says why there is nothing.
             raise InvalidInput(remarks[before].partition(';')[0] + ', and nothing before can be used')
 
 

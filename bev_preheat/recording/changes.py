@@ -53,7 +53,7 @@ class SignalChange(NamedTuple):
         return value * self.factor + self.offset
 
     def in_words(self) -> str:
-        """Return it in words."""
+        """Return it as text."""
         if math.isnan(self.factor):
             return f'{self.signal} missing'
         unit, difference, _ = UNITS[self.signal]
@@ -170,7 +170,7 @@ class Changes:
 
 
 def changes_in_words(changes: Changes) -> str:
-    """Return the changes in words: my_car.yaml, method=paper, temperature + 2."""
+    """Return the changes as text: my_car.yaml, method=paper, temperature + 2."""
     words = [] if changes.vehicle is None else [changes.vehicle]
     words += [f'{key}={value}' for key, value in changes.vehicle_keys.items()]
     words += [f'{name}={str(value).lower() if isinstance(value, bool) else value}'

@@ -24,7 +24,7 @@ LEASE_TOLERANCE_NS = 1_000_000
 
 
 class Difference(NamedTuple):
-    """The first step that was answered differently: its number, its instant [ns], and both answers in words."""
+    """The first step that was answered differently: its number, its instant [ns], and both answers as text."""
 
     number: int
     now_ns: int
@@ -87,7 +87,7 @@ def _both_in_words(recorded: tuple[float, int, int] | None,
 
 
 def in_words(command: tuple[float, int, int] | None) -> str:
-    """Return a command in words."""
+    """Return a command as text."""
     if command is None:
         return 'no command'
     power_w, _, reason = command

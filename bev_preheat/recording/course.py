@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The course of a drive as recorded or replayed: instants, figures, the result of each trip in words."""
+"""The course of a drive as recorded or replayed: instants, figures, the result of each trip as text."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class TripResult:
     account: HeaterAccount = field(default_factory=HeaterAccount)
 
     def sentences(self) -> list[str]:
-        """Return the result in words: arrival with reason, and the heater's energy."""
+        """Return the result as text: arrival with reason, and the heater's energy."""
         return [self._arrival(), self._energy()]
 
     def _arrival(self) -> str:

@@ -28,7 +28,7 @@ TOLERANCES = {
 
 
 class Deviation(NamedTuple):
-    """A figure that is not as expected: its name, its value, the expected one, and the tolerance, all in words."""
+    """A figure that is not as expected: its name, its value, the expected one, and the tolerance, all as text."""
 
     field: str
     value: str
@@ -36,7 +36,7 @@ class Deviation(NamedTuple):
     tolerance: str
 
     def sentence(self) -> str:
-        """Return it in words."""
+        """Return it as text."""
         return f'{self.field}: {self.value}, expected {self.expected}, tolerance {self.tolerance}'
 
 

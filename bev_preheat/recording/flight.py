@@ -248,5 +248,5 @@ def driven_ns(flight: Flight, period: Period = WHOLE) -> int:
 
 
 def moment(now_ns: int) -> str:
-    """Return an instant [ns] in words."""
+    """Return an instant [ns] as text."""
     return datetime.fromtimestamp(now_ns / NS_PER_S, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')

@@ -72,7 +72,7 @@ class Entry(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """Where recordings go: the folder, the most bytes in it, and the life's identification and start in words."""
+    """Where recordings go: the folder, the most bytes in it, and the life's identification and start as text."""
 
     folder: Path
     most_bytes: int

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
-# Signals that a route is made of, or that tell mix-ups of these.
+# Signals that a route is made of, or that reveal mix-ups of these.
 USED = ('speed_mps', 'ambient_c', 'power_w', 'voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'heater_w',
         'battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'aircon_w', 'latitude_deg', 'longitude_deg',
         'odometer_m')

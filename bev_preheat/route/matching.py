@@ -40,7 +40,7 @@ USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0
 LINE_DEVIATION_M = 5.0
 # A coarser fix is not used [m]: two such fixes may differ by more than the 100 m that a route_progress may fall.
 COARSEST_M = 50.0
-# Fixes closer in time tell nothing new [s]; the planner needs a place once a second.
+# Fixes closer in time show nothing new [s]; the planner needs a place once a second.
 SPACED_S = 0.45
 # After a longer silence the place is confirmed before it is published [s]: the vehicle may have driven 1.8 km.
 GAP_S = 30.0

@@ -37,7 +37,7 @@ class DrivePhase:
     The trip planner reports that the car stood for `standing_time_s` [s] before; 0: unknown. The
     instants of `events` count from the start of the drive. `position` None: the car does not report its
     position. With `starts_over` the battery returns to its very first state, as in a recording played
-    again. The trip planner tells the `charger` at the end (None: unknown) and the `prospect` of charging.
+    again. The trip planner reports the `charger` at the end (None: unknown) and the `prospect` of charging.
     """
 
     route: Route

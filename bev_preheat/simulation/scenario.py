@@ -62,7 +62,7 @@ class Scenario:
     """
     A drive, or a chain that begins with it, its faults, and the expectations.
 
-    The trip planner tells the `charger` at the end of the drive (None: unknown) and the `prospect` of charging.
+    The trip planner reports the `charger` at the end of the drive (None: unknown) and the `prospect` of charging.
 
     The car stood for `standing_time_s` [s] before (0: unknown). `planner` holds parameters of the
     node `planner` by name, `vehicle_name` is the vehicle's name or path in the file.

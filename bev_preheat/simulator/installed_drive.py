@@ -285,7 +285,7 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath 
     They drive in lockstep: the same drive on every computer. The scenario was loaded from `name_or_file`; the logs
     go to `log_folder`, the planner's flight recording to the file `recording` (None: it does not record). They are
     in the ROS domain `domain_id`, None: an unused one. `observe` is called on the way; with `heater_status` the
-    simulated heater tells its power. Raises ScenarioFailed if the drive does not finish.
+    simulated heater reports its power. Raises ScenarioFailed if the drive does not finish.
     """
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         domain_id = stack.enter_context(reserved_domain_id()) if domain_id is None else domain_id

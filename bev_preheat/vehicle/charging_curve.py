@@ -239,7 +239,7 @@ def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float,
     """
     Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW].
 
-    With a `limit` over the temperature it is the least of the three; else the chemistry tells cold and heat.
+    With a `limit` over the temperature it is the least of the three; else the chemistry decides for cold and heat.
     """
     if limit is not None:
         grid_c = sorted(set(np.clip(limit.temperature_c, *LIMIT_TEMPERATURES_C).tolist()))

@@ -62,7 +62,7 @@ class Meaning:
     temperature, then by state of charge; `discharging_power_kw` at half charge by temperature,
     `open_circuit_voltage_v` at 25 degC by state of charge. `heating_…` are K in the first 10 min: full heater
     power at rest and at 100 km/h, and the heater power left by the vehicle's default cabin heating.
-    `heat_path` and `charging` describe the arrival of heat and the car at a charger in words.
+    `heat_path` and `charging` describe the arrival of heat and the car at a charger as text.
     """
 
     name: str
@@ -324,7 +324,7 @@ _WORDS = {'hvch': 'HVCH', 'soc': 'state-of-charge', 'defaults': 'default'}
 
 
 def key_in_words(key: str) -> str:
-    """Return a vehicle file's key in words: battery.heat_capacity_j_per_k becomes battery heat capacity."""
+    """Return a vehicle file's key as text: battery.heat_capacity_j_per_k becomes battery heat capacity."""
     words = ' '.join(_UNIT.sub('', part) for part in key.split('.')).replace('_', ' ')
     return ' '.join(_WORDS.get(word, word) for word in words.split(' '))
 

@@ -30,7 +30,7 @@ _Dumper.add_representer(list, lambda dumper, values: dumper.represent_sequence(
 HEAD = ('"given" marks figures of that command line, "source" the source of other figures, "assumed" figures '
         'that were not measured or stated for this car. State of charge is the displayed one: 0 and 1 are the '
         'ends of the usable energy.')
-# Comments at keys that data sheets tell nothing about.
+# Comments at keys that data sheets show nothing about.
 HINTS = {
     'assumed': 'Listed in a warning with each plan. When you replace a value by your own, delete its entry here.',
     'charging': 'Data sheets do not state the lag of the heat. Without heat_path heat arrives at once in plans, '

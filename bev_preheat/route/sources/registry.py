@@ -77,7 +77,7 @@ def has_powers(path: Path) -> bool:
 
 
 def _has_powers(table: Table) -> bool:
-    """Return whether a table has powers, or no column that tells a motion."""
+    """Return whether a table has powers, or no column that describes a motion."""
     known = headers_of(table)[0].keys()
     return bool(known & {'propulsion_power', 'propulsion_power_rms', 'propulsion_power_magnitude'}) or (
         not known & {'time', 'speed', 'duration', 'length'})
