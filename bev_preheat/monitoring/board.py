@@ -74,12 +74,6 @@ class Trail:
         if len(self._rows) > self._most:
             self._thin(row[0])
 
-    def clear(self) -> None:
-        """Drop all rows."""
-        if self._rows:
-            self._rows.clear()
-            self.generation += 1
-
     def since(self, count: int) -> Sequence[tuple[float, ...]]:
         """Return the rows after the first `count`."""
         return self._rows[count:]

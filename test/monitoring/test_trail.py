@@ -3,7 +3,6 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-import pytest
 
 from bev_preheat.monitoring.board import Trail
 
@@ -41,13 +40,3 @@ def test_a_reader_that_heeds_the_generation_has_all(instants):
             known, generation = [], trail.generation
         known += trail.since(len(known))
         assert known == list(trail.since(0))
-
-
-@pytest.mark.parametrize('before', [0, 3])
-def test_clear_drops_all_and_says_so(before):
-    trail = Trail()
-    for second in range(before):
-        trail.add((float(second),))
-    generation = trail.generation
-    trail.clear()
-    assert len(trail) == 0 and (trail.generation != generation) == (before > 0)
