@@ -211,7 +211,6 @@ SEEN_OVER_S = 60.0                      # s  | over which the heater's power is 
 CONFIRMED_WITHIN_S = 3.0                # s  | until an answer of 0 W is a refusal: answers take a moment
 COMPARED_OVER_NS = 60_000_000_000       # ns | a minute over which answer and battery power are compared
 LEAST_DIFFERENCE_W = 500.0              # W  | … and by which they must differ for a doubt
-SENSITIVITY_PERIOD_NS = 60_000_000_000  # ns | each minute what would change the plan: saves time
 
 
 # Control: from a plan to the heater

@@ -9,7 +9,6 @@ from typing import NamedTuple, TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from bev_preheat.control.departure_source import DepartureState
-from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import time_message
@@ -109,16 +108,15 @@ class DepartureFiles(NamedTuple):
 
 def planner_diagnostics(node_name: str, state: State, now_ns: int,
                         memory: StateFileReport | None = None,
-                        departures: DepartureFiles | None = None, sensitivity: str = '') -> list[DiagnosticStatus]:
+                        departures: DepartureFiles | None = None) -> list[DiagnosticStatus]:
     """
     Return the entries with status, reason and the figures behind them.
 
     `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
-    departure_keeper.DepartureFiles, None without a file of departures. `sensitivity` are the sentences of a
-    control.sensitivity_watch.SensitivityWatch, '' for none.
+    departure_keeper.DepartureFiles, None without a file of departures.
     """
     name, hardware, estimate = node_name, state.vehicle.name, state.estimate
-    entries = [_preheating(name, hardware, state, now_ns, sensitivity), _signals(name, hardware, state, now_ns)]
+    entries = [_preheating(name, hardware, state, now_ns), _signals(name, hardware, state, now_ns)]
     if estimate is not None:
         entries += [heater_entry(name, hardware, estimate.heater),
                     _estimation(name, hardware, state, estimate, now_ns)]
@@ -132,8 +130,7 @@ def planner_diagnostics(node_name: str, state: State, now_ns: int,
     return entries
 
 
-def _preheating(name: str, hardware: str, state: State, now_ns: int,
-                sensitivity: str) -> DiagnosticStatus:
+def _preheating(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticStatus:
     decision, mission = state.decision, state.active_mission
     values = {
         'vehicle': state.vehicle.name,
@@ -164,8 +161,6 @@ def _preheating(name: str, hardware: str, state: State, now_ns: int,
         values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
-    if sensitivity:
-        values[SENSITIVITY] = sensitivity
     level, text = LEVELS[decision.status.meaning.level], decision.explanation
     if state.inbox.unit_warnings:
         level = max(level, WARN)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.errors import shortened
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import session_texts
@@ -149,7 +148,7 @@ class Diagnosis(NamedTuple):
 
     `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery as text, '' for none; `departure` is
     None without departures. `heater_share` (0 ... 1) is the share of the command that the heater delivers by
-    the planner's estimate. `sensitivity` is that of the plan, as text.
+    the planner's estimate.
     """
 
     entries: tuple[EntrySeen, ...] = ()
@@ -159,7 +158,6 @@ class Diagnosis(NamedTuple):
     goal: str = ''
     departure: Departure | None = None
     heater_share: float = 1.0
-    sensitivity: str = ''
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return plain values for the page."""
@@ -167,7 +165,6 @@ class Diagnosis(NamedTuple):
             'entries': [[entry.name, LEVELS[min(max(entry.level, 0), 3)], shortened(entry.message, LONGEST_TEXT)]
                         for entry in self.entries],
             'regime': self.regime, 'doubts': list(self.doubts), 'enabled': self.is_enabled, 'goal': self.goal,
-            'sensitivity': self.sensitivity,
             'departure': None if self.departure is None else self.departure._asdict()}
 
 
@@ -188,7 +185,7 @@ def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
         tuple(by_name[name] for name in sorted(by_name)), shortened(signals.get('regime', ''), 60),
         doubts[:MOST_DOUBTS], {'true': True, 'false': False}.get(preheating.get('enabled', '')),
         shortened(preheating.get('goal of prepare_battery', ''), LONGEST_TEXT), departure,
-        _share(heater.get(SHARE, '')), shortened(preheating.get(SENSITIVITY, ''), LONGEST_TEXT))
+        _share(heater.get(SHARE, '')))
 
 
 def _share(text: str) -> float:

@@ -21,7 +21,6 @@ from bev_preheat.control.events import (
     ROUTE_PLAN,
     RouteUnreadable,
 )
-from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.heater import command_message
@@ -94,7 +93,7 @@ class PlannerNode(ProgramNode):
         choices = recalled.choices.after_restart(self.now_ns())
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
-        self._log, self._sensitivity = PlannerLog(self.get_logger()), SensitivityWatch()
+        self._log = PlannerLog(self.get_logger())
         self._recorder = FlightRecorder(planner_of(self))
         self._routes = RouteIntake()
         self._go_on(settings)
@@ -224,12 +223,9 @@ class PlannerNode(ProgramNode):
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on preheating, signals, heater, estimation, files and recording."""
         name, state, now_ns = self.get_fully_qualified_name(), self._supervisor.state, self.now_ns()
-        # For readers only.
-        sensitivity = (self._sensitivity.look(state, now_ns)
-                       if self._diagnostics_publisher.get_subscription_count() > 0 else '')
         recording = self._recorder.entry(name, self.hardware)
         return [*planner_diagnostics(
-            name, state, now_ns, self._state_keeper.report(), self._departures.report(), sensitivity),
+            name, state, now_ns, self._state_keeper.report(), self._departures.report()),
             *([] if recording is None else [recording])]
 
     def _report(self, now_ns: int) -> None:

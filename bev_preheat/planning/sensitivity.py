@@ -2,18 +2,19 @@
 """
 Sensitivity of a plan to the battery's temperature at its start, and what not heating would change.
 
-Everything is found with the planner: plans for the same trip and target from other temperatures. A search takes
-about 25 plans, so it can be done in parts, a plan at a time.
+Everything is found with the planner: plans for the same trip and target from other temperatures.
+It takes about 25 plans.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import PlanningFailure
+from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.status import Status
@@ -101,49 +102,25 @@ class Sensitivity:
                 f'would take {energy}{charger}.')
 
 
-def has_sensitivity(plan: Plan) -> bool:
-    """Return whether a Plan has a target, and a built-in method: those of other packages may be slow."""
-    return plan.status not in WITHOUT_TARGET and plan.method in METHODS
-
-
 def find_sensitivity(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
-                     plan: Plan, heat_lag_s: float = 0.0) -> Sensitivity | None:
+                     plan: Plan) -> Sensitivity | None:
     """Return the Sensitivity of a Plan of `plan_preheating` for these inputs; None if it has none."""
-    search = search_sensitivity(vehicle, route, state, goal, plan, heat_lag_s)
-    while True:
-        try:
-            next(search)
-        except StopIteration as found:
-            sensitivity: Sensitivity | None = found.value
-            return sensitivity
-
-
-def search_sensitivity(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, plan: Plan,
-                       heat_lag_s: float = 0.0) -> Generator[None, None, Sensitivity | None]:
-    """
-    Find the Sensitivity in parts: yield before each further plan, and return it.
-
-    None if the plan has none.
-    `heat_lag_s` is that of `plan_preheating` for the plan.
-    """
-    if not has_sensitivity(plan):
+    # Methods of other packages may be slow.
+    if plan.status in WITHOUT_TARGET or plan.method not in METHODS:
         return None
     range_c = lowest_c, highest_c = vehicle.battery.temperature_range_c
 
     def plan_from(temperature_c: float) -> Plan | None:
         try:
-            return plan_preheating(vehicle, route, replace(state, temperature_c=temperature_c), goal, plan.method,
-                                   heat_lag_s=heat_lag_s)
+            return plan_preheating(vehicle, route, replace(state, temperature_c=temperature_c), goal, plan.method)
         except PlanningFailure:
             return None
 
-    yield
     # At the upper end of the range: one kelvin less.
     step_k = KELVIN_K if state.temperature_c + KELVIN_K <= highest_c else -KELVIN_K
     saved_wh, arriving_k = _beyond(plan, plan_from(state.temperature_c + step_k))
-    yield
-    needed_below_c = yield from _change(_is_warm_enough, plan, state.temperature_c, plan_from, lowest_c, highest_c)
-    reached_from_c = yield from _change(_is_reached, plan, state.temperature_c, plan_from, lowest_c, highest_c)
+    needed_below_c = _change(_is_warm_enough, plan, state.temperature_c, plan_from, lowest_c, highest_c)
+    reached_from_c = _change(_is_reached, plan, state.temperature_c, plan_from, lowest_c, highest_c)
     saves_wh, warmer_k = _beyond(plan, plan_unheated(vehicle, route, state, goal))
     return Sensitivity(
         saved_wh / step_k, arriving_k / step_k, needed_below_c, reached_from_c, range_c, -warmer_k, saves_wh,
@@ -174,24 +151,16 @@ def _beyond(plan: Plan, other: Plan | None) -> tuple[float, float]:
 
 def _change(holds: Callable[[Plan | None], bool], plan: Plan, at_c: float,
             plan_from: Callable[[float], Plan | None], lowest_c: float,
-            highest_c: float) -> Generator[None, None, float]:
+            highest_c: float) -> float:
     """
-    Return the temperature at the start from which `holds` is true of the plan, to RESOLUTION_K; yield after plans.
+    Return the temperature at the start from which `holds` is true of the plan, to RESOLUTION_K.
 
     `plan` starts from `at_c`. -inf: it is true at the lowest temperature [deg C] already, inf: not at the highest.
     """
     is_held = holds(plan)
     end_c = lowest_c if is_held else highest_c
-    ends_alike = holds(plan_from(end_c)) == is_held
-    yield
-    if ends_alike:
+    if holds(plan_from(end_c)) == is_held:
         return -math.inf if is_held else math.inf
     true_c, false_c = (at_c, end_c) if is_held else (end_c, at_c)
-    while true_c - false_c > RESOLUTION_K:
-        middle_c = 0.5 * (true_c + false_c)
-        if holds(plan_from(middle_c)):
-            true_c = middle_c
-        else:
-            false_c = middle_c
-        yield
-    return true_c
+    halvings = math.ceil(math.log2(max((true_c - false_c) / RESOLUTION_K, 1.0)))
+    return halve(true_c, false_c, lambda middle_c: holds(plan_from(middle_c)), halvings)

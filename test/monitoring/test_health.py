@@ -60,20 +60,17 @@ def test_before_the_first_message():
 def test_entries_are_read():
     found = diagnose([
         EntrySeen('preheating', 0, 'WAITING', {
-            'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min',
-            'sensitivity of the plan': 'One more kelvin.'}),
+            'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min'}),
         EntrySeen('signals', 1, '', {'regime': 'charging', 'current in doubt since [s]': '12'}),
         EntrySeen('departures', 0, '', {'next departure': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''})])
     assert (found.is_enabled, found.goal, found.regime, found.doubts) == (
         False, 'ready in 5 min', 'charging', ('current',))
-    assert found.as_dictionary()['sensitivity'] == 'One more kelvin.'
     assert found.departure == Departure('Mon 07:30', 'WAITS', '')
 
 
 def test_without_entries_all_is_unknown():
     assert diagnose([]).as_dictionary() == {
-        'entries': [], 'regime': '', 'doubts': [], 'enabled': None, 'goal': '', 'sensitivity': '',
-        'departure': None}
+        'entries': [], 'regime': '', 'doubts': [], 'enabled': None, 'goal': '', 'departure': None}
 
 
 def test_a_flood_of_entries_is_cut():

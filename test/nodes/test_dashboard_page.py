@@ -128,8 +128,6 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     page.wait(lambda: page.text('status') == 'Heating', 'that it heats')
     set_speed(bench, 1.0)
     page.wait(lambda: number_of(page.text('power')) > 1.0, 'the power')
-    page.wait(lambda: 'One more kelvin' in page.run('return document.getElementById("facts").textContent'),
-              'the sensitivity of the plan')
     page.picture('dashboard.png', 1180, 900)
     page.picture('dashboard_phone.png', *PHONE)
     assert_fits_and_is_labelled(page)

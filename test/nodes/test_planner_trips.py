@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's node on trips: two stops, known and uncertain chargers, and the sensitivity of its plan."""
+"""The planner's node on trips: two stops, known and uncertain chargers."""
 
 from math import nan
 
@@ -10,7 +10,6 @@ import pytest
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning import sensitivity
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -195,31 +194,3 @@ def test_heating_waits_for_the_probability_of_charging(rehearsal):
     assert power_w == 0.0
     _, power_w = given(START_S + 2, 1.0)
     assert power_w > 0.0
-
-
-# The sensitivity of the plan
-
-def drive_on(trip, seconds):
-    trip.send_route(segment_duration=[30.0] * 80, target_battery_temperature=15.0)
-    for second in range(seconds):
-        trip.state_at(START_S + second)
-        trip.repeat()
-
-
-def test_the_sensitivity_of_the_plan_is_in_the_diagnostics(rehearsal):
-    trip = Trip(rehearsal)
-    drive_on(trip, 40)
-    trip.diagnostics.clear()
-    trip.repeat()
-    text = values_of(trip.entry('preheating'))['sensitivity of the plan']
-    assert text.startswith('One more kelvin in the battery now would save ') and 'Without heating' in text
-
-
-def test_without_a_reader_nothing_is_planned_for_it(rehearsal, monkeypatch):
-    def fail(*_, **__):
-        pytest.fail('searched')
-
-    trip = Trip(rehearsal, commands_alone=True)
-    monkeypatch.setattr(sensitivity, 'plan_preheating', fail)
-    drive_on(trip, 3)
-    assert trip.commands.latest is not None

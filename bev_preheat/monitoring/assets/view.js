@@ -116,7 +116,7 @@ const bevView = (() => {
 
   function showDetails(view) {
     const key = JSON.stringify([view.entries, view.regime, view.doubts, view.routeId, view.method, view.goal, view.outcome,
-      view.departure, view.unheatedProblem, view.targetReason, view.sensitivity]);
+      view.departure, view.unheatedProblem, view.targetReason]);
     if (showDetails.key === key) return;
     showDetails.key = key;
     byId('entries').replaceChildren(...(view.entries || []).map(([name, level, text]) => row('tr', [
@@ -124,7 +124,7 @@ const bevView = (() => {
     const count = (view.entries || []).filter(([, level]) => level !== 'OK').length;
     put('details-note', count ? `${count} of ${view.entries.length} parts report a problem` : '');
     const facts = [
-      ['Target', view.targetReason], ['Sensitivity', view.sensitivity], ['Regime', view.regime],
+      ['Target', view.targetReason], ['Regime', view.regime],
       ['Signals in doubt', (view.doubts || []).join(', ')],
       ['Route', view.routeId], ['Method', view.method], ['Preparation', view.goal], ['Its end', view.outcome],
       ['Next departure', view.departure && view.departure.next_words], ['Departure', view.departure && view.departure.state],
