@@ -25,7 +25,7 @@ import numpy as np
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, LONGEST_SESSION_S
-from bev_preheat.charging.stop import arrival_state, stop_after
+from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_worth import pays_from_per_h
 from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.soak import temperature_after
@@ -136,7 +136,7 @@ class Expectation:
             if math.isinf(charged):
                 charged = self._sessions.of_session(math.inf, 0.0, plan.arrival_soc)
             return Expected(charged, self._not_charged(
-                arrival_state(plan), self._unheated.arrival_soc - self._soc_when_known(plan)))
+                plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan)))
         return self._over_arrivals(plan)
 
     def _over_arrivals(self, plan: Plan) -> Expected:
@@ -289,7 +289,7 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     the file. At the charger each car heats as the file's car would, by its HeatingChoice under Prices.
     """
     heating = ChargerHeating(vehicle, stop_after(route, charger_power_w, departure_soc), prices)
-    limits = [heating.choose(arrival_state(plan)).limit for plan in (
+    limits = [heating.choose(plan.arrival_state).limit for plan in (
         plan_unheated(vehicle, route, state, goal), plan_preheating(vehicle, route, state, goal))]
     squares = [0.0, 0.0, 0.0]
     for index, deviation in factor_deviations(vehicle.uncertainty).items():
@@ -302,7 +302,7 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
             driven = route.with_propulsion(factor) if index == PROPULSION else route
             stop = stop_after(driven, charger_power_w, departure_soc)
             without_s, heated_s = (
-                charge(car, stop, arrival_state(plan), heating=limit).charging_time_s for plan, limit in zip((
+                charge(car, stop, plan.arrival_state, heating=limit).charging_time_s for plan, limit in zip((
                     plan_unheated(car, driven, state, goal),
                     plan_preheating(car, driven, state, goal)), limits))
             ends.append((without_s, heated_s, without_s - heated_s))

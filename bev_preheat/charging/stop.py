@@ -152,14 +152,6 @@ def stop_after(route: Route, charger_power_w: float, departure_soc: float) -> Ch
                         float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
 
 
-def arrival_state(plan: Plan) -> BatteryState:
-    """Return the BatteryState on arrival of a Plan, with the heater off as the session requires."""
-    if plan.heat is None:
-        return BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
-    return BatteryState(plan.arrival_temperature_c, plan.arrival_soc,
-                        float(plan.heat.heater_power_w[-1]), float(plan.heat.coolant_excess_k[-1]))
-
-
 def refuse_stranded(plan: Plan) -> None:
     """Raise InvalidInput if the charge is not enough for the unheated drive to the charger."""
     if plan.stranding is not None:

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.charging.expectation import Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import (
-    arrival_state,
     CERTAIN,
     check_prospect,
     check_stop,
@@ -241,7 +240,7 @@ class WorthSearch:
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
         if found:
             self.without = found[0].worth
-        self._problem = self._heating.choose(arrival_state(unheated)).session.problem
+        self._problem = self._heating.choose(unheated.arrival_state).session.problem
         self._found = {item.target_c: item for item, _ in found} or {self.without.target_c: self.without}
         self._plans_left = 0.0
         self._grid_c = [self.without.target_c, *targets_between(
@@ -257,7 +256,7 @@ class WorthSearch:
         return self._heating.choose(self._arrivals[target_c]).session
 
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
-        arrival = self._arrivals[target_c] = arrival_state(plan)
+        arrival = self._arrivals[target_c] = plan.arrival_state
         choice = self._heating.choose(arrival)
         session = choice.session
         item = TargetWorth(

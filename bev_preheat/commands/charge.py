@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import (
-    arrival_state,
     ChargingStop,
     refuse_stranded,
     stop_after,
@@ -168,7 +167,7 @@ def _after_drive(
     plan = plan_preheating(*situation.inputs)
     stop = stop_after(situation.route, arguments.charger_power, arguments.departure_soc)
     return situation.vehicle, stop, {
-        name: arrival_state(drive) for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
+        name: drive.arrival_state for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
             'plan': plan.as_dictionary(), **situation.as_dictionary()}
 
 

@@ -25,7 +25,6 @@ from bev_preheat.charging.equations import heated_c, heater_power_of
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_policy import HeatingLimit
 from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import arrival_state
 from bev_preheat.nonlinear_program.attempt import state_bounds
 from bev_preheat.nonlinear_program.blocks import Blocks
 from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can_heat
@@ -161,7 +160,7 @@ class ChargingProgram:
 
     def _charged(self, plan: Plan, limit: HeatingLimit | None = None) -> ChargedDrive:
         """Return the ChargedDrive of a Plan with the chosen heat at the charger, or a limit if that costs less."""
-        arrival = arrival_state(plan)
+        arrival = plan.arrival_state
         choice = self._heating.choose(arrival)
         chosen = ChargedDrive(plan, choice.session, choice.cost)
         if limit is None:

@@ -74,7 +74,7 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
     start_s = switched_on_s(trip, powers_w[0])
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
-        start_s = float(trip.time_s[int(np.searchsorted(trip.time_s, start_s, side='right')) - 1])
+        start_s = float(trip.time_s[trip.step_at(start_s)])
     command_w, brake_w, *heat_w = powers_w
     soc, temperature_c, *under_way = states
     return Schedule(

@@ -200,7 +200,7 @@ def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float
     """Return the Schedule with one switching instant; before it the run is the unheated one."""
     heater_power_w = maximum_from(trip, instant_s)
     soc, temperature_c = run_on(
-        trip, make_runge_kutta_4, *idle, _step_at(trip, instant_s), heater_power_w)
+        trip, make_runge_kutta_4, *idle, trip.step_at(instant_s), heater_power_w)
     return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)), soc, temperature_c,
                     make_runge_kutta_4)
 
@@ -212,7 +212,7 @@ def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> 
     The heater's contribution to the rate of change at the switching instant, less the part that leaks until
     arrival, or that a warmer battery saves in Joule heat.
     """
-    first = _step_at(trip, instant_s)
+    first = trip.step_at(instant_s)
     rates = make_rates(trip.vehicle, SATURATING_FLOATS)
     soc, temperature_c = schedule.soc, schedule.temperature_c
 
@@ -229,11 +229,6 @@ def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> 
     damping_per_s = rate(middle, 0.0, full_w) - rate(middle, 1.0, full_w)
     return float(-gained_k_per_s * math.exp(
         -damping_per_s * (float(trip.time_s[-1]) - instant_s)))
-
-
-def _step_at(trip: Trip, instant_s: float) -> int:
-    """Return the index of the step in which an instant lies."""
-    return min(int(np.searchsorted(trip.time_s, instant_s, side='right')), len(trip.route)) - 1
 
 
 class SwitchPlan(NamedTuple):

@@ -51,9 +51,8 @@ def run_paper(trip: Trip, state: BatteryState, target_c: float, terminal_soc: fl
     if instant_s is None:
         instant_s = 0.0
     heater_power_w = maximum_from(trip, instant_s)
-    first = int(np.searchsorted(trip.time_s, instant_s, side='right')) - 1
     soc, temperature_c = run_on(
-        trip, make_euler, idle_soc, idle_temperature_c, first, heater_power_w)
+        trip, make_euler, idle_soc, idle_temperature_c, trip.step_at(instant_s), heater_power_w)
     return Schedule(instant_s, heater_power_w, idle_w, soc, temperature_c, make_euler)
 
 

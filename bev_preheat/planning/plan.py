@@ -84,9 +84,17 @@ class Plan:
     @property
     def start_state(self) -> BatteryState:
         """The state at the start of the plan, with the heat under way."""
+        return self._state_at(0)
+
+    @property
+    def arrival_state(self) -> BatteryState:
+        """The state on arrival, with the heat under way; the heater is off from then on, as a session requires."""
+        return self._state_at(-1)
+
+    def _state_at(self, at: int) -> BatteryState:
         under_way = () if self.heat is None else (
-            float(self.heat.heater_power_w[0]), float(self.heat.coolant_excess_k[0]))
-        return BatteryState(float(self.battery_temperature_c[0]), float(self.soc[0]), *under_way)
+            float(self.heat.heater_power_w[at]), float(self.heat.coolant_excess_k[at]))
+        return BatteryState(float(self.battery_temperature_c[at]), float(self.soc[at]), *under_way)
 
     @property
     def arrival_time_s(self) -> float:

@@ -93,6 +93,10 @@ class Trip:
         return (self.route.duration_s, power_w, self.power_variance_w2, heat_w,
                 self.leakage_w_per_k)
 
+    def step_at(self, instant_s: float) -> int:
+        """Return the index of the step in which an instant [s] lies."""
+        return min(int(np.searchsorted(self.time_s, instant_s, side='right')), len(self.route)) - 1
+
     def driven(self, share: FloatArray) -> Trip:
         """
         Return the Trip with only a share (N,) of each step driven; for the rest the vehicle stands.

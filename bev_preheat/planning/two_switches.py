@@ -96,7 +96,7 @@ class _Search:
         if above_k < -allowed_k:
             taken_wh -= DEFICIT_WH_PER_K * above_k
         elif (slope := self._slope_k_per_s(on_s)) < 0.0:
-            heater_w = float(self._trip.heater_limit_w[self._first_step(on_s)])
+            heater_w = float(self._trip.heater_limit_w[self._trip.step_at(on_s)])
             taken_wh += above_k * heater_w / JOULES_PER_WH / slope
         return Trial(off_s, taken_wh, on_s)
 
@@ -131,13 +131,13 @@ class _Search:
 
     def _roll(self, on_s: float, off_s: float) -> FloatArray:
         """Return the States from the step on in which the heater is switched on."""
-        first = self._first_step(on_s)
+        first = self._trip.step_at(on_s)
         return roll_heated(self._trip, states_at(self._unheated, first),
                            maximum_between(self._trip, on_s, off_s), first)
 
     def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
         """Return the Schedule of such States; before them the run is the unheated one."""
-        unheated, first = self._unheated, self._first_step(on_s)
+        unheated, first = self._unheated, self._trip.step_at(on_s)
         assert unheated.heat is not None
         command_w = maximum_between(self._trip, on_s, off_s)
         run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
@@ -153,11 +153,7 @@ class _Search:
 
     def _slope_k_per_s(self, on_s: float) -> float:
         """Return the estimated change of the arrival temperature with the switch-on instant [K/s]."""
-        trip, step = self._trip, self._first_step(on_s)
+        trip, step = self._trip, self._trip.step_at(on_s)
         leaks_per_s = float(trip.leakage_w_per_k[step]) / self._capacity_j_per_k
         return (-trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[step])
                 / self._capacity_j_per_k * math.exp(-leaks_per_s * (self._arrival_s - on_s)))
-
-    def _first_step(self, instant_s: float) -> int:
-        return min(int(np.searchsorted(self._trip.time_s, instant_s, side='right')),
-                   len(self._trip.route)) - 1

@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import arrival_state, ChargingProspect, held_prospect, stop_after
+from bev_preheat.charging.stop import ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
@@ -126,7 +126,7 @@ def test_jitter_changes_nothing_but_certainty_does():
 def heated():
     """Return the Plan to GOAL, and the TargetWorth of certain charging after it."""
     plan = plan_preheating(REFERENCE, ROUTE, STATE, GOAL)
-    state, stop = arrival_state(plan), stop_after(ROUTE, 150e3, 0.8)
+    state, stop = plan.arrival_state, stop_after(ROUTE, 150e3, 0.8)
     session = ChargerHeating(REFERENCE, stop, PRICES).choose(state).session
     return plan, TargetWorth(
         GOAL.target_temperature_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,

@@ -21,7 +21,7 @@ from plain_car import (
 import pytest
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S, STEP_S
-from bev_preheat.charging.stop import arrival_state, ChargingStop, check_stop, stop_after
+from bev_preheat.charging.stop import ChargingStop, check_stop, stop_after
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_preheating
@@ -286,7 +286,7 @@ def test_heat_under_way_at_arrival_arrives_at_the_charger():
     vehicle = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0))
     route = load_route('reference', vehicle.defaults)
     plan = plan_preheating(vehicle, route, BatteryState(-20.0, 0.9), Goal(40.0))
-    state = arrival_state(plan)
+    state = plan.arrival_state
     assert state.coolant_excess_k > 5.0
     stop = stop_after(route, 150e3, 0.8)
     assert charge(vehicle, stop, state).charging_time_s < charge(

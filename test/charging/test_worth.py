@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
-from bev_preheat.charging.stop import arrival_state, ChargingProspect, ChargingStop, stop_after
+from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, WorthSearch
@@ -71,7 +71,7 @@ def test_the_order_of_targets_with_late_heat_is_that_of_fine_steps():
     late, route = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 300.0)), drive()
     stop, costs = stop_after(route, 22e3, 0.8), []
     for target_c in (5.0, 10.0, 15.0, 20.0, 25.0):
-        arrival = arrival_state(plan_preheating(late, route, COLD, Goal(target_c)))
+        arrival = plan_preheating(late, route, COLD, Goal(target_c)).arrival_state
         sessions = (charge(late, stop, arrival, step_s) for step_s in (STEP_S, STEP_S / 8.0))
         costs.append([PRICES.cost(session.bought_energy_wh, session.charging_time_s) for session in sessions])
     usual, fine = np.array(costs).T

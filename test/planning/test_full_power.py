@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import arrival_state, stop_after
+from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.planning.limits import drive_as_planned
@@ -104,6 +104,6 @@ def test_no_other_start_and_end_of_heating_costs_less_than_the_best_target():
         np.arange(0.0, 2400.0, 120.0), (1920.0, 2160.0, 2280.0, 2340.0, 2370.0, 2400.0)) if on_s < off_s)
     assert best.cost <= found * (1.0 + 1e-4)
     # With the heater off before arrival, the same search over targets would be dearer.
-    usual = min(heating.choose(arrival_state(plan_preheating(
-        vehicle, FLAT, STATE, Goal(float(target_c))))).cost for target_c in np.arange(4.0, 24.0, 0.5))
+    usual = min(heating.choose(plan_preheating(
+        vehicle, FLAT, STATE, Goal(float(target_c))).arrival_state).cost for target_c in np.arange(4.0, 24.0, 0.5))
     assert best.cost < usual * (1.0 - 2e-4)
