@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import ceil, exp, inf, isfinite
+from math import ceil, exp
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
@@ -160,10 +160,6 @@ class VehiclePlant:
 
     def advance(self, to_s: float, heater_power_w: float) -> None:
         """Drive on to `to_s` [s] with a heater power [W], within the limits."""
-        if not self.time_s <= to_s < inf:
-            raise ValueError(f'to_s: {to_s} is not a finite instant from {self.time_s} on')
-        if not (isfinite(heater_power_w) and heater_power_w >= 0.0):
-            raise ValueError(f'heater_power_w: {heater_power_w} is not allowed; it must be at least 0')
         # Rounding of the difference must not leave the last segment unfinished.
         until_s = max(to_s - self.start_s, self.duration_s if to_s >= self.end_s else 0.0)
         self._drive(until_s, heater_power_w)

@@ -54,10 +54,6 @@ def test_each_factor_changes_its_own_quantity():
     assert true.hvch.maximum_power_w == VEHICLE.hvch.maximum_power_w
 
 
-def test_a_car_as_its_file_says_is_that_of_the_file():
-    assert true_vehicle(VEHICLE, Mismatch(), DIRECT) is VEHICLE
-
-
 def test_a_heat_path_is_that_of_the_true_car_alone():
     path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
     car = make_car(heat_path=path)
