@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.control.departure_week import PreparedDeparture
     from bev_preheat.control.departures import GridPrices
+    from bev_preheat.control.preparation import PreparedDeparture
     from bev_preheat.numerics.arrays import FloatArray
 
 # Matplotlib counts days since 1970.
