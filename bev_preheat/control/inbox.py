@@ -36,7 +36,6 @@ from bev_preheat.estimation.signal_checks import (
     electrical_check,
     is_one_battery,
     PercentScale,
-    SeenState,
     SignalVerdict,
     STATE_OF_CHARGE,
 )
@@ -246,7 +245,7 @@ class Inbox(NamedTuple):
         late_s = (latest.stamp_ns - measurement.stamp_ns) / NS_PER_S
         return 0.0 < late_s <= min(CLOCK_RESTART_S, timeout_s) or (
             0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
-            and is_one_battery(_seen(latest), _seen(measurement)))
+            and is_one_battery(latest.seen, measurement.seen))
 
     def _with_hinted_refusal(self, error: InvalidInput, hint: str, measurement: Measurement,
                              now_ns: int) -> tuple[Inbox, InvalidInput]:
@@ -403,10 +402,3 @@ class Inbox(NamedTuple):
                 (leg.route for leg in mission.legs), self.vehicle)),
             changes=replace(self.changes, has_new_mission=True,
                             has_new_trip=self.changes.has_new_trip or is_new_trip))
-
-
-def _seen(measurement: Measurement) -> SeenState:
-    """Return a Measurement as signals.source compares it."""
-    state = measurement.state
-    return SeenState(measurement.stamp_ns / NS_PER_S, state.temperature_c, state.soc, measurement.voltage_v,
-                     measurement.serial_number or measurement.location)

@@ -13,6 +13,7 @@ from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.terms import OF_ROUTE, Terms
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.signal_checks import SeenState
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.places import Places
@@ -69,6 +70,12 @@ class Measurement:
         if self.voltage_v is None or self.current_a is None:
             return None
         return self.voltage_v * self.current_a
+
+    @property
+    def seen(self) -> SeenState:
+        """The measurement as the checks of its source compare it."""
+        return SeenState(self.stamp_ns / NS_PER_S, self.state.temperature_c, self.state.soc, self.voltage_v,
+                         self.serial_number or self.location)
 
     @property
     def cell_warning(self) -> str:

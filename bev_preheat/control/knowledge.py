@@ -20,7 +20,6 @@ from bev_preheat.estimation.signal_checks import (
     electrical_check,
     FEED,
     FeedWatch,
-    SeenState,
     SOURCE,
     SourceWatch,
     STATE_OF_CHARGE,
@@ -176,9 +175,7 @@ class Knowledge(NamedTuple):
         """Return the Knowledge of source and current, the Doubts, and the Measurement without signals in doubt."""
         state, now_ns = measurement.state, measurement.stamp_ns
         instant_s, voltage_v, current_a = now_ns / NS_PER_S, measurement.voltage_v, measurement.current_a
-        source = self.source.seen(SeenState(
-            instant_s, state.temperature_c, state.soc, voltage_v,
-            measurement.serial_number or measurement.location))
+        source = self.source.seen(measurement.seen)
         doubts = doubts.noted(SOURCE, source.doubt, now_ns)
         without = replace(measurement, voltage_v=None, current_a=None)
         if voltage_v is None or current_a is None or (current_a == 0.0 and not self.has_seen_current):
