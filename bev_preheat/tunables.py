@@ -140,6 +140,7 @@ FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic m
 LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
 LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
+SHELL_LAG_DEVIATION = 0.25           # 1 | … and between shell and core: a uniform spread of the conductance of +-40 %
 OVERNIGHT = 0.01                     # 1 | deviation of each logarithm: a car changes slightly
 PARKED_WARMER_K = 10.0               # K | over ambient at parking: stood outside … fast charged; assumed
 PARKED_DEVIATION_K = 10.0            # K | its standard deviation; assumed

@@ -28,6 +28,7 @@ from bev_preheat.tunables import (
     LEAST_NARROWING,
     NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
+    SHELL_LAG_DEVIATION,
 )
 from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
 
@@ -87,7 +88,8 @@ def described_lags(path: HeatPath) -> Lags:
         if lag_s > 0.0:
             low, high = LAG_BOUNDS[at]
             logs[at] = min(max(math.log(lag_s / nominal_s[at]), low), high)
-            variances[at] = DESCRIBED_LAG_DEVIATION**2
+            is_shell = path.is_shell and at == 0
+            variances[at] = (SHELL_LAG_DEVIATION if is_shell else DESCRIBED_LAG_DEVIATION)**2
     return Lags(logs, variances)
 
 

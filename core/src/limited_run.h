@@ -34,6 +34,14 @@ static inline double bev_settled_c(const bev_limited_run *run, const double stat
           + run->share_of_excess * states[3];
 }
 
+/* The temperature that must not exceed the highest [deg C]: settled, or of a shell that is warmer. */
+static inline double bev_warmest_c(const bev_limited_run *run, const double states[4]) {
+  const double settled_c = bev_settled_c(run, states);
+  return !run->is_direct && run->vehicle->shell_share > 0.0 && states[1] + states[3] > settled_c
+      ? states[1] + states[3]
+      : settled_c;
+}
+
 /* Whether heat arrives at once. */
 static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s == 0.0 && vehicle->coolant_heat_capacity_j_per_k == 0.0;

@@ -139,7 +139,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   const bool may_overcharge = run->may_overcharge[k] != 0u;
   double cap_w = run->trip->heater_limit_w[k];
   double wanted_w = *command_w;
-  if (bev_settled_c(run, start->states) >= run->vehicle->highest_c) {
+  if (bev_warmest_c(run, start->states) >= run->vehicle->highest_c) {
     cap_w = 0.0;
     wanted_w = 0.0;
   }
@@ -215,7 +215,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
     /* Near the highest temperature surplus goes to the brake. */
     const bool has_surplus = *command_w > paid_w;
     const double beyond_k =
-        bev_settled_c(run, result) - (has_surplus ? highest_c - BEV_BELOW_HIGHEST_K : highest_c);
+        bev_warmest_c(run, result) - (has_surplus ? highest_c - BEV_BELOW_HIGHEST_K : highest_c);
     if (*command_w <= 0.0 || beyond_k <= BEV_HIGHEST_TOLERANCE_K) {
       is_settled = 1;
     } else {
