@@ -193,7 +193,7 @@ class Belief:
     # Events
 
     def placed(self, temperature_c: float, temperature_variance: float, soc: float,
-               soc_variance: float) -> Belief:
+               soc_variance: float, elapsed_s: float = 0.0) -> Belief:
         """
         Return the Belief with another temperature and state of charge; the learned factors stay.
 
@@ -214,6 +214,15 @@ class Belief:
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
+        if self.path.is_shell and not self.has_stood:
+            # The shell's excess is that of before, without heat since then, within a quarter.
+            rise, excess_k = self.path.sensor_rise, self._excess_after_k(elapsed_s)
+            variance = (self.path.shell_share * unknown_k)**2 + (0.25 * excess_k)**2
+            mean[..., UNDER_WAY] = excess_k
+            mean[..., TEMPERATURE] -= rise * excess_k
+            covariance[..., UNDER_WAY, UNDER_WAY] = variance
+            covariance[..., TEMPERATURE, TEMPERATURE] += rise**2 * variance
+            covariance[..., TEMPERATURE, UNDER_WAY] = covariance[..., UNDER_WAY, TEMPERATURE] = -rise * variance
         return replace(self, weights=weights, mean=mean, covariance=covariance, has_stood=False)
 
     def of_healthy_heater(self) -> Belief:
@@ -307,6 +316,12 @@ class Belief:
             belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
         return belief
 
+    def _excess_after_k(self, duration_s: float) -> FloatArray:
+        """Return the heat under way of each filter after `duration_s` [s] without heat [K]."""
+        lag_s = nominal_heat_lag_s(self.path) * array_exp(self.mean[..., HEAT_LAG])
+        left_k: FloatArray = self.mean[..., UNDER_WAY] * array_exp(-duration_s / lag_s)
+        return left_k
+
     def mixed(self, duration_s: float) -> Belief:
         """Return the Belief with mixed filters, because a heater may have changed from one kind to another."""
         matrix = _elapsing(duration_s).transitions
@@ -329,7 +344,14 @@ class Belief:
         # The sensor follows the battery.
         for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
             covariance[..., row, column] += wandered[TEMPERATURE]
-        return replace(belief, covariance=covariance)
+        if not self.path.is_shell:
+            return replace(belief, covariance=covariance)
+        mean = belief.mean.copy()
+        arriving_k = mean[..., UNDER_WAY] - belief._excess_after_k(duration_s)
+        mean[..., UNDER_WAY] -= arriving_k
+        mean[..., TEMPERATURE] += arriving_k
+        mean[..., SENSOR] += (1.0 - self.path.sensor_rise) * arriving_k
+        return replace(belief, mean=mean, covariance=covariance)
 
     def moved(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
               limit_w: float) -> Belief:

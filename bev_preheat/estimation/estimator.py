@@ -222,7 +222,8 @@ class Estimator(NamedTuple):
             expected_offset_k(self.standing, state.temperature_c, variance))
         belief = self.belief.placed(
             state.temperature_c - offset_k, variance, state.soc,
-            readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
+            readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2,
+            0.0 if self.stamp_ns is None else (measurement.stamp_ns - self.stamp_ns) / NS_PER_S)
         return self._replace(
             standing=None, offset_k=offset_k, power=self.power.of_step(_plausible_power_w(measurement, vehicle)),
         )._concluded(measurement, vehicle, belief, belief.expected())

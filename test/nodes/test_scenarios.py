@@ -28,10 +28,11 @@ ALL = {path.stem for path in configuration_folder('scenarios').glob('*.yaml')}
 WITHOUT_ROS = {'ahead_of_plan', 'charge_in_percent', 'charge_never_set', 'charges_early_and_heats', 'detour',
                'early_arrival', 'early_with_progress', 'fast_battery_state', 'four_trips_heated_at_charger',
                'heavy_cold_car', 'late_with_progress', 'late_without_a_word', 'light_warm_car', 'long_descent',
-               'looping_recording', 'nominal', 'parked_and_driven_on', 'sensor_on_shell', 'slow_battery_state', 'slow_heater',
-               'slow_sensor', 'slow_traffic', 'spikes', 'starts_tomorrow', 'stop_and_go', 'stop_in_traffic',
-               'stood_after_charging', 'temperature_minus_40', 'temperature_stuck', 'two_batteries_second',
-               'two_battery_managers', 'voltage_at_full_scale', 'voltage_of_12_v', 'whole_degrees'}
+               'looping_recording', 'nominal', 'parked_and_driven_on', 'sensor_on_shell', 'slow_battery_state',
+               'slow_heater', 'slow_sensor', 'slow_traffic', 'spikes', 'starts_tomorrow', 'stop_and_go',
+               'stop_in_traffic', 'stood_after_charging', 'temperature_minus_40', 'temperature_stuck',
+               'two_batteries_second', 'two_battery_managers', 'voltage_at_full_scale', 'voltage_of_12_v',
+               'whole_degrees'}
 OVER_DDS = ALL - WITHOUT_ROS
 # Each is a shortened shipped scenario, which starts nearer to its target and to its end.
 SHORT = {

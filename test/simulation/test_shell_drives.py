@@ -52,15 +52,19 @@ def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
     assert plan.energy_wh.hvch_heat == pytest.approx(energies.hvch_heat, rel=0.01)
 
 
-@pytest.mark.parametrize('sensor', ['shell', 'core', 'mean'])
-def test_the_core_arrives_warm_wherever_the_sensor_is(sensor):
+@pytest.mark.parametrize('sensor, silent_s', [
+    ('shell', ()), ('core', ()), ('mean', ()), ('shell', ((900.0, 1000.0),))])
+def test_the_core_arrives_warm_wherever_the_sensor_is(sensor, silent_s):
     car = shell_car(sensor)
     drive = ImperfectCar(car, route(), START, Goal(TARGET_C), Imperfections(
         Mismatch(heat_capacity=1.05, leakage=0.9, heater=0.95, propulsion_power=1.05),
-        sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5)), seed=3)
-    supervisor, hottest_k = Supervisor(car, Settings()), 0.0
+        sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5, drop_outs=silent_s)), seed=3)
+    supervisor, hottest_k, errors_k = Supervisor(car, Settings()), 0.0, []
     for _ in moments(drive, supervisor, lambda: drive.plant.has_arrived):
-        hottest_k = max(hottest_k, drive.plant.coolant_c - drive.plant.temperature_c)
+        plant, estimate = drive.plant, supervisor.state.estimate
+        hottest_k = max(hottest_k, plant.coolant_c - plant.temperature_c)
+        errors_k += [] if estimate is None else [estimate.temperature_c - plant.temperature_c]
+    assert max(map(abs, errors_k)) < 2.5
     # The shell has been so much warmer that a battery of one mass would be misjudged.
     assert hottest_k > 8.0
     arrival_c = drive.plant.temperature_c

@@ -415,4 +415,4 @@ def test_unknown_name(name, hint):
     with pytest.raises(InvalidInput) as refused:
         load_vehicle(name)
     assert str(refused.value).startswith(f"vehicle '{name}' is unknown{hint}; known: ")
-    assert 'reference, small_car' in str(refused.value)
+    assert 'reference, shell_and_core, small_car' in str(refused.value)
