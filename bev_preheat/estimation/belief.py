@@ -217,12 +217,12 @@ class Belief:
         if self.path.is_shell and not self.has_stood:
             # The shell's excess is that of before, without heat since then, within a quarter.
             rise, excess_k = self.path.sensor_rise, self._excess_after_k(elapsed_s)
-            variance = (self.path.shell_share * unknown_k)**2 + (0.25 * excess_k)**2
+            excess_k2 = (self.path.shell_share * unknown_k)**2 + (0.25 * excess_k)**2
             mean[..., UNDER_WAY] = excess_k
             mean[..., TEMPERATURE] -= rise * excess_k
-            covariance[..., UNDER_WAY, UNDER_WAY] = variance
-            covariance[..., TEMPERATURE, TEMPERATURE] += rise**2 * variance
-            covariance[..., TEMPERATURE, UNDER_WAY] = covariance[..., UNDER_WAY, TEMPERATURE] = -rise * variance
+            covariance[..., UNDER_WAY, UNDER_WAY] = excess_k2
+            covariance[..., TEMPERATURE, TEMPERATURE] += rise**2 * excess_k2
+            covariance[..., TEMPERATURE, UNDER_WAY] = covariance[..., UNDER_WAY, TEMPERATURE] = -rise * excess_k2
         return replace(self, weights=weights, mean=mean, covariance=covariance, has_stood=False)
 
     def of_healthy_heater(self) -> Belief:

@@ -124,8 +124,9 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
             return ends
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
-        asked_w = wanted_w if settled_c < min(below_c, highest_c) else 0.0
-        if settled_c >= highest_c:
+        warmest_c = max(settled_c, temperature_c + excess_k) if path.is_shell else settled_c
+        asked_w = wanted_w if settled_c < below_c and warmest_c < highest_c else 0.0
+        if warmest_c >= highest_c:
             cap_w = 0.0
 
         def between(least_w: float, most_w: float) -> Driven:
@@ -151,7 +152,10 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
                 # Paid heat ends at the highest temperature; surplus goes to the brake from BELOW_HIGHEST_K below.
                 least_command_w, end_c = (paid_w, highest_c - BELOW_HIGHEST_K) if command_w > paid_w else (
                     0.0, highest_c)
-                beyond_k = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3] - end_c
+                warmest_end_c = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3]
+                if path.is_shell:
+                    warmest_end_c = max(warmest_end_c, ends[1] + ends[3])
+                beyond_k = warmest_end_c - end_c
                 if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
                 command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)
