@@ -203,7 +203,8 @@ class VehiclePlant:
         idle_w = segment.idle_power_w
         least_w, most_w = self._terminal_limits(self.soc, self.temperature_c, segment.variance_w2)
         self._command_w = max(0.0, min(wanted_w, segment.heater_limit_w, most_w - idle_w))
-        if max(self.temperature_c, self.coolant_c if self.vehicle.heat_path.is_shell else -inf) >= self._highest_c:
+        is_shell = self.vehicle.heat_path.is_shell
+        if (max(self.temperature_c, self.coolant_c) if is_shell else self.temperature_c) >= self._highest_c:
             self._command_w = 0.0
         # The power of a lagging heater cannot be changed at once.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
