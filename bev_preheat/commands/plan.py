@@ -157,7 +157,7 @@ def _refuse_what_legs_say(arguments: Namespace) -> None:
 
 
 def _plan_in_doubt(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, prospect: ChargingProspect,
-                  method: str) -> tuple[Plan, str]:
+                   method: str) -> tuple[Plan, str]:
     """
     Return the Plan for the target of a Goal under a ChargingProspect, and a sentence on it, '' if it is certain.
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
 
-    from bev_preheat.vehicle.heater_controller import HeaterLimits, Verdict
+    from bev_preheat.vehicle.heater_controller import HeaterLimits
 
     # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
     Output = Callable[[float], float | None]

@@ -58,7 +58,7 @@ def _both(trip: Trip) -> tuple[NativeVehicle, NativeTrip]:
 
 
 def _model_inputs_in_core(vehicle: Vehicle, route: Route, heater_share: float,
-                 heat_lag_s: float) -> tuple[Route, TripColumns]:
+                          heat_lag_s: float) -> tuple[Route, TripColumns]:
     leakage = vehicle.battery.leakage
     return route, calls.make_trip(
         (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
@@ -66,8 +66,8 @@ def _model_inputs_in_core(vehicle: Vehicle, route: Route, heater_share: float,
 
 
 def _run_forward_in_core(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
-                heater_power_w: FloatArray | None = None,
-                brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+                         heater_power_w: FloatArray | None = None,
+                         brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     vehicle, native = _both(trip)
     states = np.empty((2, native.steps + 1))
     states[:, 0] = soc, temperature_c
