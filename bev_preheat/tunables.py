@@ -141,6 +141,7 @@ LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drive
 LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
 SHELL_LAG_DEVIATION = 0.25           # 1 | … and between shell and core: of a uniform spread of +-40 %
+SHELL_EXCESS_DEVIATION = 0.25        # 1 | of the excess after a gap, of itself: as of the lag in which it fell
 OVERNIGHT = 0.01                     # 1 | deviation of each logarithm: a car changes slightly
 PARKED_WARMER_K = 10.0               # K | over ambient at parking: stood outside … fast charged; assumed
 PARKED_DEVIATION_K = 10.0            # K | its standard deviation; assumed

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the driver is told of heating before the charger: whether it pays, and whether the battery is too warm there.
+Sentences for the driver on heating before the charger: whether it pays, and whether the battery is too warm there.
 
-A battery is too warm from where on heat lowers the charging power; the minutes lost are told.
+A battery is too warm once more heat lowers its charging power; the sentence gives the minutes lost.
 """
 from __future__ import annotations
 

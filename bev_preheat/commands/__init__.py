@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The subcommands of `preheat`, one file each, and what they share: parsers, exit statuses, tables, progress."""
+"""The subcommands of `preheat`, one file each, and their shared parsers, exit statuses, tables, progress."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision: the valid inputs of an instant, why the heater stays off, what is decided, the command."""
+"""The decision: the valid inputs of an instant, the reason for an off heater, the goal, the command."""
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner learns of the car from battery states: the estimate, and the soak before each trip."""
+"""Learning of the car from battery states: the estimate, and the soak before each trip."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

@@ -77,6 +77,7 @@ from bev_preheat.tunables import (
     NOMINAL_SENSOR_LAG_S,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
+    SHELL_EXCESS_DEVIATION,
     SOC_NOISE,
     UNKNOWN_K,
 )
@@ -215,9 +216,9 @@ class Belief:
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
         if self.path.is_shell and not self.has_stood:
-            # The shell's excess is that of before, without heat since then, within a quarter.
+            # The shell's excess is that of before, without heat since then, within SHELL_EXCESS_DEVIATION of it.
             rise, excess_k = self.path.sensor_rise, self._excess_after_k(elapsed_s)
-            excess_k2 = (self.path.shell_share * unknown_k)**2 + (0.25 * excess_k)**2
+            excess_k2 = (self.path.shell_share * unknown_k)**2 + (SHELL_EXCESS_DEVIATION * excess_k)**2
             mean[..., UNDER_WAY] = excess_k
             mean[..., TEMPERATURE] -= rise * excess_k
             covariance[..., UNDER_WAY, UNDER_WAY] = excess_k2

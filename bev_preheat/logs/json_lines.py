@@ -152,7 +152,7 @@ class JsonRows:
             tuple(item.get(key, '') for key in header) for item in sample), len(header), '.')
 
     def blocks(self, drop: Callable[[int, str], object]) -> Iterator[tuple[IntArray, list[tuple[str, ...]]]]:
-        """Yield numbers of lines and the texts of each field, '' where it is missing; see Rows."""
+        """Yield numbers of lines and the texts of each field, '' for a missing one; see Rows."""
         items, size = self._items(drop), max(CELLS_AT_ONCE // len(self.layout.header), 1)
         while block := list(islice(items, size)):
             yield np.array([number for number, _ in block]), [

@@ -19,7 +19,7 @@ FILES = {'dashboard.css': 'text/css', 'dashboard.js': 'text/javascript', 'view.j
 
 
 def asset(name: str) -> str:
-    """Return the text of a file in the folder `assets`; FileNotFoundError if there is none."""
+    """Return the text of a file in the folder `assets`; FileNotFoundError if it is absent."""
     return (FOLDER / name).read_text(encoding='utf-8')
 
 

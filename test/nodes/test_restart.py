@@ -28,19 +28,25 @@ class Car(PlannerCar):
 
     def __init__(self, bench):
         super().__init__(bench)
+        self._started_ns = 0
         self.send_route()
 
     def start(self, *arguments):
+        # Commands of a killed planner may still arrive.
+        self._started_ns = self.now_ns
         return super().start('-p', 'command_period:=0.2', '-p', 'battery_state_timeout:=60.0',
                              '-p', f'command_lease:={LEASE_S}', *arguments)
 
     def wait_for(self, reason):
-        """Wait for the next command with a reason."""
-        return self.commands.wait_for(lambda command: command.reason == reason)
+        """Wait for the next command with a reason by the planner started last."""
+        return self.commands.wait_for(lambda command: self._is_new(command) and command.reason == reason)
 
     def wait_for_heat(self):
-        """Return the first command that heats, received already or to come."""
-        return self.commands.wait_for(heats, 'heat')
+        """Return the first command that heats by the planner started last, received already or to come."""
+        return self.commands.wait_for(lambda command: self._is_new(command) and heats(command), 'heat')
+
+    def _is_new(self, command):
+        return nanoseconds(command.header.stamp) >= self._started_ns
 
 
 @pytest.fixture
