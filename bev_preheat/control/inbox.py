@@ -320,7 +320,7 @@ class Inbox(NamedTuple):
         """
         Replace the route by a Mission received at an instant [ns], or refuse it.
 
-        A route plan of a trip that has ended leaves it ended (see `estimation.driver_choices.EndedTrip`).
+        A route plan of a trip that has ended leaves it ended (see `estimation.before_restart.EndedTrip`).
         """
         try:
             self._check_mission(mission)

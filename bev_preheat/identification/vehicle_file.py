@@ -182,7 +182,7 @@ def _note(item: Estimated, low: float, high: float, unit: str) -> str:
     return f'identified, 90 % interval {figure(low, 4)} ... {figure(high, 4)} {unit}'.rstrip()
 
 
-# Keys of the vehicle file that each learned factor changes, in the order of `estimation.memory.NAMES`.
+# Keys of the vehicle file that each learned factor changes, in the order of `estimation.state_file.NAMES`.
 KEYS = ('battery.heat_capacity_j_per_k', 'battery.leakage', 'battery.resistance', 'hvch.efficiency')
 
 

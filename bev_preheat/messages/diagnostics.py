@@ -112,8 +112,8 @@ def planner_diagnostics(node_name: str, state: State, now_ns: int,
     """
     Return the entries with status, reason and the figures behind them.
 
-    `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
-    departure_keeper.DepartureFiles, None without a file of departures.
+    `memory` is a StateFileReport, None without a state file; `departures` is a
+    DepartureFiles, None without a file of departures.
     """
     name, hardware, estimate = node_name, state.vehicle.name, state.estimate
     entries = [_preheating(name, hardware, state, now_ns), _signals(name, hardware, state, now_ns)]

@@ -39,7 +39,7 @@ class Plan:
     arrival. `shortfall_k` is by how much the target is missed, `soc_shortfall` by how much the reserve is missed,
     `undeliverable_power_w` the power deficit of the battery in the worst step (at `undeliverable_at_s`).
     `sentence` turns the plan into its `explanation` on demand: most plans are followed, not read. `intervals`
-    (planning.heating_intervals.HeatingInterval) give the reasons for heating, `held_back`
+    (planning.schedule.HeatingInterval) give the reasons for heating, `held_back`
     (planning.schedule.HeldBack) the reason for not heating more, and `stranding` (planning.schedule.Stranding)
     where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power

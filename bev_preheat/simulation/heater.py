@@ -2,7 +2,7 @@
 """
 The simulated car's heater: the lease on its power, its faults, and its controller with the car's own gates.
 
-The controller has the rules of `heater.controller`.
+The controller has the rules of `vehicle.heater_controller`.
 """
 from __future__ import annotations
 
