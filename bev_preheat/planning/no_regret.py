@@ -63,7 +63,7 @@ class NoRegretCheck:
             if self.allows(wanted):
                 return wanted
         held_back = HeldBack.RESERVE if self._spare_soc(wanted) < self._least_spare else HeldBack.POWER
-        return replace(self._warmest(propose, wanted, wanted_c), held_back=held_back)
+        return replace(self._warmest(propose, wanted_c), held_back=held_back)
 
     def allows(self, schedule: Schedule) -> bool:
         """Return whether a Schedule keeps the reserve, as far as the unheated one does, and the drive's power."""
@@ -86,11 +86,9 @@ class NoRegretCheck:
             0.0, float(schedule.temperature_c[-1]))
         return spare - max(stranding.deficit_wh / whole_wh, SOC_TOLERANCE)
 
-    def _warmest(self, propose: Proposal, wanted: Schedule, wanted_c: float) -> Schedule:
+    def _warmest(self, propose: Proposal, wanted_c: float) -> Schedule:
         """Return the warmest allowed Schedule of a proposal that is not allowed for its target [deg C]."""
         best = self.unheated
-        # If the target is out of reach, all targets up to the arrival are of no interest.
-        warmest_c = min(wanted_c, float(wanted.temperature_c[-1]))
 
         def is_allowed(target_c: float) -> bool:
             nonlocal best
@@ -99,8 +97,8 @@ class NoRegretCheck:
             best = schedule if allowed else best
             return allowed
 
-        if warmest_c == wanted_c or not is_allowed(warmest_c):
-            halve(float(best.temperature_c[-1]), warmest_c, is_allowed, TARGET_HALVINGS)
+        # Also above the arrival of the wanted plan: a heater that gives way to the drive misses any target.
+        halve(float(best.temperature_c[-1]), wanted_c, is_allowed, TARGET_HALVINGS)
         return best
 
 
