@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boundary values, and the rules of gate and inbox: behaviour exactly at a limit, and just beyond it."""
 
-from math import nan
 
 import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
-from stepwise import Stepwise
 
-from bev_preheat.control.events import ActivationChanged, BatteryStateArrived, PreheatingSwitched, RouteArrived
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement, Mission
-from bev_preheat.control.settings import Settings, settings_of
-from bev_preheat.control.supervisor import StepOutput, Supervisor
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -65,29 +63,6 @@ def test_what_is_left_of_a_leg(after_ns, ended_for_s, ahead_s):
     assert (ahead is drive.route) == (after_ns <= 0)
 
 
-def test_a_decision_is_marked_where_its_status_is_another_one():
-    supervisor = Supervisor(VEHICLE, Settings(estimation=False))
-    marks = []
-
-    def step(after_s, *events):
-        output = supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
-        if output.decision is not None:
-            marks.append((output.decision.status, output.has_new_status))
-
-    step(0, RouteArrived(Mission('home', (steady_leg(),))))
-    step(1, RouteArrived(Mission('home', (steady_leg(),))))
-    step(2, BatteryStateArrived(Measurement(STATE, NOW_NS + 2 * NS_PER_S)))
-    step(3, PreheatingSwitched(False))
-    step(4, PreheatingSwitched(False))
-    # As time passes, a decision is published only when it changes.
-    step(5)
-    assert marks == [
-        (Status.NO_BATTERY_STATE, True), (Status.NO_BATTERY_STATE, False),
-        (marks[2][0], True), (Status.DISABLED, True), (Status.DISABLED, False)]
-    assert marks[2][0] is Status.TARGET_UNREACHABLE
-    assert not StepOutput().has_new_status
-
-
 @pytest.mark.parametrize('status', [Status.HEATING, Status.TARGET_UNREACHABLE])
 def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     """A heater that was switched off a moment ago waits, regardless of the plan's status."""
@@ -134,13 +109,6 @@ def at(second):
     return NOW_NS + ns(second)
 
 
-def planner_with(second, temperature_c):
-    planner = Stepwise(VEHICLE, Settings(estimation=False))
-    planner.accept_mission(Mission('home', (steady_leg(),)))
-    planner.accept_battery(measured(at(second), temperature_c), at(second))
-    return planner
-
-
 # The gate
 
 
@@ -157,27 +125,6 @@ def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
     assert switch.asked(at(3600.0), 5e3, 5e3, 0.0, 0.0).power_w == 5e3
 
 
-def test_a_managed_node_that_may_not_heat_says_so():
-    planner = planner_with(0.0, -7.0)
-    assert planner.state.latest_command.battery_heating_power_w > 0.0
-    planner.run(at(1.0), ActivationChanged(False, 'The node is inactive.'))
-    command, decision = planner.state.latest_command, planner.state.decision
-    assert (command.battery_heating_power_w, command.reason, decision.explanation) == (
-        0.0, Status.DISABLED, 'The node is inactive.')
-
-
-def test_a_status_that_is_still_shown_keeps_its_sentence():
-    planner, shown = planner_with(0.0, 20.0), []
-    for second in (0.0, 1.0, 2.0, 11.5):
-        if second:
-            planner.accept_battery(measured(at(second), 30.0), at(second))
-        decision = planner.state.decision
-        assert planner.state.latest_command.reason is decision.status
-        shown.append((decision.status, decision.explanation))
-    assert shown[0][1].startswith('Heating starts in ') and shown[:3] == [(Status.WAITING, shown[0][1])] * 3
-    assert shown[3][0] is Status.NOT_NEEDED and shown[3][1].startswith('The battery gets warm enough')
-
-
 # The inbox
 
 
@@ -190,10 +137,3 @@ def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
     assert hint in sentences[0]
     assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentences[1]
     assert inbox.scale_verdict.since_ns == at(8.0)
-
-
-@pytest.mark.parametrize('value, target_c', [
-    (0.0, None), (-0.0, None), (nan, None), (12.5, 12.5), (-3.0, -3.0)])
-def test_a_target_of_0_or_nan_is_the_vehicles(value, target_c):
-    settings = settings_of({'target_battery_temperature': value})
-    assert settings.target_temperature_c == target_c

@@ -77,17 +77,6 @@ def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging,
     assert outcome(supervisor, measured(-3.0, 50e3)) == OFF
 
 
-@pytest.mark.parametrize('temperature_c, charged_with_w, reason', [
-    (-3.0, FAST_W, 'Heating with 5500 W up to 25.0 degC.'),
-    (-3.0, 4e3, 'No heating: the battery is charged with 4000 W, and the heater takes 5500 W.'),
-    (-3.0, None, 'No heating: battery_state does not say whether the battery is being charged.'),
-    (24.6, 50e3, 'No heating: at 24.6 degC the battery is warm enough.')])
-def test_why_is_told(temperature_c, charged_with_w, reason):
-    supervisor = supervisor_at(AT_STOP_S)
-    outcome(supervisor, measured(temperature_c, charged_with_w))
-    assert supervisor.state.decision.explanation.endswith(reason)
-
-
 def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
     leg = make_leg()
     leg = replace(leg, route=replace(

@@ -9,14 +9,14 @@ import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.events import BatteryStateArrived, Reconfigured, RouteArrived
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.planner import plan_case, plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.planner import plan_case
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle
 
@@ -70,14 +70,6 @@ def test_the_coldest_cell_limits_the_power(estimation):
     assert status(settings, -6.0)[1] is not Status.POWER_LIMITED
     assert status(settings, -25.0)[1] is Status.POWER_LIMITED
     assert status(replace(settings, coldest_cell_limits=False), -25.0)[1] is not Status.POWER_LIMITED
-
-
-def test_it_may_be_switched_off_at_run_time():
-    supervisor, before = status(Settings(), -25.0)
-    assert before is Status.POWER_LIMITED
-    supervisor.step(NOW_NS, Reconfigured(
-        VEHICLE, replace(supervisor.state.settings, coldest_cell_limits=False), supervisor.state.mission))
-    assert supervisor.state.decision.status is not Status.POWER_LIMITED
 
 
 COLD = BatteryState(-7.0, 0.8)
@@ -160,14 +152,6 @@ def test_the_rest_of_the_leg_that_is_now_is_planned_from_the_measured_state_for_
         target_c, pytest.approx(rest_s), COLD.temperature_c, COLD.soc)
 
 
-def test_a_state_from_before_the_departure_counts_from_the_departure():
-    supervisor = Stepwise(VEHICLE, MEASURED)
-    supervisor.accept_mission(make_mission(NOW_NS - ns(SECOND_S + 0.2)))
-    decision = feed(supervisor, stamp_ns=NOW_NS - ns(0.5))
-    assert (decision.plan_start_ns, outcome(supervisor)[0]) == (
-        NOW_NS - ns(0.2), pytest.approx(SECOND_W))
-
-
 PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 
@@ -180,33 +164,12 @@ def test_time_alone_ends_a_leg(elapsed_s, expected):
     assert outcome(supervisor, NOW_NS + ns(elapsed_s)) == expected
 
 
-@pytest.mark.parametrize('elapsed_s, sentence', [
-    (660.0, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
-    # 239.6 s
-    (660.4, 'Charging until departure in 4:00 min; then 10:00 min of driving to a fast charger.'),
-    (1605.0, 'Charging until departure in 1:35 min; then 5:00 min of driving without fast '
-     'charging at its end.')])
-def test_a_stop_is_explained(elapsed_s, sentence):
-    assert supervisor_at(elapsed_s).state.decision.explanation == sentence
-
-
 def test_a_stop_may_last_longer_than_a_simulated_clock_has_run():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.accept_mission(Mission('a long stop', with_stops(
         make_mission(start_ns=0).legs, (1000.0, 200.0))))
     assert feed(supervisor, ns(700.0)).explanation.startswith(
         'Charging until departure in 15:00 min; ')
-
-
-def test_switched_off_is_off_at_a_stop_too():
-    supervisor = supervisor_at(700.0)
-    supervisor.enabled = False
-    assert outcome(supervisor) == (0.0, Status.DISABLED)
-
-
-def test_arrival_is_counted_from_the_end_of_the_last_leg():
-    assert supervisor_at(2075.0).state.decision.explanation == (
-        'The route has ended: arrived 1:15 min ago.')
 
 
 # Beyond the next stop
@@ -218,27 +181,6 @@ def test_what_lies_beyond_the_next_stop_is_planned(elapsed_s, starts_s):
     decisions = supervisor_at(elapsed_s).later_decisions()
     assert [(decision.plan_start_ns - NOW_NS) / NS_PER_S + elapsed_s
             for decision in decisions] == pytest.approx(starts_s)
-
-
-def test_a_later_leg_is_planned_from_its_departure_for_its_goal():
-    decision, _ = supervisor_at(0.0).later_decisions()
-    alone = plan_preheating(
-        VEHICLE, make_mission().legs[1].route, AFTER_FIRST, Goal(20.0, 0.15, True))
-    assert alone.heating_start_s > 0.0
-    assert (decision.status, decision.plan.heating_start_s, decision.plan.arrival_temperature_c,
-            decision.plan.arrival_soc) == (
-        alone.status, alone.heating_start_s, alone.arrival_temperature_c, alone.arrival_soc)
-
-
-def test_a_leg_without_charging_is_planned_without_heating():
-    _, decision = supervisor_at(0.0).later_decisions()
-    assert (decision.status, decision.plan.heating_start_s, decision.plan.soc[0]) == (
-        Status.NO_CHARGING_PLANNED, None, AFTER_SECOND.soc)
-
-
-def test_the_setting_for_the_target_holds_for_a_leg_without_one():
-    supervisor = supervisor_at(0.0, replace(MEASURED, target_temperature_c=18.0), target_temperature_c=None)
-    assert supervisor.later_decisions()[0].plan.target_temperature_c == 18.0
 
 
 def test_later_legs_are_planned_once_and_the_one_that_is_now_for_each_state(planned_states):
@@ -298,13 +240,6 @@ def test_legs_of_a_route_that_was_replaced_are_forgotten():
     supervisor.replan(NOW_NS)
     gc.collect()
     assert gone() is None
-
-
-def test_switched_off_nothing_is_promised_for_later():
-    supervisor = supervisor_at(0.0)
-    supervisor.enabled = False
-    supervisor.replan(NOW_NS)
-    assert supervisor.later_decisions() == ()
 
 
 def test_a_later_leg_that_cannot_be_planned_is_told_and_leaves_this_one(monkeypatch):

@@ -133,15 +133,6 @@ def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough()
     assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.report.latest
 
 
-def test_nothing_happens_until_its_window():
-    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
-    car.tick()
-    assert car.goal is None and car.state is DepartureState.LATER
-    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
-    car.go(2 * MINUTE)
-    assert car.goal is not None
-
-
 def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     car = Car()
     car.tick()
@@ -246,28 +237,11 @@ def test_without_fresh_battery_states_it_is_off_and_says_why():
 # Calendar and clock
 
 
-def test_departures_that_follow_each_other_are_prepared_one_after_the_other():
-    car = Car(week(work(), work(False, time(7, 50), name='late', target_c=21.0)))
-    car.tick()
-    assert car.goal.ready_at_ns == READY_NS
-    car.go(3 * HOUR, 600.0)
-    assert car.outcomes[-1].preparation_goal.ready_at_ns == READY_NS
-    car.go(MINUTE)
-    assert (car.goal.ready_at_ns, car.goal.target_c, car.goal.is_plugged_in) == (
-        READY_NS + round(20 * MINUTE * NS_PER_S), 21.0, False)
-
-
 def test_a_departure_that_passed_while_the_planner_was_down_is_reported_and_never_heated():
     car = Car(now_ns=READY_NS + round(MINUTE * NS_PER_S), last_seen_ns=READY_NS - round(HOUR * NS_PER_S))
     assert car.tick() == 0.0 and car.goal is None
     assert car.source.report.latest == (
         'work, Wed 2026-11-25 07:30 CET: not prepared: the planner was not running.')
-
-
-def test_a_restart_shortly_before_the_departure_continues_at_once():
-    car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S), last_seen_ns=READY_NS - round(HOUR * NS_PER_S))
-    assert car.tick() == pytest.approx(FULL_W)
-    assert car.source.report.latest == ''
 
 
 def test_a_clock_that_is_set_back_or_forward_leads_to_the_departure_of_the_new_time():
@@ -289,17 +263,6 @@ def test_a_clock_that_was_never_set_prepares_nothing():
     car = Car(now_ns=3600 * NS_PER_S)
     assert car.tick() == 0.0 and car.goal is None
     assert 'before 2020' in car.source.report.reason and car.source.report.next_ns is None
-
-
-def test_in_the_night_of_the_clock_change_the_window_has_an_hour_less():
-    # 6 h before 07:30 on the Sunday of March it is 00:30 by the clock.
-    sunday = frozenset({6})
-    begins_ns = ns(2027, 3, 28, 0, 30)
-    car = Car(week(work(weekdays=sunday)), now_ns=begins_ns - NS_PER_S)
-    car.tick()
-    assert car.goal is None
-    car.go(2.0, each_s=1.0)
-    assert car.goal.ready_at_ns == ns(2027, 3, 28, 7, 30) == begins_ns + round(6 * HOUR * NS_PER_S)
 
 
 # Skipping
@@ -327,17 +290,6 @@ def test_a_skipped_departure_ends_at_once_survives_a_restart_and_can_be_taken_ba
     car.step(event)
     car.act()
     assert car.goal is not None
-
-
-def test_skipping_twice_skips_two():
-    car = Car()
-    car.tick()
-    for day in (25, 26):
-        event, _ = car.source.skip_next(car.supervisor.state, car.now_ns)
-        assert event.until_ns == ns(2026, 11, day, 7, 30)
-        car.step(event)
-        car.act()
-    assert car.source.report.next_ns == ns(2026, 11, 27, 7, 30)
 
 
 def test_a_skip_by_a_wrong_clock_does_not_last_for_years():

@@ -12,10 +12,8 @@ import pytest
 
 from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices, PricePeriod
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
-from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.vehicle.loading import load_vehicle
 
 BERLIN = ZoneInfo('Europe/Berlin')
 ZONES = tuple(map(ZoneInfo, (
@@ -82,17 +80,6 @@ def test_clock_changes_follow_rfc_5545(day, clock, utc):
     assert occurrence.instant_ns == ns(datetime(*day, *utc))
 
 
-def test_two_departures_that_a_clock_change_moves_together_are_one():
-    departures = departures_at(time(3, 30), time(2, 30))
-    midnight_ns = ns(datetime(2027, 3, 28), BERLIN)
-    found = departures.until(midnight_ns, midnight_ns + 20 * 3600 * NS_PER_S)
-    assert [occurrence.departure.clock for occurrence in found] == [time(2, 30)]
-
-
-def test_without_departures_there_is_none():
-    assert list(Departures(BERLIN, ()).after(0)) == []
-
-
 # Prices
 
 
@@ -123,13 +110,6 @@ def test_periods_have_no_gaps_and_each_instant_has_its_price(zone, daily, moment
                 # No clock change nearby: the latest price of the day, or the last of the day before.
                 expected = [price for price in daily if price.clock <= local.time()] or daily
                 assert period.price_per_kwh == expected[-1].price_per_kwh
-
-
-def test_an_autumn_night_has_an_hour_more_of_the_night_price():
-    prices = GridPrices(BERLIN, (DailyPrice(time(6), 0.4), DailyPrice(time(22), 0.2)))
-    periods = prices.periods(ns(datetime(2026, 10, 24, 22), BERLIN), ns(datetime(2026, 10, 25, 12), BERLIN))
-    assert [(period.price_per_kwh, (period.until_ns - period.from_ns) / NS_PER_S / 3600.0)
-            for period in periods] == [(0.2, 9.0), (0.4, 6.0)]
 
 
 def test_mean_prices_of_steps_are_those_of_each_second():
@@ -191,13 +171,6 @@ def test_a_file_of_departures_is_read(file):
     assert departures == Departures(BERLIN, (
         Departure('work', frozenset({0, 4}), time(7, 30), 22, True),
         Departure('trip', frozenset({6}), time(9, 5), None, False)), -5)
-
-
-def test_whole_numbers_are_floats_because_messages_take_nothing_else(file):
-    departures = load_departures(file(WEEK))
-    prices = load_grid_prices(file(PRICES.replace('0.24', '1')))
-    for value in (departures.departures[0].target_c, departures.ambient_c, prices.daily[1].price_per_kwh):
-        assert type(value) is float
 
 
 def test_a_file_of_prices_is_read(file):
@@ -270,29 +243,3 @@ def test_what_is_wrong_with_prices_is_named(file, old, new, problem):
 def test_prices_of_neither_kind_are_refused(file):
     with pytest.raises(InvalidInput, match='daily: is missing, and so is dated'):
         load_grid_prices(file('time_zone: UTC\n'))
-
-
-def test_a_missing_file_is_named(tmp_path):
-    for load in (load_departures, load_grid_prices):
-        with pytest.raises(InvalidInput, match='nothing.yaml: no such file'):
-            load(tmp_path / 'nothing.yaml')
-
-
-ITINERARY = """
-name: whole_numbers
-legs:
-- {route: alpine_pass, target_battery_temperature_c: 20, minimum_arrival_soc: 0, stop_duration_s: 1200,
-   departure_temperature_c: 25, departure_soc: 1}
-- {route: alpine_pass, target_battery_temperature_c: 15}
-"""
-
-
-def test_whole_numbers_of_an_itinerary_are_floats(tmp_path):
-    file = tmp_path / 'whole.yaml'
-    file.write_text(ITINERARY)
-    mission = load_itinerary(file, load_vehicle('reference')).mission
-    first, second = mission.legs
-    numbers = (first.target_temperature_c, first.minimum_arrival_soc, second.target_temperature_c,
-               second.departure.temperature_c, second.departure.soc)
-    assert numbers == (20.0, 0.0, 15.0, 25.0, 1.0)
-    assert all(isinstance(number, float) for number in numbers)

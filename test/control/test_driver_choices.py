@@ -57,21 +57,12 @@ def test_an_opt_out_counts_for_a_day(age_ns, is_off):
     assert answer(start(DriverChoices(NOW_NS - age_ns))) == (OFF if is_off else HEATS)
 
 
-def test_an_opt_out_does_not_end_while_the_process_lives():
-    planner = start(DriverChoices(NOW_NS - 24 * HOUR_NS))
-    assert planner.command(NOW_NS + HOUR_NS).reason is Status.DISABLED
-
-
 # A trip: its publisher latches the route, another node has cancelled it
 
 def cancelled_choices():
     planner = start()
     planner.cancel()
     return planner.state.choices
-
-
-def test_a_cancelled_trip_is_remembered_with_its_stamp():
-    assert cancelled_choices() == DriverChoices(None, CancelledTrip('home', NOW_NS, NOW_NS))
 
 
 def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
@@ -108,17 +99,6 @@ def test_a_cancellation_counts_for_a_day():
     choices = DriverChoices(None, CancelledTrip('home', NOW_NS, NOW_NS))
     assert answer(start(choices, now_ns, tomorrow)) == CANCELLED
     assert choices.after_restart(now_ns + 1) == NO_CHOICES
-
-
-def test_a_second_cancellation_says_nothing_of_another_trip():
-    planner = start()
-    planner.cancel()
-    planner.cancel()
-    assert planner.state.choices == cancelled_choices()
-
-
-def test_the_stamp_of_a_delayed_trip_is_that_of_its_route_plan():
-    assert make_mission().delayed(7 * NS_PER_S).stamp_ns == NOW_NS
 
 
 # The battery

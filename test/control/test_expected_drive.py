@@ -61,16 +61,6 @@ def test_all_of_a_segment_is_told():
     assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
 
 
-def test_power_varies_by_what_its_mean_leaves_of_the_mean_square():
-    assert between(10.0, 20.0)[0].power_variance_w2 == 0.0
-    # 13^2 - 5^2 = 12^2
-    assert between(130.0, 140.0)[0].power_variance_w2 == pytest.approx(12e3**2)
-
-
-def test_a_cabin_that_takes_all_leaves_nothing():
-    assert between(590.0, 591.0)[1] == 0.0
-
-
 @pytest.mark.parametrize('from_s, to_s', [(-10.0, -8.0), (-3.0, 1.0), (181.0, 182.0),
                                           (300.0, 500.0), (700.0, 701.0), (179.0, 181.0),
                                           (639.0, 641.0)],
@@ -84,16 +74,6 @@ def test_without_a_route_nothing_is_known():
     assert between(0.0, 1.0, mission=None) == (None, 0.0)
 
 
-def test_each_step_has_its_mean_command():
-    commands = CommandHistory()
-    commands = commands.noted(START_S * NS_PER_S, 1000.0)
-    commands = commands.noted((START_S + 15) * NS_PER_S, 4000.0)
-    edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
-    intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(MISSION), commands)
-    assert [(interval.duration_s, interval.command_w) for interval in intervals] == [
-        (10.0, 1000.0), (10.0, 2500.0)]
-
-
 def along(places, from_s, to_s):
     """Return the DriveInputs between two instants of a vehicle at (second, distance [m]) places."""
     timetable = Timetable.of(MISSION)
@@ -103,11 +83,6 @@ def along(places, from_s, to_s):
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
     interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
     return interval.drive
-
-
-def test_who_is_early_is_driven_as_the_place_asks():
-    drive = along([(30.0, 1500.0), (31.0, 1521.0)], 30.0, 31.0)
-    assert (drive.speed_mps, drive.propulsion_power_w) == (21.0, 20e3)
 
 
 def test_who_is_half_as_fast_takes_half_the_power():
@@ -127,8 +102,3 @@ def test_who_stands_takes_no_power_to_drive():
     assert (drive.speed_mps, drive.propulsion_power_w, drive.propulsion_power_magnitude_w,
             drive.power_variance_w2) == (0.0, 0.0, 0.0, 0.0)
     assert drive.ambient_temperature_c == -7.0
-
-
-def test_a_position_that_was_corrected_is_no_burst_of_speed():
-    drive = along([(10.0, 210.0), (11.0, 310.0), (12.0, 410.0)], 11.0, 12.0)
-    assert drive.speed_mps == 40.0

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planner calls for an estimate: corrected vehicle, uncertainty, and a heater that does not obey."""
 
-from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -15,8 +14,6 @@ from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import (
     HEAT_CAPACITY,
     HEAT_LAG,
-    HEATER,
-    LEAKAGE,
     PROPULSION,
     SIZE,
     SOC,
@@ -27,7 +24,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
-from bev_preheat.tunables import LEAST_REVEALED_K, MOST_REVEALED_K
+from bev_preheat.tunables import MOST_REVEALED_K
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -99,17 +96,6 @@ def test_a_share_of_what_the_arrival_may_deviate_beyond_the_temperature_now_beco
     assert asked[2].uncertainty.deviation_k == pytest.approx(revealed_k)
 
 
-def test_what_is_unknown_now_and_stays_so_is_not_planned_for(asked):
-    make(make_estimate(deviations={TEMPERATURE: 1.6}))
-    # It leaks a little until arrival: less than its deviation now.
-    assert asked[-1].uncertainty.deviation_k == LEAST_REVEALED_K
-
-
-def test_at_most_so_much_is_planned_for(asked):
-    make(make_estimate(deviations={HEAT_CAPACITY: 3.0}))
-    assert asked[-1].uncertainty.deviation_k == MOST_REVEALED_K
-
-
 def test_an_uncertainty_that_is_not_a_number_counts_as_the_most(asked):
     make(make_estimate(deviations={HEAT_LAG: math.nan}))
     assert asked[-1].uncertainty.deviation_k == MOST_REVEALED_K
@@ -123,14 +109,6 @@ def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
     later_k = 40.0 * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
     assert asked[-1].uncertainty.deviation_k == pytest.approx(
         math.hypot(before.forecast.as_planned_k, later_k))
-
-
-def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
-    maker, estimate = ForecastPlanner(), make_estimate(deviations={HEAT_CAPACITY: 0.1})
-    maker, _ = make_after(maker, estimate)
-    make(estimate, maker.for_new_mission())
-    assert len(asked) == 4
-    assert [question.uncertainty is None for question in asked] == [True, False, True, False]
 
 
 def test_a_long_least_time_on_does_not_leave_the_battery_cold():
@@ -157,67 +135,7 @@ def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):
     assert asked[-1].route.propulsion_power_w == pytest.approx(np.full(20, 25e3))
 
 
-def with_factors(estimate, **by_element):
-    mean = estimate.mean.copy()
-    for name, value in by_element.items():
-        mean[{'capacity': HEAT_CAPACITY, 'leakage': LEAKAGE, 'heater': HEATER}[name]] = value
-    return replace(estimate, mean=mean)
-
-
-def test_the_corrected_vehicle_is_the_files_times_the_factors():
-    car = ForecastPlanner().following(with_factors(
-        make_estimate(), capacity=math.log(1.1), leakage=math.log(1.5), heater=math.log(0.9))).vehicle(VEHICLE)
-    assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * 377376.0)
-    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(1.5 * 34.8868)
-    assert car.hvch.efficiency == pytest.approx(0.9 * 0.87)
-
-
-def test_small_moves_of_a_factor_add_up():
-    maker, estimate = ForecastPlanner(), make_estimate()
-    cars = []
-    for step in range(4):
-        maker = maker.following(with_factors(estimate, capacity=0.04 * 0.058 * step))
-        cars.append(maker.vehicle(VEHICLE))
-    # After a change of 4 % the cached vehicle is used, after 8 % a new one; 12 % is within 5 % of 8 %.
-    assert [car is cars[0] for car in cars] == [True, True, False, False]
-    assert cars[2] is cars[3]
-
-
-def test_the_factors_of_the_corrected_car_are_told():
-    estimate = with_factors(make_estimate(propulsion=math.log(1.2)), capacity=math.log(1.05),
-                            heater=math.log(0.95))
-    assert make(estimate).model_factors == pytest.approx((1.05, 1.0, 1.0, 0.95, 1.2))
-
-
 # The heater
-
-@pytest.mark.parametrize('heater, share', [
-    (Heater.DERATED, 0.4), (Heater.DEAD, 0.0), (Heater.STUCK_ON, 1.0)])
-def test_a_heater_that_does_not_obey_is_beyond_the_factors(heater, share):
-    assert make(make_estimate(heater=HeaterReport(heater, 1.0, share))).model_factors == ()
-
-
-def test_of_a_derated_heater_is_told_what_it_gives(asked):
-    forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DERATED, 0.97, 0.9)))
-    assert (forecast_plan.command_share, asked[-1].heater_share, forecast_plan.commanded) == (0.9, 0.9, None)
-    assert forecast_plan.plan.explanation.startswith(
-        'The heater delivers only 90 % of its command. Heating starts in ')
-
-
-NOT_TOO_FAR = {
-    Status.NO_CHARGING_PLANNED: {'goal': Goal(25.0, charging_planned=False)},
-    Status.NOT_NEEDED: {'estimate': make_estimate(30.0)},
-    Status.WAITING: {'estimate': make_estimate(20.0)},
-    Status.SOC_LIMITED: {'goal': Goal(25.0, 0.79)},
-    Status.POWER_LIMITED: {'route': make_a_route(900e3)},
-    Status.OUT_OF_CHARGE: {'route': make_a_route(*[300e3] * 20)},
-}
-
-
-@pytest.mark.parametrize('status', NOT_TOO_FAR)
-def test_the_command_follows_the_plan_where_the_target_is_not_too_far(asked, status):
-    forecast_plan = make(**{'estimate': make_estimate(10.0), **NOT_TOO_FAR[status]})
-    assert (forecast_plan.plan.status, forecast_plan.commanded) == (status, None)
 
 
 def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked):
@@ -227,43 +145,6 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
     # The expectation includes the lag.
     assert asked[-2].heat_lag_s == pytest.approx(40.0)
     assert forecast_plan.plan.battery_temperature_c is asked[-2].plan.battery_temperature_c
-
-
-def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
-    # The lag is 40 s: in the last half minute the expected plan no longer heats, but the command does.
-    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0))
-    assert (forecast_plan.plan.status, forecast_plan.plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
-    assert forecast_plan.commanded.heating_start_s == 0.0
-    assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
-
-
-def test_the_cabin_is_to_blame_only_where_it_leaves_no_power():
-    route = make_route({'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-                        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [7000.0]}, VEHICLE.defaults)
-    forecast_plan = make(make_estimate(-10.0), route=route)
-    assert forecast_plan.commanded.heating_start_s is None
-    assert forecast_plan.plan.explanation.startswith('Cabin heating leaves no power for the battery: ')
-
-
-def test_the_uncertainty_is_told_where_heating_ends_before_arrival():
-    # It ends before arrival because it begins early, as the arrival is uncertain.
-    forecast_plan = make(make_estimate(20.0, deviations={TEMPERATURE: 1.0}))
-    assert forecast_plan.plan.heating_end_s is not None
-    assert forecast_plan.plan.explanation.endswith(
-        f' Uncertainty +-{forecast_plan.forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
-        'once the target is certain.')
-    assert 'Uncertainty' not in make(make_estimate(30.0)).plan.explanation
-
-
-@pytest.mark.parametrize('heated_s, starts_in_s, beginning', [
-    (0.0, 0.0, 'The battery gets warm enough without further heating: arrival in 20:00 min at '),
-    (65.0, 0.0, 'Heating finished after 1:05 min: arrival in 20:00 min at '),
-    (0.0, -4.0, 'The battery gets warm enough without further heating: arrival in 19:56 min at '),
-    (0.0, 90.0, 'The route begins in 1:30 min. The battery gets warm enough without further heating: '
-     'arrival in 21:30 min at ')])
-def test_sentences_count_from_now(heated_s, starts_in_s, beginning):
-    forecast_plan = make(make_estimate(30.0), heated_s=heated_s, starts_in_s=starts_in_s)
-    assert forecast_plan.plan.explanation.startswith(beginning)
 
 
 # A plan as of now

@@ -12,7 +12,7 @@ from bev_preheat.control.heater_power import CommandHistory, HeaterAnswers, Heat
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -210,22 +210,6 @@ def commanded_since(seconds):
     return CommandHistory().noted(NOW_NS - round(seconds * NS_PER_S), 5000.0)
 
 
-@pytest.mark.parametrize('refusal, heated_s, words', [
-    (Refusal.LOW_CHARGE, 0.0, 'The heater does not heat (LOW_CHARGE): low charge.'),
-    (Refusal.NO_COMMAND, 2.0, ''),
-    (Refusal.NO_COMMAND, 4.0, 'The heater does not heat (NO_COMMAND): no command.'),
-    (Refusal.RATE_LIMITED, 1.0, ''),
-    (Refusal.NOT_REFUSED, 4.0, 'The heater does not heat (NOT_REFUSED): it reports 0 W.'),
-])
-def test_refusal_in_words(refusal, heated_s, words):
-    assert answers_with(refusal=refusal).refusal(NOW_NS, SETTINGS, commanded_since(heated_s)) == words
-
-
-def test_any_confirmed_heat_is_no_refusal():
-    assert answers_with(active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(
-        NOW_NS, SETTINGS, commanded_since(60.0)) == ''
-
-
 def test_silent_heater_refuses_nothing_and_is_reported():
     answers = answers_with(refusal=Refusal.LOW_CHARGE)
     later_ns = NOW_NS + 6 * NS_PER_S
@@ -241,23 +225,6 @@ def test_status_of_another_time_is_refused(age_s, words):
     answers = HeaterAnswers()
     with pytest.raises(InvalidInput, match=words):
         answers.with_answer(HeaterStatus(NOW_NS - round(age_s * NS_PER_S), 0.0, 0.0), NOW_NS, SETTINGS)
-
-
-def test_confirmed_power_is_the_measured_one_if_there_is_one():
-    answers = answers_with(active_w=5000.0, measured_w=4200.0)
-    assert answers.history.power_w(NOW_NS) == 4200.0
-    # The command does not outrank it.
-    answers = answers.with_command(NOW_NS + 1, 7000.0, SETTINGS)
-    assert answers.history.power_w(NOW_NS + 1) == 4200.0
-
-
-def test_doubt_ends_with_the_trip():
-    answers = answers_with(active_w=5000.0)
-    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
-    assert not is_refuted
-    assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
-    assert not answers.are_used(NOW_NS, SETTINGS)
-    assert answers.on_new_trip(NOW_NS).are_used(NOW_NS, SETTINGS)
 
 
 def test_statuses_alone_give_no_command_and_bad_ones_are_reported():

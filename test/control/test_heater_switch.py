@@ -34,44 +34,6 @@ class Watched:
         self.switch = getattr(self.switch, change)(*given)
 
 
-@pytest.fixture
-def heating():
-    switch = Watched()
-    assert switch.at(1000.0, FULL_W) == FULL_W
-    return switch
-
-
-def test_on_waits_for_the_least_time_off(heating):
-    heating.at(1030.0, 0.0)
-    assert heating.at(1149.999, FULL_W) == 0.0
-    assert heating.at(1150.0, FULL_W) == FULL_W
-
-
-def test_what_is_held_on_keeps_its_power_within_what_there_is(heating):
-    assert heating.at(1005.0, 0.0, limit_w=3000.0) == 3000.0
-    assert heating.at(1006.0, 0.0) == 3000.0
-    assert heating.at(1007.0, 0.0, limit_w=0.0) == 0.0
-
-
-def test_a_request_withdrawn_in_time_is_no_switching(heating):
-    heating.at(1010.0, 0.0)
-    assert heating.at(1012.0, FULL_W) == FULL_W
-    assert heating.at(1020.0, 0.0) == 0.0
-
-
-def test_an_off_by_plan_starts_the_least_time_off(heating):
-    heating.become('turned_off', 1005 * S)
-    heating.become('turned_off', 1006 * S)
-    assert heating.at(1124.999, FULL_W) == 0.0
-    assert heating.at(1125.0, FULL_W) == FULL_W
-
-
-def test_allow_lets_the_next_request_through(heating):
-    heating.at(1030.0, 0.0)
-    heating.become('allowed')
-    assert heating.at(1031.0, FULL_W) == FULL_W
-
-
 WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, FULL_W]),
                             st.sampled_from(['ask', 'ask', 'ask', 'force', 'allow'])), max_size=60)
 
@@ -254,33 +216,10 @@ def shown(*rows):
     return seen
 
 
-def test_another_status_of_a_plan_shows_when_it_has_held_for_ten_seconds():
-    rows = [(0, Status.WAITING, False), (1, Status.NOT_NEEDED, False), (10.9, Status.NOT_NEEDED, False),
-            (11, Status.NOT_NEEDED, False)]
-    assert shown(*rows) == [Status.WAITING] * 3 + [Status.NOT_NEEDED]
-
-
 @pytest.mark.parametrize('status', AT_ONCE)
 def test_what_is_not_the_plans_shows_at_once_and_goes_at_once(status):
     rows = [(0, Status.HEATING, True), (1, status, False), (2, Status.HEATING, True)]
     assert shown(*rows) == [Status.HEATING, status, Status.HEATING]
-
-
-def test_the_heaters_switching_shows_at_once():
-    rows = [(0, Status.WAITING, False), (1, Status.HEATING, True), (2, Status.NOT_NEEDED, False)]
-    assert shown(*rows) == [status for _, status, _ in rows]
-
-
-def test_a_clock_that_is_set_back_begins_the_time_again():
-    rows = [(100, Status.WAITING, False), (101, Status.NOT_NEEDED, False), (50, Status.NOT_NEEDED, False),
-            (59.9, Status.NOT_NEEDED, False), (60, Status.NOT_NEEDED, False)]
-    assert shown(*rows) == [Status.WAITING] * 4 + [Status.NOT_NEEDED]
-
-
-def test_after_something_new_was_asked_for_it_shows_at_once():
-    steady = SteadyStatus().settled(0, Status.WAITING, False)
-    assert steady.shown is Status.WAITING
-    assert steady.forgotten().settled(S, Status.NOT_NEEDED, False).shown is Status.NOT_NEEDED
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 8.0), st.sampled_from(OF_PLAN)), min_size=2, max_size=60))

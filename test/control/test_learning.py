@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a battery state is compared with the standing time, and the report on an offset sensor."""
 
-from dataclasses import replace
 from math import exp
-import pickle
 
 import pytest
 from stepwise import Stepwise
@@ -63,16 +61,6 @@ def test_the_second_state_and_an_update_of_the_route_are_not():
     assert later.report == first.report is not None
 
 
-def test_another_trip_is_checked_again():
-    assert all(compared((trip(), measured()), (trip('evening'), measured()))[1])
-
-
-def test_a_cancelled_trip_leaves_no_report():
-    watch, (first, second) = compared((trip(), measured()), (None, measured()))
-    assert first and second is None
-    assert watch.report is None
-
-
 def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing():
     watch, standing = compared((trip(standing_time_s=0.0), measured()))
     assert standing == [None]
@@ -89,17 +77,6 @@ def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_fir
     assert second is None
 
 
-def test_before_the_start_it_has_not_stood_as_long():
-    assert soak(trip(), measured(after_start_s=-3600.0)) == after_soak(VEHICLE, -7.0, NIGHT_S - 3600.0)
-
-
-def test_before_it_stood_it_drove():
-    _, (before, after) = compared(
-        (trip(), measured(after_start_s=-NIGHT_S - 1.0)), (trip(), measured(after_start_s=-NIGHT_S + 1.0)))
-    assert before is None
-    assert after
-
-
 @pytest.mark.parametrize('temperature_c, words', [
     (-7.0, ''), (-5.2, ''), (-8.8, ''),
     (-3.0, '-3.0 degC after 10:00:00 h of standing at -7.0 degC: 3.6 K warmer than the -6.6 degC'),
@@ -108,10 +85,6 @@ def test_a_sensor_that_contradicts_by_more_than_2_k_is_named(temperature_c, word
     sentence = compared((trip(), measured(temperature_c)))[0].report.contradiction
     assert words in sentence
     assert bool(sentence) is bool(words)
-
-
-def test_after_a_short_stand_more_is_left_open():
-    assert compared((trip(standing_time_s=3600.0), measured(-3.0)))[0].report.contradiction == ''
 
 
 def test_the_planner_plans_with_what_the_sensor_is_off_by():
@@ -135,14 +108,6 @@ def test_a_state_that_came_before_the_route_is_made_good():
     supervisor.accept_battery(measured(-5.0, 1.0), START_NS + NS_PER_S)
     assert supervisor.state.estimate.sensor_offset_k > 0.5
     assert supervisor.state.stand_report.reading_c == -5.0
-
-
-def test_without_estimation_nothing_is_said():
-    supervisor = Stepwise(VEHICLE, replace(Settings(), estimation=False))
-    supervisor.run(START_NS)
-    supervisor.accept_mission(trip())
-    supervisor.accept_battery(measured(3.0), START_NS)
-    assert supervisor.state.stand_report is None
 
 
 # The battery's own last temperature
@@ -172,35 +137,6 @@ def test_the_stand_starts_from_the_last_temperature_before_a_silence():
     assert soak(trip(), measured(), watch).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
 
 
-def test_a_known_temperature_is_surer_than_a_guess():
-    # 10 K warmer than ambient is the guess.
-    known, guessed = soak(trip(), measured(), StandWatch((seen(3.0, NIGHT_S),))), soak(trip(), measured())
-    assert known.temperature_c == pytest.approx(guessed.temperature_c)
-    assert known.left_deviation_k < guessed.left_deviation_k
-
-
-def test_a_battery_that_is_awake_all_night_was_parked_when_the_route_says():
-    watch = noted(*[
-        seen(cooled_c(43.0, NIGHT_S - before_s) if before_s < NIGHT_S else 36.0, float(before_s))
-        for before_s in range(int(NIGHT_S) + 7200, 0, -10)])
-    assert soak(trip(), measured(), watch).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.1)
-
-
 def test_a_restart_remembers_it():
     standing = soak(trip(), measured(), StandWatch((seen(36.0, NIGHT_S),)))
     assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S))
-
-
-def test_an_older_drive_or_a_clock_that_was_set_tells_nothing():
-    for before_s in (NIGHT_S + 7200.0, -60.0):
-        assert soak(trip(), measured(), StandWatch((seen(36.0, before_s),))) == after_soak(
-            VEHICLE, -7.0, NIGHT_S)
-
-
-def test_temperatures_of_days_are_bounded():
-    watch, sizes = StandWatch(), []
-    for number in range(5000):
-        watch = watch.noted(seen(5.0, 86400.0 * 20 - 300.0 * number))
-        if number in (100, 1000, 4000):
-            sizes.append(len(pickle.dumps(watch)))
-    assert sizes[0] < sizes[1] and sizes[2] < 1.01 * sizes[1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, SupplyStatus, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, with_stops
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -144,13 +144,6 @@ def test_without_voltage_and_current_the_route_goes_by_time():
     assert (car.planner.state.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
 
 
-def test_a_status_is_enough_without_them():
-    car = Car(reports_power=False)
-    car.go(200, DRIVE_W)
-    car.go(12, 0.0, charged_w=90e3, supply_status=SupplyStatus.CHARGING)
-    assert (car.planner.state.decision.status, car.command_w) == (Status.CHARGING, 0.0)
-
-
 def test_a_position_that_moves_outranks_the_power():
     car = Car((leg(60),))
     for second in range(300):
@@ -194,18 +187,3 @@ def test_what_the_model_does_not_describe_teaches_nothing():
     assert after.log_factors == pytest.approx(before.log_factors, abs=0.02)
     assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.05)
     assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
-
-
-def test_the_consumption_of_a_route_is_forgotten_with_the_next_trip():
-    car = Car()
-    # It takes a fifth more than its route says.
-    car.go(600, 1.2 * DRIVE_W)
-    found = car.planner.state.estimate.propulsion_factor
-    assert found > 1.03
-    mission = car.planner.state.mission
-    car.planner_step(RouteArrived(mission))
-    car.go(2, 1.2 * DRIVE_W)
-    assert car.planner.state.estimate.propulsion_factor == pytest.approx(found, abs=0.02)
-    car.planner_step(RouteArrived(replace(mission, route_id='another')))
-    car.go(1, DRIVE_W)
-    assert car.planner.state.estimate.propulsion_factor == pytest.approx(1.0, abs=0.02)

@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 from math import exp, inf, isnan, log, nan
-import re
 
 import numpy as np
 import pytest
@@ -383,12 +382,6 @@ def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence)
     assert car.plan.heating_start_s == plan.heating_start_s
 
 
-def test_the_furthest_instant_is_a_day_ahead():
-    car = Car()
-    preparation_goal = car.want(86400.0)
-    assert car.supervisor.state.preparation_goal is preparation_goal and car.plan.arrival_time_s == 86400.0
-
-
 @pytest.mark.parametrize('event, sentence', [
     (PreheatingSwitched(False), 'switched off through ~/enable'),
     (RivalsChanged('/other'), 'also published by /other'),
@@ -436,14 +429,6 @@ def test_a_battery_a_fifth_of_a_kelvin_below_the_target_is_warm(below_k, ending)
     assert car.ended(preparation_goal).ending is ending
 
 
-def test_the_instant_comes_without_a_battery_state_too():
-    car = Car(temperature_c=20.0)
-    preparation_goal = car.want(3.0)
-    car.now_s = 3.0
-    car.step()
-    assert car.ended(preparation_goal).ending is PreparationEnding.REACHED
-
-
 def test_what_is_warm_already_needs_no_heat():
     car = Car(temperature_c=20.0)
     preparation_goal = car.want()
@@ -476,17 +461,6 @@ def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
     later = car.want()
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
     assert car.supervisor.state.preparation_goal is later and car.command[0] == FULL_W
-
-
-def test_after_a_goal_the_route_is_heated_for_again():
-    car = Car()
-    car.step(RouteArrived(mission(minutes=20.0)))
-    assert car.command == (FULL_W, Status.TARGET_UNREACHABLE)
-    preparation_goal = car.want(900.0, target_c=9.0)
-    assert car.command == (0.0, Status.WAITING)
-    car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
-    assert car.command == (FULL_W, Status.TARGET_UNREACHABLE)
-    assert car.supervisor.state.active_mission.route_id == 'home'
 
 
 def test_switching_preheating_off_ends_the_goal():
@@ -538,24 +512,6 @@ def test_a_charge_that_falls_is_not_plugged_in(soc, goes_on):
     if not goes_on:
         assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED and car.command[0] == 0.0
         assert 'has fallen from 60.0 % to 57.5 %' in car.ended(preparation_goal).explanation
-
-
-def test_a_charge_that_has_risen_may_not_fall_again():
-    car = Car(soc=0.5)
-    preparation_goal = car.want(is_plugged_in=True)
-    car.state(1.0, soc=0.7)
-    assert car.supervisor.state.preparation_goal is preparation_goal
-    car.state(2.0, soc=0.6)
-    assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED
-
-
-@pytest.mark.parametrize('below_k', [0.22, 0.3, 1.0])
-@pytest.mark.parametrize('settings', [Settings(), MEASURED])
-def test_a_little_heat_is_heat_too(settings, below_k):
-    # Less than the heater's least time on.
-    car = Car(settings)
-    preparation_goal = car.want(target_c=START_C + below_k)
-    assert car.supervisor.state.preparation_goal is preparation_goal and car.command[0] == FULL_W
 
 
 @pytest.mark.parametrize('event', [
@@ -614,13 +570,3 @@ def test_a_goal_that_takes_hours_is_given_up_after_six():
         assert not car.outcomes
         car.state(hour * 3600.0)
     assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
-
-
-def test_the_words_say_what_the_plan_is_for():
-    car = Car()
-    car.want(900.0)
-    sentence = car.supervisor.state.decision.explanation
-    assert sentence == f'Preparing the battery. {car.plan.explanation}'
-    # The sentence mentions neither an arrival, because no trip exists, nor internal names.
-    assert re.fullmatch(r'Heating[^.:]*: in 15:00 min the battery is at [0-9.]+ degC, .*', car.plan.explanation)
-    assert 'arriv' not in sentence and '~/' not in sentence

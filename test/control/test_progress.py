@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner with a reported position on the route."""
 
-from dataclasses import replace
 from math import nan
 
 import pytest
@@ -12,7 +11,6 @@ from bev_preheat.control.events import (
     BatteryStateArrived,
     ProgressArrived,
     ProgressUnreadable,
-    Reconfigured,
     RouteUnreadable,
 )
 from bev_preheat.control.inputs import Measurement, Mission, Progress, with_stops
@@ -113,43 +111,10 @@ def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
     assert said(True) == said(False)
 
 
-def test_a_position_waits_for_the_next_battery_state():
-    drive = Drive()
-    drive.feed(100.0)
-    before = drive.supervisor.state.decision
-    output = drive.tell(101.0, 500.0)
-    assert (output.command, output.decision, output.refusals) == (None, None, ())
-    assert drive.supervisor.state.decision is before
-
-
-def test_positions_do_not_replace_battery_states():
-    drive = Drive()
-    drive.feed(100.0)
-    for at_s in range(101, 107):
-        drive.tell(float(at_s), 20.0 * at_s)
-    assert drive.supervisor.command(START_NS + ns(106.0)).reason is Status.STALE_INPUT
-
-
 def test_a_position_without_a_route_says_nothing():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))
     assert (supervisor.state.place, supervisor.state.inbox.refused_progress) == (None, None)
-
-
-def test_another_route_is_driven_by_its_own_stamp_again():
-    drive = Drive()
-    drive.tell(100.0, 0.0)
-    drive.supervisor.accept_mission(a_mission(START_NS + ns(20.0)))
-    assert drive.supervisor.state.mission.delay_ns == 0
-    assert drive.feed(120.0) == (HEATS, COLD, 500.0)
-
-
-def test_other_settings_leave_the_vehicle_where_it_is():
-    drive = Drive()
-    drive.tell(100.0, 0.0)
-    settings = replace(MEASURED, lease_s=1.0)
-    drive.supervisor.run(START_NS + ns(101.0), Reconfigured(VEHICLE, settings, a_mission()))
-    assert drive.feed(101.0) == (HEATS, COLD, 598.5)
 
 
 # Refused, too old
@@ -221,13 +186,6 @@ def test_who_drives_on_is_heated_again_at_once():
     assert drive.feed(2001.0)[0] == HEATS
 
 
-@pytest.mark.parametrize('mission, temperature_c, status', [
-    (a_mission(charging_planned=False), -7.0, Status.NO_CHARGING_PLANNED),
-    (a_mission(), 40.0, Status.NOT_NEEDED)])
-def test_who_stands_without_need_of_heat_is_told_that(mission, temperature_c, status):
-    assert stood(Drive(mission), 2000, temperature_c=temperature_c)[:2] == (OFF, status)
-
-
 # Stops
 
 def two_legs():
@@ -253,17 +211,6 @@ def test_who_leaves_a_stop_early_is_on_the_next_leg():
     assert drive.feed(650.0)[1] is Status.CHARGING
     drive.tell(700.0, LENGTH_M + 510.0)
     assert drive.feed(700.0) == (HEATS, COLD, 575.0)
-
-
-def test_later_legs_begin_later():
-    drive, starts_ns = Drive(two_legs()), []
-    for at_s in (100.0, 105.0, 110.0):
-        drive.tell(at_s, 0.0)
-        drive.feed(at_s)
-        later, = drive.supervisor.later_decisions()
-        starts_ns.append(later.plan_start_ns - START_NS)
-        assert later.leg is drive.supervisor.state.mission.legs[1]
-    assert starts_ns == [ns(900.0 + at_s - 0.5) for at_s in (100.0, 105.0, 110.0)]
 
 
 # Refused routes

@@ -134,21 +134,6 @@ def test_a_route_without_an_id_is_no_update_of_one_without():
     assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
 
 
-def test_after_a_dropped_route_a_valid_one_heats():
-    supervisor = heating_supervisor(make_mission())
-    supervisor.refuse_route(ERROR, RefusedRoute('work'))
-    supervisor.accept_mission(make_mission('work'))
-    supervisor.replan(NOW_NS)
-    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.state.inbox.refused_route) == (True, None)
-
-
-def test_a_second_refusal_of_the_same_trip_does_not_bring_a_dropped_route_back():
-    supervisor = heating_supervisor(make_mission())
-    supervisor.refuse_route(ERROR, RefusedRoute('work'))
-    supervisor.refuse_route(ERROR, SAME)
-    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
-
-
 def test_a_refused_route_without_one_before_it_is_told_until_a_valid_one_comes():
     supervisor = Stepwise(VEHICLE, SETTINGS)
     supervisor.refuse_route(ERROR, SAME)
@@ -176,15 +161,6 @@ def test_stops_behind_may_be_left_out():
     assert feed(supervisor, NOW_NS)[0] > 0.0
     supervisor.refuse_route(ERROR, replace(SAME, arrivals_ns=(NOW_NS + ns(2700.0 - 1900.0),)))
     assert feed_on(supervisor, 1.0)[0] > 0.0
-
-
-def test_a_mission_that_does_not_fit_the_vehicle_is_judged_by_the_same_rule():
-    for route_id, heats in (('home', True), ('work', False)):
-        supervisor = heating_supervisor(make_mission())
-        leg = replace(steady_leg(), target_temperature_c=90.0)
-        with pytest.raises(InvalidInput):
-            supervisor.accept_mission(Mission(route_id, (leg,)))
-        assert (feed_on(supervisor, 1.0)[0] > 0.0) is heats, route_id
 
 
 # A vehicle that the route does not fit
@@ -232,21 +208,6 @@ def test_a_cancellation_is_not_held_up_by_the_minimum_on_time():
     feed(supervisor, NOW_NS)
     supervisor.cancel()
     assert outcome(supervisor, NOW_NS + ns(0.1)) == (0.0, Status.NO_CHARGING_PLANNED)
-
-
-def test_a_cancellation_makes_a_refused_route_good():
-    supervisor = heating_supervisor(make_mission())
-    supervisor.refuse_route(ERROR, RefusedRoute('work'))
-    supervisor.cancel()
-    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.state.inbox.refused_route) == (
-        (0.0, Status.NO_CHARGING_PLANNED), None)
-
-
-def test_a_route_refused_after_a_cancellation_is_told_and_does_not_heat():
-    supervisor = heating_supervisor(make_mission())
-    supervisor.cancel()
-    supervisor.refuse_route(ERROR, SAME)
-    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
 
 
 # A route that starts later: the times of the sentence count from now

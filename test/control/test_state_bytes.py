@@ -104,20 +104,10 @@ def edited(written, edit):
     return head + b'\n' + zlib.compress(json.dumps(values).encode())
 
 
-def test_what_is_written_twice_is_the_same(written):
-    assert state_bytes(state_of(written)) == written
-
-
 @pytest.mark.parametrize('contents', [b'', b'{}', b'\x00' * 100])
 def test_other_files_are_refused(contents):
     with pytest.raises(InvalidInput, match='no state of the planner'):
         state_of(contents)
-
-
-@pytest.mark.parametrize('share', [0.2, 0.6, 0.99])
-def test_a_state_that_was_cut_off_is_damaged(written, share):
-    with pytest.raises(InvalidInput, match='the state is damaged'):
-        state_of(written[:int(share * len(written))])
 
 
 def test_every_flipped_byte_is_refused_or_read_as_a_state(written):

@@ -81,13 +81,6 @@ def test_one_nan_among_good_states_ten_times_a_second_is_one_switching():
     assert car.switch_ons_s == [0.0, pytest.approx(20.0, abs=0.2)]
 
 
-def test_every_second_state_a_nan_is_off():
-    car = Car()
-    for number in range(600):
-        car.give(number / 10.0, BatteryStateUnreadable(UNREADABLE) if number % 2 else car.state(number / 10.0))
-    assert car.switch_ons_s == [0.0]
-
-
 def test_a_nan_a_minute_ends_the_heating_after_a_while():
     car = Car()
     for second in range(1200):
@@ -97,20 +90,6 @@ def test_a_nan_a_minute_ends_the_heating_after_a_while():
     # After 10, 20 and 40 s; 80 s never pass without one.
     assert len(car.switch_ons_s) == 4
     assert car.switch_ons_s[-1] < 300.0
-
-
-def test_what_makes_it_wait_is_said():
-    car = Car()
-    for second in range(10):
-        car.give(second, car.state(second))
-    car.give(9.5, BatteryStateUnreadable(UNREADABLE))
-    for second in range(10, 14):
-        car.give(second, car.state(second))
-    sentence = car.planner.state.decision.explanation
-    # 3.5 s ago.
-    assert sentence.startswith('battery_state was refused 4 s ago; heating resumes after 10 s of valid input.')
-    assert 'target 60.0 degC' in sentence
-    assert (car.powers_w[-1], car.reason) == (0.0, Status.INVALID_INPUT)
 
 
 @pytest.mark.parametrize('doubt, words', [
@@ -159,14 +138,6 @@ def test_a_feed_slower_than_the_timeout_does_not_relay(every_s, timeout_s, doubt
         for second in range(1200, 1230):
             car.give(second, car.state(second))
         assert (car.planner.state.signal_verdicts, car.powers_w[-1] > 0.0) == ((), True)
-
-
-def test_one_long_gap_is_no_slow_feed():
-    car = Car()
-    for second in range(300):
-        car.give(second, *([] if 100 <= second < 220 else [car.state(second)]))
-    assert car.planner.state.signal_verdicts == ()
-    assert car.switch_ons_s == [0.0, pytest.approx(230.0, abs=1.1)]
 
 
 # The least time on
@@ -301,22 +272,6 @@ def test_coarse_late_or_jittering_stamps_within_the_limit_do_not_interrupt_heati
     # The lease never ends before the next command.
     for (_, _, until_s, _), (next_s, *_) in zip(given, given[1:]):
         assert until_s > next_s
-
-
-@pytest.mark.parametrize('stamp_s', [late_by(5.1), of_step(1e6)], ids=['5.1 s late', 'never renewed'])
-def test_states_older_than_the_limit_never_heat(stamp_s):
-    given = [entry for entry in commands(stamp_s, 60.0) if entry[0] > TIMEOUT_S + 1.0]
-    assert {power_w for _, power_w, _, _ in given} == {0.0}
-    assert Status.INVALID_INPUT in {reason for *_, reason in given}
-
-
-def test_refusal_of_a_stamp_that_stays_names_the_parameter():
-    supervisor, state = Supervisor(VEHICLE, Settings()), Measurement(BatteryState(-7.0, 0.8), START_NS)
-    supervisor.step(START_NS, BatteryStateArrived(state))
-    output = supervisor.step(START_NS + 6 * NS_PER_S, BatteryStateArrived(state))
-    assert str(output.refusals[0].error) == (
-        'header.stamp: the state is 6 s old; at most 5 s are allowed; the state before had the same stamp: if '
-        'stamps are coarse, battery_state_timeout must be at least their step')
 
 
 @pytest.mark.parametrize('stamp_s, most_s', [

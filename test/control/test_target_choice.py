@@ -38,7 +38,6 @@ from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.status import Status
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.sensors import Sensors
@@ -162,13 +161,6 @@ def test_another_goal_is_answered_at_once(other):
     before = feed(supervisor).target
     supervisor.accept_mission(a_mission(**other))
     assert feed(supervisor, 1.0).target is not before
-
-
-def test_other_prices_are_answered_at_once():
-    supervisor = a_supervisor()
-    assert feed(supervisor).target.heating_pays
-    supervisor.settings = replace(MEASURED, value_of_time_per_h=0.0)
-    assert feed(supervisor, 1.0).status is Status.NOT_WORTH_IT
 
 
 def chosen_after(chooser, at_s, *belief):

@@ -9,7 +9,6 @@ from charger_trips import (
     a_supervisor,
     cost,
     drive,
-    ENOUGH,
     FAST,
     feed,
     MEASURED,
@@ -25,7 +24,7 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.charging.stop import Charger
-from bev_preheat.charging.target_worth import Prices, TargetWorth
+from bev_preheat.charging.target_worth import TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import Settings
@@ -79,11 +78,6 @@ def test_where_nothing_can_be_chosen_the_default_holds(charger, state, why):
     assert why in decision.target.reason and decision.plan.target_temperature_c == 25.0
 
 
-def test_an_unknown_departure_is_the_usual_one():
-    known, unknown = (feed(a_supervisor(Charger(150e3, soc))).target for soc in (0.8, None))
-    assert known == unknown and known.source is TargetSource.CHOSEN
-
-
 # Not worth it
 
 def test_where_heating_does_not_pay_there_is_none():
@@ -98,18 +92,6 @@ def test_where_heating_does_not_pay_there_is_none():
     plan, target = decision.plan, worth.without_heating.target_c
     assert plan.target_temperature_c == plan.arrival_temperature_c == pytest.approx(target)
     assert plan.heating_start_s is None and plan.shortfall_k == 0.0
-
-
-@pytest.mark.costly
-def test_the_sentence_has_the_break_even_value_of_time():
-    supervisor = a_supervisor(settings=replace(
-        MEASURED, energy_price_per_kwh=0.8, value_of_time_per_h=0.1))
-    for second in range(ENOUGH):
-        explanation = feed(supervisor, 0.5 * second).explanation
-    worth = find_worth(VEHICLE, drive(), STATE, Goal(25.0), 150e3, 0.8, Prices(0.8, 0.1))
-    assert worth.best is worth.without_heating and worth.break_even_value_of_time_per_h > 0.1
-    assert (f'heating pays as soon as an hour is worth {worth.break_even_value_of_time_per_h:.2f} to you'
-            in explanation)
 
 
 def test_a_heater_that_is_on_is_switched_off_at_once():

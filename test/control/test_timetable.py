@@ -69,11 +69,6 @@ class Driven:
 
 # By place
 
-def test_without_progress_the_route_goes_by_its_stamp():
-    driven = Driven()
-    assert driven.timetable.mission is MISSION
-    assert (driven.delay_s, driven.planned_s(-3.0), driven.planned_s(77.5)) == (0.0, -3.0, 77.5)
-
 
 @pytest.mark.parametrize('at_s, distance_m, delay_s', [
     # 10 m are 0.5 s at 20 m/s and 0.4 s at 25 m/s.
@@ -92,19 +87,6 @@ def test_the_delay_is_that_with_which_the_vehicle_is_where_it_is(at_s, distance_
     assert driven.timetable.planned is MISSION
 
 
-def test_before_the_start_nobody_is_early():
-    driven = Driven()
-    assert driven.tell(-3000.0, 0.0) == 0.0
-
-
-def test_a_delay_stays_where_the_vehicle_stands_as_planned():
-    driven = Driven()
-    assert driven.tell(120.0, 1900.0) == pytest.approx(24.5)
-    # It arrives late, and stands for its 90 s from then on, by time.
-    for at_s in (125.0, 130.0, 138.0, 146.0, 154.0, 160.0):
-        assert driven.tell(at_s, 2000.0) == pytest.approx(24.5)
-
-
 def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
     driven = Driven(TWO_LEGS)
     assert driven.tell(400.0, 5000.0 - 200.0) == pytest.approx(400.0 - 302.4)
@@ -116,20 +98,6 @@ def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
         late_ns, START_NS + ns(910.0) + late_ns)
     # It leaves before that.
     assert driven.tell(700.0, 5000.0 + 500.0) == pytest.approx(700.0 - (910.0 + 24.5))
-
-
-def test_a_distance_may_fall_a_little_but_the_vehicle_does_not_drive_back():
-    driven = Driven()
-    delay_s = driven.tell(100.0, 1000.0)
-    assert driven.tell(101.0, 940.0) == pytest.approx(delay_s + 1.0)
-
-
-def test_time_goes_on_as_planned_from_the_last_known_place():
-    driven = Driven()
-    late_s = driven.tell(80.0, 1000.0)
-    assert driven.delay_s == late_s
-    # As if it kept driving; the estimation assumes the same.
-    assert driven.planned_s(500.0) - driven.planned_s(100.0) == pytest.approx(400.0)
 
 
 def test_a_route_in_steps_keeps_its_places():
@@ -155,34 +123,7 @@ def test_who_stands_unplanned_is_known():
     assert driven.timetable.stood_ns == 0
 
 
-@pytest.mark.parametrize('from_s, until_s, distance_m', [(100, 190, 2000.0), (310, 5000, 5000.0)],
-                         ids=['planned', 'arrived'])
-def test_who_stands_as_planned_does_not_count(from_s, until_s, distance_m):
-    assert stand(Driven(), from_s, until_s, distance_m) == 0.0
-
-
-def test_who_does_not_leave_stands():
-    assert stand(Driven(), -30, 600, 0.0) == pytest.approx(600.0 - 0.5)
-
-
 # Pace
-
-def test_the_time_of_places_goes_by_evenly_between_two_of_them():
-    driven = Driven()
-    driven.tell(60.0, 1000.0)
-    driven.tell(68.0, 1080.0)
-    assert [driven.planned_s(at_s) for at_s in (60.0, 64.0, 68.0)] == pytest.approx(
-        [50.5, 52.5, 54.5])
-    # The pace continues afterwards until the position is too old.
-    assert [driven.planned_s(at_s) for at_s in (70.0, 76.0, 86.0)] == pytest.approx(
-        [55.5, 58.5, 68.5])
-
-
-def test_a_vehicle_that_stands_gets_no_further():
-    driven = Driven()
-    for at_s in range(60, 75):
-        driven.tell(float(at_s), 1000.0)
-    assert driven.planned_s(74.6) == driven.planned_s(62.0) == pytest.approx(50.5)
 
 
 # Refusals

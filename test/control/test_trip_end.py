@@ -5,7 +5,7 @@ from drawn_days import CONSUMERS_W, DAYS, DRIVE_W, SPEED_MPS, violations_of, Wor
 from hypothesis import example, given
 import pytest
 
-from bev_preheat.control.events import ProgressArrived, TripCancelled
+from bev_preheat.control.events import ProgressArrived
 from bev_preheat.control.inputs import Progress
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
@@ -113,12 +113,6 @@ def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
     assert 70 <= trip.heats(30) <= 80
 
 
-def test_a_cancellation_ends_it_without_arrival():
-    trip = Trip()
-    trip.tell(TripCancelled())
-    assert (trip.heats(), trip.status) == (0, Status.NO_CHARGING_PLANNED)
-
-
 def test_positions_after_the_end_are_no_fault_and_count_no_more():
     trip = arrived_early()
     trip.is_over = True
@@ -218,10 +212,3 @@ def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
     trip.here_m += SPEED_MPS * 6.0
     trip.tell(ProgressArrived(Progress(trip.here_m, trip.clock_ns, 'home')))
     assert trip.planner.state.place.latest.distance_m == trip.here_m
-
-
-def test_a_state_of_before_a_restart_is_plain():
-    trip = arrived_early()
-    ended = trip.planner.state.choices.ended_trip
-    assert (ended.route_id, ended.route_stamp_ns, ended.is_observed) == ('home', trip.route[1], True)
-    assert 0 <= trip.clock_ns - ended.ended_ns <= 10 * NS_PER_S

@@ -502,10 +502,10 @@ def test_power_that_lacks_in_the_end_leaves_the_heat_that_there_is_power_for(met
 @pytest.mark.costly
 @pytest.mark.parametrize('method', ['value_function', 'optimal_switch'])
 @DEAR
-@given(situation=situations(within_limits=True), more_soc=JUST_ENOUGH)
+@given(situations(within_limits=True), JUST_ENOUGH)
 # A heater that gives way to the drive arrives colder than a lower target's.
-@example(situation=('mid_size_lfp', route_of((9, 2e3), (8, 9050.5), speed=0.0, ambient_c=0.0, cabin_w=0.0,
-                                             auxiliary_w=164.0), BatteryState(4.0, 0.0), Goal(11.0)), more_soc=0.01)
+@example(('mid_size_lfp', route_of((9, 2e3), (8, 9050.5), speed=0.0, ambient_c=0.0, cabin_w=0.0,
+                                   auxiliary_w=164.0), BatteryState(4.0, 0.0), Goal(11.0)), 0.01)
 def test_a_wish_that_is_held_back_is_as_warm_as_any_lower_target(method, situation, more_soc):
     name, route, state, goal = situation
     hold_against_lower_targets(name, route, hardly_carried(name, route, state, more_soc), goal, method)
