@@ -194,16 +194,6 @@ def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
         car.port.send(*car.status())
 
 
-def test_a_silent_control_unit_is_named_alone(car):
-    car.send(car.status(), car.temperatures())
-    car.now_s += 2.1
-    car.send(car.temperatures())
-    battery, (lacking,) = car.battery()
-    assert battery is None and lacking.startswith('soc: the last valid reading of BMS_Status.BMS_SoC is 2.1 s old')
-    car.send(car.status(soc=0.4))
-    assert car.battery()[0].soc == pytest.approx(0.4)
-
-
 def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
     port, now_s = SlcanPort(), 1000.0
     file = write_map(tmp_path, port.path)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests of BatteryConditioning of VSS: goals, refusals and the values reported back."""
 
-from datetime import datetime, timedelta, timezone, UTC
+from datetime import datetime, UTC
 
 import pytest
 
@@ -12,7 +12,6 @@ from bev_preheat.bus.conditioning import (
     FAST_CHARGING,
     INACTIVE,
     instant_of_iso,
-    iso_of_instant,
     MODE,
     TEMPERATURE,
     TIME,
@@ -20,11 +19,6 @@ from bev_preheat.bus.conditioning import (
 from bev_preheat.errors import InvalidInput
 
 READY_AT_S = datetime(2026, 1, 31, 6, 30, tzinfo=UTC).timestamp()
-
-
-def test_nothing_is_wanted_at_first():
-    assert ConditioningRequest().goal() is None
-    assert ConditioningRequest().values() == {MODE: INACTIVE}
 
 
 def test_values_that_come_one_by_one_make_one_goal():
@@ -55,11 +49,6 @@ def test_an_instant_that_is_none_is_named(text):
         instant_of_iso(text)
 
 
-def test_an_instant_is_written_as_it_is_read():
-    moment = datetime(2031, 7, 4, 23, 59, 58, 250000, tzinfo=timezone(timedelta(hours=2)))
-    assert instant_of_iso(iso_of_instant(moment.timestamp())) == moment.timestamp()
-
-
 @pytest.mark.parametrize('values, problems', [
     ({MODE: 'WARM'}, [f"{MODE}: 'WARM' is not one of INACTIVE, FAST_CHARGING_PREPARATION, DRIVING_PREPARATION"]),
     ({TEMPERATURE: 80.1}, [f'{TEMPERATURE}: 80.1 is not allowed; it must be -40 ... 80 degC']),
@@ -71,8 +60,3 @@ def test_each_value_that_is_not_allowed_is_named(values, problems):
     with pytest.raises(InvalidInput) as refused:
         ConditioningRequest().after(values)
     assert list(refused.value.problems) == problems
-
-
-@pytest.mark.parametrize('target_c', [-40.0, 80.0])
-def test_the_outermost_targets_are_taken(target_c):
-    assert ConditioningRequest().after({TEMPERATURE: target_c}).target_c == target_c

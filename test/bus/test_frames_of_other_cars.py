@@ -102,14 +102,6 @@ def test_heater_is_at_fault_without_the_temperature_that_its_set_point_follows(t
     assert source.heater_status(102.1)[1]
 
 
-def test_measured_share_becomes_watts(tmp_path):
-    source = CanSource(load_live_map(written_map(
-        tmp_path, '  heater_status: {power: HeaterState.Share}\n  heater_command: {message: Heater, power: Share, '
-        'counter: Count, full_power_w: 5000}')), lambda: 100.0)
-    source.on_frame(0, 513, False, bytes([90, 0, 0, 0, 0, 0, 0, 0]), 0.0)
-    assert source.heater_status(100.5) == (pytest.approx(2250.0), '')
-
-
 # --- End-to-end protection ---
 
 
@@ -171,15 +163,6 @@ def test_sent_frames_have_the_published_protection(tmp_path, dbc, protection, co
         assert data == bytes.fromhex(beginning).ljust(len(data), b'\0')
 
 
-@pytest.mark.parametrize('dbc, protection, counts, _', VECTORS, ids=IDS)
-def test_counter_has_the_range_of_the_profile(tmp_path, dbc, protection, counts, _):
-    frame = protected(tmp_path, dbc, protection)
-    at = {DBC_P11: 1, DBC_P5: 2, DBC_P5_LONG: 10}[dbc]
-    mask = 0xFF if dbc is not DBC_P11 else 0xF
-    seen = [frame.next(1000.0)[at] & mask for _ in range(2 * counts)]
-    assert seen == [(1 + number) % counts for number in range(2 * counts)]
-
-
 def receiver(folder, dbc, protection, counter='counter: Count, '):
     text = dbc
     for before, after in (('Heater', 'BMS'), ('"W"', '"degC"'), ('Power', 'Temp'), ('[0|7000]', '[0|80]'),
@@ -205,12 +188,6 @@ def test_received_frames_are_checked_and_each_wrong_bit_is_found(tmp_path, dbc, 
         decoder.take(512, False, wrong, 100.0 + bit, readings)
         assert readings.latest('battery_temperature_c', 'BMS.Temp') is None
         assert readings.doubts(100.0 + bit)
-
-
-def test_data_id_of_another_message_is_refused(tmp_path):
-    decoder, readings = receiver(tmp_path, DBC_P5, 'e2e_profile: 5, data_id: 0x1235'), Readings()
-    decoder.take(512, False, bytes.fromhex('1cca000000000000'), 0.0, readings)
-    assert 'Crc is 0xCA1C, but the checksum of the data is 0x' in readings.doubts(0.0)['BMS']
 
 
 def test_plain_crc16_has_a_suffix_and_motorola_order(tmp_path):

@@ -9,8 +9,6 @@ from plain_car import CAPACITY_AH, constant, plain_car, VOLTAGE_V
 import pytest
 
 from bev_preheat.charging.chargers import Candidate, load_chargers, rank_chargers, ranking_verdict
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
@@ -58,16 +56,6 @@ def test_energies_and_costs_by_hand(minutes, detour_min):
 
 
 @pytest.mark.costly
-def test_a_charger_at_the_end_of_the_route_is_what_find_worth_says():
-    route, state = drive(25), BatteryState(6.0, 0.35)
-    [item] = rank_chargers(REFERENCE, route, state, GOAL, [Candidate('end', 1500.0, 150e3, 0.55)], 0.8,
-                           12.0)
-    worth = find_worth(REFERENCE, route, state, GOAL, 150e3, 0.8, Prices(0.55, 12.0))
-    assert item.worth == worth and item.total_cost == pytest.approx(worth.best.cost, rel=1e-12)
-    assert (item.departure_soc, item.end_soc) == (0.8, 0.8)
-
-
-@pytest.mark.costly
 def test_all_are_compared_on_the_same_charge_at_the_end():
     found = ranked([Candidate('early', 900.0, 50e3, 0.5), Candidate('late', 3000.0, 150e3, 0.5, 120.0)],
                    REFERENCE, BatteryState(-5.0, 0.5), 0.5)
@@ -77,14 +65,6 @@ def test_all_are_compared_on_the_same_charge_at_the_end():
         assert item.end_soc == pytest.approx(0.5, abs=2e-4)
         assert item.worth.best.cost <= min(target.cost for target in item.worth.targets)
     assert found[0].total_cost <= found[1].total_cost
-
-
-def test_the_price_of_waiting_decides():
-    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
-                 Candidate('far', 1800.0, 61900.0, 0.45))
-    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
-    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
-    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']
 
 
 def test_who_is_no_candidate_comes_last_with_the_reason():
@@ -100,17 +80,6 @@ def test_a_reserve_that_is_not_kept_on_the_way():
     [item] = ranked([Candidate('far', 3000.0, 50e3, 0.5)], state=BatteryState(20.0, 0.45),
                     goal=Goal(25.0, 0.15))
     assert item.problem == 'out of reach: the charge would fall to 11.5 % on the way; the reserve is 15 %'
-
-
-def test_a_full_battery_that_does_not_carry_the_rest():
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
-    # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
-                            'its end; 90 % is required')
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
-                            '20 % is required')
-    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
 
 
 def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
@@ -130,22 +99,10 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     assert item.problem.endswith('but fall to 0.0 % on the rest of the route; the reserve is 0 %')
 
 
-def test_a_charger_that_is_not_needed():
-    found = ranked([Candidate('any', 1800.0, 50e3, 0.5)], state=BatteryState(20.0, 0.95), end_soc=0.3)
-    assert found[0].problem.startswith('not needed: the battery arrives with 74.9 %, and 50.1 % is enough')
-    assert ranking_verdict(found) == 'No charger is needed: the charge is enough for the whole route.'
-
-
 def test_a_charger_that_cannot_charge():
     [item] = ranked([Candidate('weak', 1800.0, 1500.0, 0.5)])
     assert item.problem.startswith('This charger cannot charge the battery that far')
     assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
-
-
-@pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])
-def test_an_end_that_is_not_allowed(end_soc, goal):
-    with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
-        ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
 
 
 # --- files ---
@@ -176,13 +133,6 @@ def test_where_a_vehicle_stands_it_is_there_from_the_first_instant_on(tmp_path):
     speed_mps[10:20] = 0.0
     [candidate] = load_chargers(path, replace(route, speed_mps=speed_mps), 0.6).candidates
     assert candidate.instant_s == pytest.approx(600.0)
-
-
-def test_some_of_a_file_by_name(tmp_path):
-    text = 'chargers: [{name: a, at_km: 1, charger_power_w: 50000}, {name: b, at_km: 2, charger_power_w: 50000}]'
-    assert [item.name for item in loaded(tmp_path, text, only=['b'])] == ['b']
-    with pytest.raises(InvalidInput, match="^--only: charger 'c' is unknown; .* has: a, b$"):
-        loaded(tmp_path, text, only=['c'])
 
 
 @pytest.mark.parametrize('charger, problem', [

@@ -63,12 +63,6 @@ def test_expected_cost_by_hand(certain, doubtful):
     assert doubtful.without_heating.cost == pytest.approx(0.4 * certain.without_heating.cost, rel=1e-12)
 
 
-def test_certainty_is_the_cost_of_before_to_the_digit(certain):
-    again = worth(ChargingProspect(1.0, 0.0, 600.0))
-    assert again.targets == certain.targets and again.verdict == certain.verdict
-    assert again.pays_from_probability is None
-
-
 @given(st.floats(0.01, 1.0))
 @settings(max_examples=30, deadline=None)
 def test_the_optimum_is_no_dearer_than_always_or_never(certain, doubtful, probability):
@@ -106,13 +100,6 @@ def test_a_bad_prospect_in_a_message_is_refused(field, value):
                for problem in problems_of(RoutePlan(**{field: value})))
 
 
-def test_a_probability_above_one_is_refused():
-    assert any(problem.startswith('charging_probability: 1.1 is not allowed')
-               for problem in problems_of(RoutePlan(charging_probability=1.1)))
-    with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
-        worth(ChargingProspect(1.1))
-
-
 def test_jitter_changes_nothing_but_certainty_does():
     unlikely, certain = ChargingProspect(0.9), ChargingProspect(1.0)
     assert held_prospect(certain, unlikely) is unlikely
@@ -138,14 +125,6 @@ def expected(heated, *prospect):
     plan, item = heated
     return Expectation(REFERENCE, ROUTE, STATE, stop_after(ROUTE, 150e3, 0.8), ChargingProspect(*prospect), PRICES,
                        plan_unheated(REFERENCE, ROUTE, STATE, GOAL)).of(item, plan)
-
-
-def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
-    exact, nearly = expected(heated, 0.4), expected(heated, 0.4, 1.0)
-    # Sessions after uncertain arrivals are interpolated between simulated ones.
-    assert nearly.charged_cost == pytest.approx(exact.charged_cost, rel=0.01)
-    assert nearly.not_charged_cost == pytest.approx(exact.not_charged_cost, rel=0.01)
-    assert nearly.cost == pytest.approx(0.4 * nearly.charged_cost + 0.6 * nearly.not_charged_cost, rel=1e-12)
 
 
 @pytest.mark.parametrize('deviation_s', [0.0, 60.0])

@@ -7,10 +7,10 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plain_car import constant, plain_car
+from plain_car import plain_car
 import pytest
 
-from bev_preheat.charging.heating_choice import ChargerHeating, HeatingDecision
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
@@ -108,32 +108,6 @@ def test_the_choice_never_costs_more_than_always_and_never(
     for choice in (heating.choose(state), heating.compare(state)):
         assert choice.cost <= min(costs) * (1.0 + 2e-5)
     assert choice.cost_always == costs[0] and choice.cost_never == costs[1]
-
-
-def test_where_the_choice_is_always_the_session_is_todays():
-    """Free energy and a battery that is the limit: all heat saves time."""
-    stop, state = ChargingStop(400e3, 0.8, -15.0, 900.0, 350.0), BatteryState(-11.0, 0.3)
-    car = replace(CAR, charging=replace(CAR.charging, heating_limit_c=0.0))
-    choice = ChargerHeating(car, stop, Prices(0.0, 10.0)).choose(state)
-    today = charge(car, stop, state)
-    assert choice.decision is HeatingDecision.ALWAYS
-    assert (choice.session.charging_time_s, choice.session.bought_energy_wh) == (
-        today.charging_time_s, today.bought_energy_wh)
-
-
-def test_a_charger_that_is_the_limit_in_any_case_is_not_asked_for_heat():
-    car = plain_car(limit=constant(-100e3), heats=True)
-    choice = ChargerHeating(car, stop_at(11e3), PRICES).compare(BatteryState(-11.0, 0.3))
-    assert choice.decision is HeatingDecision.NEVER and choice.heated_wh == 0.0 and choice.until_s is None
-    assert choice.sentence() == (f'At the charger the battery is not heated; always heating would cost '
-                                 f'{choice.cost_always - choice.cost:.2f} more.')
-
-
-def test_a_car_that_cannot_says_nothing():
-    car = plain_car(limit=COLD_LIMIT)
-    choice = ChargerHeating(car, stop_at(50e3), PRICES).choose(BatteryState(-11.0, 0.3))
-    assert choice.decision is HeatingDecision.UNABLE and choice.sentence() == ''
-    assert choice.session.charging_time_s == charge(car, stop_at(50e3), BatteryState(-11.0, 0.3)).charging_time_s
 
 
 def test_both_are_told_where_only_heat_ends_the_session():

@@ -119,36 +119,7 @@ def test_the_energies_of_a_cooled_session_balance(
     assert course_c.min() >= min(ambient_c, 25.0) - 0.5 and course_c.max() >= warmest_c - 40.0
 
 
-def test_a_strong_cooling_holds_the_battery_within_its_band():
-    session = charge(hot_car(replace(CHILLER, cooling_power_w=40e3, electrical_power_w=9e3)), a_stop(),
-                     BatteryState(30.0, 0.1))
-    assert 30.0 < session.battery_temperature_c.max() < 32.5
-
-
-def test_a_charger_that_only_feeds_the_cooling_charges_once_the_battery_is_cool():
-    car, stop = hot_car(), a_stop(2200.0, 0.12, 20.0)
-    session = charge(car, stop, BatteryState(45.0, 0.1))
-    assert session.problem is None
-    assert session.charging_power_w[0] == 0.0 and session.charging_power_w[-1] > 900.0
-
-
-def test_a_cooling_that_takes_all_the_power_for_ever_is_the_problem():
-    """In air that is warmer than the cooling can bring the battery below, nothing is left for it."""
-    weak = hot_car(replace(CHILLER, cooling_power_w=160.0, electrical_power_w=1600.0), leakage_w_per_k=20.0)
-    never = charge(weak, a_stop(2200.0, 0.12, 48.0), BatteryState(45.0, 0.1))
-    assert never.problem is not None and 'the cooling takes all the power' in never.problem
-
-
 # --- polarization ---
-
-
-def test_polarization_is_resistance_in_the_session_alone():
-    car = hot_car(None, 1.8)
-    other = hot_car(None, 1.0, resistance_ohm=1.8 * 0.11)
-    one, two = (charge(each, a_stop(), BatteryState(20.0, 0.1)) for each in (car, other))
-    assert one.charging_time_s == pytest.approx(two.charging_time_s, rel=1e-12)
-    assert one.battery_temperature_c == pytest.approx(two.battery_temperature_c, rel=1e-12)
-    assert car.battery.resistance.function(FLOATS)(0.5, 20.0) == 0.11
 
 
 # --- derating ---
@@ -201,15 +172,6 @@ def test_too_warm_is_an_answer_with_minutes_and_why():
         f'{found.fastest_c:.0f} degC, because the power is derated above 38 degC, from 10 % on.')
 
 
-def test_a_battery_that_gets_warm_only_on_the_way_is_told_from_where():
-    car, stop = hot_car(None, limit=FALLING, leakage_w_per_k=0.0, resistance_ohm=0.2), a_stop()
-    session = charge(car, stop, BatteryState(25.0, 0.1))
-    found = too_warm(car, stop, session)
-    from_soc = np.interp(38.0, session.battery_temperature_c, session.soc)
-    assert found.derating.from_soc == pytest.approx(from_soc, abs=0.02)
-    assert f'from {100.0 * found.derating.from_soc:.0f} % on' in found.sentence
-
-
 def test_cold_and_cooled_batteries_are_not_too_warm():
     for car, start_c, charger_w in ((hot_car(None, limit=FALLING), 5.0, 40e3),
                                     (hot_car(limit=FALLING), 33.0, 40e3),
@@ -242,13 +204,3 @@ def test_a_battery_that_arrives_too_warm_without_heating_is_told_so():
 
 
 # --- defaults ---
-
-
-def test_neutral_values_change_no_digit():
-    plain = load_vehicle('reference')
-    neutral = replace(plain, charging=replace(plain.charging, polarization_factor=1.0, cooling=Cooling(
-        59.0, 1.0, 1.0)))
-    for start_c in (-10.0, 12.0, 40.0):
-        one, two = (charge(car, ChargingStop(150e3, 0.8, 3.0, 900.0, 350.0), BatteryState(start_c, 0.1))
-                    for car in (plain, neutral))
-        assert one.as_dictionary() == two.as_dictionary()

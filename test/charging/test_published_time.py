@@ -7,12 +7,10 @@ import numpy as np
 from plain_car import CAPACITY_AH, constant, plain_car, VOLTAGE_V
 import pytest
 
-from bev_preheat.charging.published_time import curve_fit, describe_timed_car, warm_session
+from bev_preheat.charging.published_time import describe_timed_car, warm_session
 from bev_preheat.errors import InvalidInput
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging_curve import ChargingCurve
 from bev_preheat.vehicle.data_sheet import DataSheet
-from bev_preheat.vehicle.data_sheet_import import describe_car
 from bev_preheat.vehicle.loading import vehicle_of_text
 from bev_preheat.vehicle.writing import vehicle_text
 
@@ -52,11 +50,6 @@ def test_a_warm_session_in_closed_form():
     assert warm_session(vehicle, (0.2, 0.55)).charging_time_s == pytest.approx(0.5 * expected_s, rel=1e-6)
 
 
-def test_a_car_without_a_word_on_charging_charges_with_its_charge_limit():
-    assert warm_session(replace(plain_car(), charging=None)).charging_time_s == pytest.approx(
-        3600.0 * 0.7 * VOLTAGE_V * CAPACITY_AH / 1e6, rel=1e-6)
-
-
 @pytest.mark.parametrize('sheet', [
     replace(ID4, charging_time_10_80_min=29.0), replace(ID4, charging_time_10_80_min=45.0),
     replace(ATTO3, charging_time_10_80_min=44.0), replace(ATTO3, charging_time_10_80_min=32.5),
@@ -70,13 +63,6 @@ def test_a_session_takes_the_published_time(sheet):
     # The battery warms on the way, so its resistance falls.
     mean_c = np.interp(0.5 * session.time_s[-1], session.time_s, session.battery_temperature_c)
     assert own_minutes(vehicle, 0.1, 0.8, mean_c) == pytest.approx(sheet.charging_time_10_80_min, rel=0.005)
-
-
-def test_a_curve_without_a_time_is_taken_as_it_is():
-    sheet = replace(ID4, charging_curve=CURVE)
-    assert curve_fit(sheet) == 1.0
-    table = car_of(sheet).charging.power_limit
-    assert table.values[table.soc.index(0.7)][table.temperature_c.index(25.0)] == -70e3
 
 
 @pytest.mark.parametrize('changes, problem', [
@@ -94,24 +80,3 @@ def test_a_time_that_cannot_be_is_refused_in_words(changes, problem):
     with pytest.raises(InvalidInput) as refused:
         describe_timed_car(replace(ID4, **changes))
     assert len(refused.value.problems) == 1 and refused.value.problems[0].startswith(problem)
-
-
-def test_the_file_says_what_was_fitted_and_from_where():
-    sheet = replace(ATTO3, charging_time_10_80_min=44.0,
-                    sources=(('charging_time_10_80_min', 'km77.com'),))
-    note = describe_timed_car(sheet)['charging.power_limit'].note
-    assert 'so that 10 to 80 % take 44 min (source: km77.com)' in note
-    assert 'so that' not in describe_car(ATTO3)['charging.power_limit'].note
-
-
-@pytest.mark.parametrize('name', ['reference', 'small_car', 'small_hatchback', 'mid_size_lfp', 'large_suv'])
-def test_the_colder_the_battery_the_longer_the_session(name):
-    vehicle = load_vehicle(name)
-    minutes = [warm_session(vehicle, (0.2, 0.7), at_c).charging_time_s for at_c in (0.0, 10.0, 25.0)]
-    assert minutes[0] > 1.05 * minutes[1] > 1.05 * 1.02 * minutes[2]
-
-
-def test_a_battery_that_arrives_hot_waits_for_its_power():
-    car = car_of(replace(ID4, charging_time_10_80_min=35.0))
-    minutes = {at_c: warm_session(car, battery_c=at_c).charging_time_s / 60.0 for at_c in (25.0, 44.0, 52.0, 58.0)}
-    assert minutes[25.0] <= 1.01 * minutes[44.0] and minutes[44.0] < 0.9 * minutes[52.0] < 0.9 * minutes[58.0]

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 from plain_car import (
     CAPACITY_AH,
-    constant,
     HEAT_CAPACITY_J_PER_K,
     HEATER_EFFICIENCY,
     HEATER_W,
@@ -20,8 +19,8 @@ from plain_car import (
 )
 import pytest
 
-from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S, STEP_S
-from bev_preheat.charging.stop import ChargingStop, check_stop, stop_after
+from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_preheating
@@ -29,22 +28,12 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
 STOP = ChargingStop(60e3, 0.8, -10.0, 1200.0, 300.0)
 SUPPLY_W = 60e3 - 1500.0
-
-
-def test_constant_power_without_resistance():
-    session = charge(plain_car(), STOP, BatteryState(5.0, 0.25))
-    # 350 V * 120 Ah * 0.55 at 58.5 kW
-    hours = VOLTAGE_V * CAPACITY_AH * 0.55 / SUPPLY_W
-    assert session.charging_time_s == pytest.approx(3600.0 * hours, rel=1e-7)
-    assert session.bought_energy_wh == pytest.approx(60e3 * hours, rel=1e-7)
-    assert session.battery_temperature_c == pytest.approx(np.full(len(session.time_s), 5.0))
 
 
 def test_constant_power_through_a_resistance():
@@ -89,13 +78,6 @@ def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
         reached_s + 3600.0 * stored / (18500.0 - holding_w), rel=1e-5)
 
 
-def test_a_battery_that_cools_at_the_charger_is_held_at_the_limit():
-    session = charge(plain_car(leakage_w_per_k=100.0, heats=True),
-                     replace(STOP, charger_power_w=20e3), BatteryState(22.7, 0.25))
-    assert session.battery_temperature_c.min() == pytest.approx(22.0, abs=1e-5)
-    assert (session.hvch_battery_power_w[session.battery_temperature_c[:-1] > 22.0001] == 0.0).all()
-
-
 def test_the_inlet_limits_what_the_charger_could_give():
     weaker, limited = (charge(plain_car(inlet_w=inlet_w), replace(STOP, charger_power_w=charger_w),
                               BatteryState(5.0, 0.25))
@@ -114,53 +96,6 @@ def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, temper
     assert session.charging_time_s == pytest.approx(time_s, rel=2e-4)
     assert session.bought_energy_wh == pytest.approx(bought_wh, rel=2e-4)
     assert session.battery_temperature_c[-1] == pytest.approx(departure_c, abs=0.01)
-
-
-@pytest.mark.parametrize('vehicle, charger_w', [
-    (REFERENCE, 150e3), (REFERENCE, 50e3), (REFERENCE, 11e3), (SMALL, 100e3),
-    (replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0)), 150e3)],
-    ids=['150 kW', '50 kW', '11 kW', 'small_car', 'heat path'])
-def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
-    stop = ChargingStop(charger_w, 0.8, -9.0, 1700.0, 450.0)
-    whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
-    assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
-    assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
-
-
-WARMING_SMALL = replace(SMALL, charging=replace(SMALL.charging, battery_heating=True, heating_limit_c=20.0))
-
-
-@pytest.mark.parametrize('vehicle, charger_w, temperature_c, soc', [
-    # At a weak charger the heater takes most of the power, so its switching counts most.
-    (WARMING_SMALL, 22e3, 19.8, 0.59), (REFERENCE, 150e3, 22.0, 0.3), *(
-        pytest.param(*case, marks=pytest.mark.deep) for case in (
-            (REFERENCE, 22e3, -6.8, 0.24), (REFERENCE, 11e3, 18.0, 0.57)))])
-@pytest.mark.parametrize('path', [
-    HeatPath(30.0, 15e3, 300.0), HeatPath(200.0), *(pytest.param(path, marks=pytest.mark.deep) for path in (
-        HeatPath(90.0, 40e3, 100.0), HeatPath(0.0, 40e3, 300.0)))])
-def test_late_heat_gives_times_that_are_exact_to_the_digits_that_rank_targets(
-        vehicle, charger_w, temperature_c, soc, path):
-    late = replace(vehicle, heat_path=path)
-    stop = ChargingStop(charger_w, 0.8, -18.0, 1500.0, 400.0)
-    state = BatteryState(temperature_c, soc, 2500.0, 3.0 if path.has_coolant else 0.0)
-    usual, half, fine = (charge(late, stop, state, STEP_S * share) for share in (1.0, 0.5, 1.0 / 16.0))
-    for figure in ('charging_time_s', 'bought_energy_wh'):
-        exact = getattr(fine, figure)
-        # Costs are compared to 0.01 of some 40.
-        assert abs(getattr(usual, figure) - exact) < 2e-5 * exact
-        assert abs(getattr(half, figure) - exact) < 1e-5 * exact
-
-
-def test_late_heat_neither_overshoots_the_limit_nor_cycles_around_it():
-    path = HeatPath(60.0, 30e3, 300.0)
-    session = charge(replace(REFERENCE, heat_path=path), ChargingStop(11e3, 0.8, -10.0, 1500.0, 400.0),
-                     BatteryState(10.0, 0.3))
-    limit_c = REFERENCE.charging.heating_limit_c
-    reached = int(np.argmax(session.battery_temperature_c > limit_c - 0.5))
-    assert reached > 0 and session.battery_temperature_c.max() <= limit_c + 1e-5
-    assert session.battery_temperature_c[reached:].min() > limit_c - 0.5
-    power_w = session.hvch_battery_power_w[reached:]
-    assert (np.diff(power_w) <= 50.0).all() and power_w[-1] > 500.0
 
 
 def test_late_heat_is_that_of_an_own_fine_integration():
@@ -221,11 +156,6 @@ def test_energy_is_kept_and_no_limit_is_broken(
     assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
 
 
-def test_a_battery_that_has_enough_is_not_charged():
-    session = charge(REFERENCE, STOP, BatteryState(5.0, 0.8))
-    assert (session.charging_time_s, session.bought_energy_wh, session.problem) == (0.0, 0.0, None)
-
-
 # --- sessions without an end ---
 
 
@@ -248,25 +178,6 @@ def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, prob
     assert len(session.time_s) == 1
 
 
-@pytest.mark.parametrize('deficit', [0.0, 1e-12, 9e-10])
-def test_a_battery_that_lacks_next_to_nothing_is_full_even_where_the_charger_gives_it_nothing(deficit):
-    # Cabin and heater take all of 3 kW.
-    session = charge(REFERENCE, ChargingStop(3e3, 0.5 + deficit, 0.0, 1648.0, 350.0), BatteryState(0.0, 0.5))
-    assert (session.problem, session.charging_time_s) == (None, 0.0)
-
-
-def test_a_full_battery_takes_less_and_less_and_the_session_says_so():
-    session = charge(REFERENCE, replace(STOP, departure_soc=1.0), BatteryState(25.0, 0.9), 60.0)
-    assert 'the battery takes less than 50 W' in session.problem
-    assert session.soc[-1] > 0.999 and session.time_s[-1] < 4.0 * 3600.0
-
-
-def test_a_session_of_more_than_a_day_ends():
-    session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
-    # 200 W * 24 h of 42 kWh
-    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
-
-
 def test_a_frozen_battery_is_warmed_first_where_the_car_can():
     session = charge(REFERENCE, replace(STOP, ambient_c=-30.0), BatteryState(-30.0, 0.3))
     assert session.problem is None
@@ -274,12 +185,6 @@ def test_a_frozen_battery_is_warmed_first_where_the_car_can():
 
 
 # --- after a drive, and refused inputs ---
-
-
-def test_a_stop_after_a_drive_goes_on_as_the_drive_ended():
-    route = load_route('reference', REFERENCE.defaults)
-    stop = stop_after(route, 150e3, 0.8)
-    assert stop == ChargingStop(150e3, 0.8, -7.0, 1978.0, 500.0)
 
 
 def test_heat_under_way_at_arrival_arrives_at_the_charger():
@@ -319,13 +224,3 @@ def test_refused_in_words(changes, state, problem):
     with pytest.raises(InvalidInput) as error:
         charge(REFERENCE, replace(STOP, **changes), BatteryState(*state))
     assert error.value.problems == [problem]
-
-
-@pytest.mark.parametrize('charging', [None, Charging(constant(-1e5))])
-def test_a_vehicle_that_does_not_say_whether_it_heats_is_refused(charging):
-    with pytest.raises(InvalidInput) as error:
-        check_stop(replace(REFERENCE, charging=charging), STOP)
-    assert error.value.problems == [
-        'vehicle reference: charging.battery_heating is missing; say in the vehicle file whether the '
-        'car heats its battery while it charges (true or false), because the benefit of preheating depends '
-        'on it']

@@ -13,8 +13,7 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.verdict import verdict_on
-from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, WorthSearch
+from bev_preheat.charging.worth import find_worth, pays_from_per_h, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -112,12 +111,6 @@ def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
     assert usual.best in usual.targets and usual.fixed.target_c == 25.0
 
 
-def test_a_target_that_the_battery_reaches_by_itself_is_no_heating():
-    worth = find_worth(REFERENCE, drive(ambient_c=10.0), BatteryState(18.0, 0.35), Goal(10.0), 150e3,
-                       0.8, PRICES)
-    assert worth.fixed == replace(worth.without_heating, target_c=10.0)
-
-
 def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
     # Heating at the charger depends on the value of time, too, so this car cannot heat there.
     car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
@@ -147,16 +140,6 @@ def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
     assert pays_from_per_h(heated, without, 0.5) == pytest.approx(per_h)
 
 
-def test_minima_of_a_grid():
-    inf = math.inf
-    assert minima([3.0, 1.0, 2.0, 0.5, 4.0]) == [3, 1]
-    assert minima([1.0, 2.0, 2.0, 2.0]) == [0]
-    assert minima([3.0, 1.0, 1.0, 1.0]) == [1]
-    assert minima([2.0, 2.0, 1.0, 1.0, 3.0, 2.5]) == [2, 5]
-    assert minima([inf, inf, 5.0, 6.0]) == [2]
-    assert minima([inf, inf]) == []
-
-
 def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
     arrival_soc = usual.without_heating.arrival_soc
     worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
@@ -164,11 +147,6 @@ def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(us
     assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
     # The heater's energy has to be bought.
     assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
-
-
-def test_where_nothing_has_a_price_nothing_is_heated():
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, Prices(0.0, 0.0))
-    assert worth.best == worth.without_heating and worth.best.cost == 0.0
 
 
 @pytest.mark.deep
@@ -199,49 +177,6 @@ def test_verdict_of_heating_that_pays(usual):
         'you.')
 
 
-def test_verdict_of_less_than_a_cent():
-    without = TargetWorth(5.0, 5.0, 0.2, 0.0, 2000.0, 40e3, 30.004)
-    best = TargetWorth(5.5, 5.5, 0.2, 60.0, 1998.0, 40e3, 30.0)
-    assert verdict_on(best, without, 6.35, PRICES, None) == (
-        'It makes no difference: heating the battery to 5.5 degC before arrival would save less than '
-        '0.01 in all. Some heating pays as soon as an hour is worth 6.35 to you.')
-
-
-def test_verdict_of_heating_that_never_pays():
-    # The charger is slower than the battery, however cold.
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 40e3, 0.8, PRICES)
-    assert worth.break_even_value_of_time_per_h is None and worth.best == worth.without_heating
-    assert worth.verdict == ('Not worth it: heating before arrival saves neither time nor money at this '
-                             'charger.')
-
-
-def test_verdict_of_heating_that_pays_for_all():
-    # The cold battery charges so slowly that cabin and heater take more meanwhile than heating before the charger.
-    worth = find_worth(REFERENCE, drive(), COLD, GOAL, 150e3, 0.8, PRICES)
-    assert worth.break_even_value_of_time_per_h == 0.0
-    assert any(target.bought_energy_wh < worth.without_heating.bought_energy_wh
-               for target in worth.targets)
-    assert worth.verdict.endswith('. Some heating pays whatever your time is worth.')
-
-
-def test_verdict_of_a_battery_that_is_only_charged_when_heated():
-    frozen = Charging(Table((0.0,), (4.0, 20.0), ((0.0, -90e3),)), False)
-    worth = find_worth(replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8, PRICES)
-    assert worth.without_heating.arrival_temperature_c < 4.0
-    assert (worth.without_heating.cost, worth.break_even_value_of_time_per_h) == (math.inf, 0.0)
-    assert worth.verdict.startswith('Worth it: heating the battery to ')
-    assert ' lets it charge within ' in worth.verdict
-    assert 'degC the battery takes less than 50 W' in worth.verdict
-
-
-def test_verdict_of_a_charger_that_cannot():
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 1500.0, 0.8, PRICES)
-    assert worth.break_even_value_of_time_per_h is None
-    assert worth.verdict == (
-        'This charger cannot charge the battery that far, heated or not: cabin and '
-        'auxiliaries take all of the 1.5 kW that charger and inlet provide.')
-
-
 # --- uncertainty of the charging time ---
 
 
@@ -264,13 +199,6 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     # Three quarters and a half of the assumed deviations; the consumption's is always the same.
     assert (variances[0] - variances[1]) / (variances[0] - variances[2]) == pytest.approx(
         (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
-
-
-def test_a_spread_without_an_end_is_infinite():
-    frozen = Charging(Table((0.0,), (4.0, 20.0), ((0.0, -90e3),)), False)
-    deviation = time_deviation(
-        replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8, PRICES)
-    assert deviation.without_heating_s == deviation.saved_s == math.inf
 
 
 # --- the search in parts ---
@@ -322,12 +250,6 @@ def test_refused_in_words(changes, problems):
         assert said.startswith(problem)
 
 
-def test_more_charge_than_is_asked_for_is_refused():
-    with pytest.raises(InvalidInput) as error:
-        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
-    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')
-
-
 # --- From which price and chance on the answer changes ---
 
 # Without heat at the charger, sessions do not depend on the prices.
@@ -357,26 +279,6 @@ def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
     # The verdict has named it already.
     assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
-
-
-@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
-def test_the_energy_price_in_doubt_counts_the_heat_that_is_lost(simple, share, pays):
-    prospect = ChargingProspect(0.5 * (1.0 + simple.pays_from_chance))
-    doubtful = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
-    assert doubtful.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
-    prices = Prices(share * doubtful.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
-    assert (other.best is not other.without_heating) is pays
-
-
-def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
-    cost = cost_of(REFERENCE, drive(), 150e3)
-    figures = usual.as_dictionary()
-    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
-    assert figures['unheated_more_cost'] > 0.0
-    assert figures['unheated_longer_charging_s'] == (
-        usual.without_heating.charging_time_s - usual.best.charging_time_s)
-    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
 
 
 def test_bounds_are_none_if_heating_never_or_always_pays():
@@ -411,8 +313,3 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     span = f'{to_c - from_c:.1f} K more on arrival, from {from_c:.1f} to {to_c:.1f} degC'
     assert worth.step_in_words().startswith(f'{span}, are worth ')
     assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
-
-
-def test_where_no_kelvin_stands_out_none_is_named():
-    worth = find_worth(stairs(100.0, 100.0), drive(), WARM, GOAL, 150e3, 0.8, PRICES)
-    assert worth.step is None and worth.step_in_words() == '' and worth.as_dictionary()['step'] is None

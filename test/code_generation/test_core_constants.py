@@ -23,11 +23,6 @@ def test_no_source_writes_a_shared_constant_again(path):
     assert not written & SHARED
 
 
-def test_each_constant_is_used():
-    text = '\n'.join(path.read_text(encoding='utf-8') for path in SOURCES)
-    assert not [name for name in GENERATED if not re.search(rf'\b{name}\b', text)]
-
-
 def test_the_header_has_each_number_to_the_last_bit():
     lines = dict(re.findall(r'^#define (BEV_\w+) \(?([^()\n]+)\)?$', constants_header(), re.MULTILINE))
     assert {name: float(text) for name, text in lines.items()} == GENERATED

@@ -17,7 +17,6 @@ from bev_preheat.code_generation.ecu_vectors import (
     BAD_INPUT,
     draw_vector,
     draw_vectors,
-    first_heated,
     LIMITED,
     METHODS,
     OK,
@@ -114,28 +113,6 @@ def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
         assert max(len(vector.columns[1]) for vector in heated(export.vectors, method)) == 360
 
 
-@pytest.mark.deep
-def test_plans_are_the_same_with_fewer_states_side_by_side(export, tmp_path):
-    folder = tmp_path / 'other'
-    shutil.copytree(export.folder, folder, ignore=shutil.ignore_patterns('build'))
-    other = Exported(folder, export.vectors)
-    made = other.run('make', 'build/check', 'CFLAGS=-O0', 'BLOCK=5')
-    assert made.returncode == 0, made.stdout + made.stderr
-    assert '-DBEV_BLOCK=5' in made.stdout
-    assert other.check().stdout == export.check().stdout
-
-
-def test_the_example_prints_the_plan_of_its_situation(export):
-    printed = export.run('build/plan_one')
-    vector = first_heated(export.vectors)
-    assert printed.returncode == 0
-    for method, answer in zip(METHODS, vector.answers, strict=True):
-        on_s, wh, battery_wh = map(float, re.search(
-            rf'{method}: heater on at ([\d.]+) s, .* ([\d.]+) Wh\n.* ([\d.]+) Wh', printed.stdout).groups())
-        assert (on_s, wh, battery_wh) == pytest.approx(
-            (answer.expected[0], answer.expected[6], answer.expected[7]), abs=6e-4)
-
-
 # test/native plans with tables and heat paths in the same C code daily.
 @pytest.mark.deep
 @pytest.mark.parametrize('name', ['tables', 'heat path'])
@@ -169,47 +146,6 @@ def test_a_wrong_vector_is_found(export, place, by, told, method):
     assert ': 1 differ; ' in done.stdout
 
 
-def moved(export, numbers, wh=0.0, arrival_c=None):
-    """Return what check says if plans of value_function are expected to cost more [Wh], or with other arrivals."""
-    vectors = [*export.vectors]
-    for number in numbers:
-        expected = [*vectors[number].answers[BY_VALUES].expected]
-        expected[7] += wh
-        expected[8] = expected[8] if arrival_c is None else arrival_c
-        vectors[number] = with_answer(vectors[number], BY_VALUES, expected=tuple(expected))
-    (export.folder / 'moved.txt').write_text(vectors_text(vectors))
-    return export.check('moved.txt')
-
-
-def test_few_plans_that_are_searched_for_may_be_other_ones(export):
-    numbers = [number for number, vector in enumerate(export.vectors)
-               if vector.answers[BY_VALUES].status == OK and not vector.answers[BY_VALUES].is_exact]
-    assert len(numbers) > 4
-    reaching, target_c = next((number, vector.situation[4]) for number, vector in enumerate(export.vectors)
-                              if number in numbers and vector.answers[BY_VALUES].expected[8] > vector.situation[4])
-    # Warmth beyond the target is worth nothing.
-    assert moved(export, [reaching], arrival_c=target_c + 50.0).returncode == 0
-    for by, told in (({'wh': 90.0}, 'battery'), ({'arrival_c': target_c - 0.5}, 'arrival')):
-        done = moved(export, [reaching], **by)
-        assert done.returncode == 1 and ': 1 differ; ' in done.stdout
-        assert f'value_function: {told} [' in done.stdout
-    done = moved(export, numbers, wh=0.2)
-    assert done.returncode == 1 and ': 0 differ; ' in done.stdout and 'too many other plans' in done.stdout
-
-
-@pytest.mark.parametrize('method', range(len(METHODS)), ids=METHODS)
-def test_a_wrong_status_or_a_plan_that_should_not_be_is_found(export, method):
-    for status, others in ((OK, LIMITED), (LIMITED, OK), (BAD_INPUT, OK)):
-        number, vector = next((number, vector) for number, vector in enumerate(export.vectors)
-                              if vector.answers[method].status == status)
-        wrong = [*export.vectors]
-        wrong[number] = with_answer(vector, method, status=others)
-        (export.folder / 'wrong.txt').write_text(vectors_text(wrong))
-        done = export.check('wrong.txt')
-        assert done.returncode == 1
-        assert f'vector {number + 1}, {METHODS[method]}: status is {status}, expected {others}' in done.stdout
-
-
 def test_a_file_that_is_not_whole_is_refused(export):
     text = (export.folder / 'vectors.txt').read_text()
     for part in (text[:len(text) // 2], text.rpartition('end')[0], '', text.replace('end ', 'end 1')):
@@ -225,12 +161,6 @@ def test_a_curve_that_the_core_does_not_describe_is_refused():
     vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, open_circuit_voltage=fine))
     with pytest.raises(InvalidInput, match='exported: the core does not describe a table with more than'):
         vehicle_source(vehicle)
-
-
-def test_a_name_becomes_a_string_of_c():
-    # ??/ is a backslash to C99.
-    source = vehicle_source(replace(FORMULAS, name='a "b" \\ ??/ é\n'))
-    assert 'bev_ecu_vehicle_name = "a _b_ _ __/ __";' in source
 
 
 def answers_of_random_inputs(export, objects, method, cases, *options):

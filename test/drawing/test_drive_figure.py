@@ -33,23 +33,8 @@ def test_the_temperatures_are_told_apart_and_have_their_values_on_arrival(panels
     assert drawn['predicted on arrival'].get_linewidth() > 3.0 * drawn['target 9.0 °C'].get_linewidth()
 
 
-def test_one_instant_of_switching_on_is_named(panels):
-    assert list(lines(panels[1])) == ['command, on after 4:20 min']
-
-
 def test_commands_last_until_the_vehicle_stands(panels):
     command, = panels[1].get_lines()
     assert command.get_xydata()[-1].tolist() == [10.0, 5.0]
     low, high = panels[1].get_ylim()
     assert low < 0.0 < 5.0 < high
-
-
-def test_state_of_charge_on_arrival_is_told(panels):
-    assert list(lines(panels[2])) == ['battery, ends at 75.0 %', 'without preheating, ends at 77.0 %']
-    assert panels[2].get_xlabel() == 'trip time [min]'
-
-
-def test_without_charges_there_are_two_panels():
-    course = np.array([0.0, 60.0]), np.array([1.0, 2.0])
-    figure = make_drive_figure('title', {BATTERY: course}, course, 9.0)
-    assert len(figure.axes) == 2 and list(lines(figure.axes[1])) == ['command, on after 0:00 min']

@@ -8,13 +8,12 @@ import pytest
 
 from bev_preheat.control.inputs import Leg
 from bev_preheat.drawing.inputs_figure import make_route_figure
-from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of, name_of
+from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of
 from bev_preheat.drawing.plan_figure import make_itinerary_figure, make_plan_figure
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -84,52 +83,11 @@ def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
                for line in panels['temperature'].get_lines())
 
 
-def test_without_limits_the_unheated_drive_is_the_model_without_heater():
-    route = constant_route()
-    free = plan_without_heating(make_trip(VEHICLE, route), STATE)
-    unheated = plan_unheated(VEHICLE, route, STATE, Goal(25.0))
-    assert unheated.battery_temperature_c == pytest.approx(free.temperature_c, abs=1e-9)
-    assert not unheated.hvch_battery_power_w.any()
-
-
 def test_with_limits_the_unheated_drive_keeps_them():
     route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-10.0, 0.9)
     unheated = plan_unheated(VEHICLE, route, state, Goal(25.0))
     assert unheated.friction_brake_power_w.max() > 1e3
     assert not unheated.hvch_battery_power_w.any()
-
-
-@pytest.mark.parametrize('panel, field, factor', [
-    ('temperature', 'battery_temperature_c', 1.0), ('charge', 'soc', 100.0)])
-def test_the_trip_without_preheating_is_drawn_dashed(alpine, panel, field, factor):
-    panels, _ = alpine
-    line, = curves(panels[panel], look_of('without preheating').colour)
-    unheated = plan_unheated(VEHICLE, load_route('alpine_pass', VEHICLE.defaults),
-                             BatteryState(-10.0, 0.9), Goal(25.0))
-    assert line.get_ydata() == pytest.approx(factor * getattr(unheated, field))
-    assert line.get_linestyle() == '--'
-
-
-def test_the_legend_says_what_is_found_on_arrival(reference):
-    panels, (plan,) = reference
-    unheated = plan_unheated(VEHICLE, load_route('reference', VEHICLE.defaults), STATE, Goal(25.0))
-    assert texts(panels['temperature'])[:2] == [
-        f'{name_of(name)}: {made.arrival_temperature_c:.1f} °C, {100 * made.arrival_soc:.1f} %, '
-        f'{made.energy_wh.battery_total / 1000:.3f} kWh'
-        for name, made in (('value_function', plan), ('without preheating', unheated))]
-
-
-def test_the_title_of_one_plan_explains_it(reference):
-    panels, (plan,) = reference
-    title = panels['drive'].figure.texts[0].get_text().replace('\n', ' ')
-    assert title == f'title WAITING: {plan.explanation}'
-
-
-def test_state_of_charge_is_drawn_over_the_trip(reference):
-    panels, (plan,) = reference
-    line, = curves(panels['charge'], look_of('value_function').colour)
-    assert line.get_ydata() == pytest.approx(100.0 * plan.soc)
-    assert line.get_xdata() == pytest.approx(plan.time_s / 60.0)
 
 
 @pytest.mark.costly
@@ -156,24 +114,6 @@ def test_limits_have_colours_of_their_own_and_are_where_the_vehicle_says(alpine)
     assert CHARGE_LIMIT != DISCHARGE_LIMIT
 
 
-def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
-    panels, _ = alpine
-    axis = panels['power']
-    low, high = axis.get_ylim()
-    charge, = curves(axis, CHARGE_LIMIT)
-    discharge, = curves(axis, DISCHARGE_LIMIT)
-    descent = slice(2 * 40, 2 * 80)
-    assert low < charge.get_ydata()[descent].min() < charge.get_ydata()[descent].max() < 0.0
-    assert high < discharge.get_ydata().min()
-    assert texts(axis) == [
-        'charge limit (shaded: not allowed)',
-        f'discharge limit, {discharge.get_ydata().min():.0f} to '
-        f'{discharge.get_ydata().max():.0f} kW (above this range)']
-    # The power itself takes a good part of the panel.
-    power, = curves(axis, look_of('value_function').colour)
-    assert np.ptp(power.get_ydata()) > 0.4 * (high - low)
-
-
 def test_coinciding_methods_are_all_seen(compared):
     panels, _ = compared
     lines = [curves(panels['heater'], look_of(method).colour)[0] for method in METHODS]
@@ -184,32 +124,11 @@ def test_coinciding_methods_are_all_seen(compared):
     assert by_values.get_linestyle() == '-' and {line.get_linestyle() for line in lines[1:]} == {'--'}
 
 
-def test_the_legend_names_what_is_hidden(compared):
-    panels, _ = compared
-    by_values, switch, paper, unheated = texts(panels['temperature'])[:4]
-    assert '≈' not in by_values + unheated
-    assert switch.endswith(' (≈ value_function)')
-    # Its own course, 0.2 K above the others.
-    assert '≈' not in paper
-
-
 def test_a_plan_that_does_not_heat_says_so_and_is_drawn_once():
     panels, _ = panels_of(constant_route(power_w=0.0, ambient_c=25.0, speed_mps=0.0),
                           BatteryState(25.0, 0.5), Goal(20.0))
     assert texts(panels['temperature'])[0].startswith('value_function (default), does not heat: 25')
     assert not curves(panels['temperature'], look_of('without preheating').colour)
-
-
-@pytest.mark.costly
-@pytest.mark.parametrize('name', ['heater', 'power', 'heat', 'drive'])
-def test_axes_of_powers_and_speed_start_at_0_where_they_are_constant(name):
-    panels, _ = panels_of(constant_route(power_w=12e3, ambient_c=25.0), BatteryState(25.0, 0.5),
-                          Goal(60.0))
-    axis = panels[name]
-    low, high = axis.get_ylim()
-    assert low < 0.0 < high and min(0.0, *(
-        np.min(line.get_ydata()) for line in axis.get_lines()
-        if line.get_color() != CHARGE_LIMIT)) == 0.0
 
 
 def test_an_empty_battery_ends_the_drive_in_every_panel():
@@ -224,12 +143,6 @@ def test_an_empty_battery_ends_the_drive_in_every_panel():
         assert driven.get_ydata()[np.array(driven.get_xdata()) > at_min + 1.0] == pytest.approx(0.0)
         assert [line for line in panels[name].get_lines()
                 if list(line.get_xdata()) == pytest.approx([at_min] * 2)]
-
-
-def test_a_target_out_of_reach_is_in_the_panel():
-    panels, _ = panels_of(constant_route(steps=5), goal=Goal(60.0))
-    low, high = panels['temperature'].get_ylim()
-    assert low < -7.0 and high > 60.0
 
 
 def test_every_panel_has_a_unit(reference):
@@ -273,28 +186,6 @@ def test_each_leg_has_its_trip_without_preheating(itinerary):
     assert lines[0].get_ydata()[-1] < plans[0].arrival_temperature_c - 5.0
 
 
-def test_the_legend_of_an_itinerary_has_each_line_once(itinerary):
-    figure, _ = itinerary
-    assert [texts(axis) for axis in figure.axes] == [
-        ['battery', 'without preheating', 'target', 'ambient', 'stop'],
-        ['for the battery', 'maximum after cabin heating'],
-        ['state of charge', 'without preheating', 'reserve'], []]
-
-
-def test_the_title_of_an_itinerary_says_how_each_leg_ends(itinerary):
-    figure, plans = itinerary
-    _, first, last = figure.texts[0].get_text().split('\n')
-    assert first.startswith('leg 1: WAITING, target 20.0 °C, arrival at 20.0 °C, without preheating')
-    assert last == f'leg 2: NO_CHARGING_PLANNED, arrival at {plans[1].arrival_temperature_c:.1f} °C'
-
-
-def test_the_reserve_is_that_of_each_leg(itinerary):
-    figure, _ = itinerary
-    levels = {float(line.get_ydata()[0]) for line in figure.axes[2].get_lines()
-              if len(set(line.get_ydata())) == 1}
-    assert levels == {15.0, 40.0}
-
-
 def test_a_route_shows_speed_power_and_ambient_with_units():
     route = constant_route(steps=3, propulsion_power_rms_w=17e3)
     speed, power, ambient = make_route_figure('a$b', route).axes
@@ -315,10 +206,3 @@ def test_a_comparison_keeps_each_method_s_colour_as_driven(alpine):
         plan, replace(plan, method='paper, driven')], 'title')
     assert curves(figure.axes[1], look_of('paper').colour)
     assert 'paper (published heuristic), limits kept: ' in ''.join(texts(figure.axes[0]))
-
-
-def test_a_comparison_has_four_panels_unless_every_one_is_asked_for(compared):
-    panels, plans = compared
-    assert len(panels) == 4
-    figure = make_plan_figure(VEHICLE, constant_route(), Goal(25.0), plans, 'title', every_panel=True)
-    assert len(figure.axes) == len(PANELS)

@@ -10,12 +10,9 @@ import pytest
 from bev_preheat.estimation.belief import Belief, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.prior import (
-    described_lags,
     FACTOR_BOUNDS,
     Lags,
     Learned,
-    nothing_learned,
-    prior_factor_covariance,
     RISES,
 )
 from bev_preheat.estimation.state import (
@@ -99,15 +96,6 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
 
 
-def test_weights_follow_the_likelihoods():
-    belief = placed()
-    before = belief.weights.copy()
-    variance = belief.covariance[..., 0, 0] + np.square(NOISES_K)
-    belief = belief.with_temperature(-4.0, 0.0)
-    expected = before * np.exp(-0.5 * 1.0 / variance) / np.sqrt(variance)
-    assert belief.weights == pytest.approx(expected / expected.sum(), rel=1e-3)
-
-
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
     belief = replace(
@@ -120,22 +108,6 @@ def test_mixing_keeps_mean_and_spread_of_all():
     assert belief.weights.sum() == pytest.approx(1.0)
     assert mixed_mean == pytest.approx(mean, rel=1e-9)
     assert mixed_covariance == pytest.approx(covariance, rel=1e-6, abs=1e-12)
-
-
-def test_each_hypothesis_sees_its_own_heater():
-    belief = placed()
-    cold = belief.mean[..., TEMPERATURE].copy()
-    # Heat that has not arrived is under way.
-    belief = belief.mixed(10.0).moved(VEHICLE, 10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
-    gained_k = (belief.mean[..., TEMPERATURE] + belief.mean[..., UNDER_WAY] - cold)[:, 0]
-    by_share = dict(zip(SHARES[:-1], gained_k))
-    full_k = by_share[1.0] - by_share[0.0]
-    # The heater's share of the power is missing in the drive, and its heat, too.
-    heat_share = VEHICLE.hvch.efficiency - VEHICLE.drivetrain.heat_share
-    assert full_k == pytest.approx(
-        10.0 * heat_share * LIMIT_W / VEHICLE.battery.heat_capacity_j_per_k, rel=1e-6)
-    for share, own_k in by_share.items():
-        assert own_k - by_share[0.0] == pytest.approx(share * full_k, rel=1e-6)
 
 
 def test_without_a_route_only_the_uncertainty_grows():
@@ -178,14 +150,6 @@ def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
     for _ in range(60):
         belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
     assert abs(belief.mean[0, 0, LOCAL]) < 0.01
-
-
-def test_other_evidence_weighs_the_heaters_by_its_likelihoods():
-    belief = placed()
-    before, logs = belief.weights.copy(), np.linspace(-700.0, -703.0, len(SHARES))
-    belief = belief.weighed(logs.tolist())
-    expected = before * np.exp(logs + 700.0)[:, np.newaxis]
-    assert belief.weights == pytest.approx(expected / expected.sum())
 
 
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
@@ -246,18 +210,6 @@ def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them
         assert (belief.mean[..., FACTORS] == 0.0).all()
 
 
-def test_a_file_without_deviations_has_the_spreads_to_the_last_digit():
-    assert VEHICLE.uncertainty == Uncertainty()
-    assert Belief.of(VEHICLE).covariance[0, 0, FACTORS, FACTORS].tolist() == np.diag(
-        [0.058**2, 0.115**2, 0.115**2, 0.029**2, 0.08**2]).tolist()
-
-
-def test_learned_values_count_more_than_the_deviations_of_the_file():
-    car = replace(VEHICLE, uncertainty=Uncertainty(resistance=0.06))
-    learned = Learned(np.full(5, 0.01), 0.01 * prior_factor_covariance())
-    assert Belief.of(car, learned).covariance[0, 0, FACTORS, FACTORS].tolist() == learned.covariance.tolist()
-
-
 def test_lags_that_a_vehicle_file_describes_are_begun_with():
     path = HeatPath(30.0, 20e3, 400.0, 60.0)
     belief, unknown = Belief.of(replace(VEHICLE, heat_path=path)), Belief.of(VEHICLE)
@@ -267,35 +219,6 @@ def test_lags_that_a_vehicle_file_describes_are_begun_with():
     assert lags_s == pytest.approx([80.0, 60.0])
     for index in (HEAT_LAG, SENSOR_LAG):
         assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
-
-
-def test_lags_that_were_learned_count_more_than_those_of_the_vehicle_file():
-    learned = replace(nothing_learned(), lags=Lags(np.array([0.3, -0.4]), np.array([0.01, 0.02])))
-    belief = Belief.of(replace(VEHICLE, heat_path=HeatPath(30.0, 20e3, 400.0, 60.0)), learned)
-    assert belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]].tolist() == [0.3, -0.4]
-    assert belief.covariance[0, 0, HEAT_LAG, HEAT_LAG] == 0.01
-
-
-def test_a_lag_that_the_vehicle_file_leaves_out_is_unknown():
-    described, unknown = described_lags(HeatPath(heater_lag_s=30.0)), described_lags(HeatPath())
-    assert described.logs.tolist() == [np.log(30.0 / NOMINAL_HEAT_LAG_S), 0.0]
-    assert described.variances[0] < unknown.variances[0]
-    assert described.variances[1] == unknown.variances[1]
-    assert unknown.logs.tolist() == [0.0, 0.0]
-
-
-def test_a_lag_beyond_what_is_estimated_is_begun_with_at_the_bound():
-    assert described_lags(HeatPath(heater_lag_s=300.0)).logs[0] == np.log(250.0 / NOMINAL_HEAT_LAG_S)
-
-
-def test_lags_are_open_over_what_they_may_be():
-    belief = placed()
-    deviations = np.sqrt(belief.covariance[0, 0, [HEAT_LAG, SENSOR_LAG], [HEAT_LAG, SENSOR_LAG]])
-    nominal_s = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
-    # Two standard deviations up: heater and coolant of 90 s and 200 s, a sensor of 120 s.
-    assert (nominal_s * np.exp(2.0 * deviations) > [250.0, 120.0]).all()
-    # And two down: hardly any.
-    assert (nominal_s * np.exp(-2.0 * deviations) < 6.0).all()
 
 
 def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
@@ -310,13 +233,6 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
     assert gained_k[0] == pytest.approx(np.ones(len(NOISES_K)), abs=0.05)
     assert np.abs(behind_k[0]).max() < 0.05
-
-
-def test_a_filter_that_means_nothing_any_more_begins_anew():
-    belief = changed(placed(), [(TEMPERATURE, 500.0)], [(TEMPERATURE, 1e4)])
-    belief = belief.with_temperature(-5.0, 0.0)
-    assert belief.mean[0, 0, TEMPERATURE] == pytest.approx(belief.mean[0, 0, SENSOR])
-    assert belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] < 1.0
 
 
 def test_coolant_gets_warm_with_the_battery():

@@ -55,31 +55,6 @@ def test_the_charge_proves_it_where_the_current_is_steady(sign, expected):
     assert (found, proven_s) == (expected, pytest.approx(13, abs=2))
 
 
-@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
-def test_a_charge_in_whole_percent_takes_its_step(sign, expected):
-    proven_s, found = drive(sign, deviation_a=0.0, soc_step=0.01, fixed_voltage=True)
-    assert found is expected
-    # 1 % lasts 48 s.
-    assert proven_s <= 2 * 48 + 5
-
-
-@pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
-def test_charging_tells_as_much_as_driving(sign, expected):
-    assert drive(sign, charging=True, deviation_a=0.0)[1] is expected
-
-
-def test_a_charge_that_never_moves_proves_nothing():
-    assert all(watch.sign is Sign.UNKNOWN for watch in signs([(380.0, 45.0, 0.5)] * 3000))
-
-
-def test_a_later_proof_replaces_the_one_before():
-    found = signs([(380.0, -45.0 if second < 100 else 45.0, 0.7 - second * 45.0 / CAPACITY_AS)
-                   for second in range(200)])
-    assert found[99].sign is Sign.REVERSED
-    assert 'fell' in found[99].evidence and 'rises' in found[99].evidence
-    assert found[-1].sign is Sign.RIGHT
-
-
 @pytest.mark.parametrize('jump', [-0.1, 0.02, 0.1])
 @pytest.mark.parametrize('soc_step', [0.0, 0.005])
 def test_a_charge_that_jumps_once_says_nothing_of_the_current(jump, soc_step):
@@ -90,12 +65,6 @@ def test_a_charge_that_jumps_once_says_nothing_of_the_current(jump, soc_step):
     found = [watch.sign for watch in signs(samples)]
     assert Sign.REVERSED not in found
     assert found[-1] is Sign.RIGHT
-
-
-def test_noise_of_a_charge_proves_nothing():
-    drawn = random.Random(5)
-    assert all(watch.sign is not Sign.REVERSED for watch in signs([
-        (380.0, 45.0, 0.6 - second * 45.0 / CAPACITY_AS + drawn.gauss(0.0, 0.003)) for second in range(2000)]))
 
 
 def test_noise_of_voltage_and_current_proves_nothing():

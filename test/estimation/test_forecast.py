@@ -8,7 +8,7 @@ from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import FACTORS, PROPULSION, SIZE, SOC, TEMPERATURE, UNDER_WAY
+from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE, UNDER_WAY
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -61,13 +61,6 @@ def test_sensitivities_are_central_differences_of_drives(name, index):
                 - arrival_c(vehicle, route, state, plan, -step)) / 0.04
     # Steps of a minute with the rates at their beginning (Euler).
     assert sensitivities[index] == pytest.approx(expected, rel=0.05, abs=0.05)
-
-
-@pytest.mark.parametrize('name', TRIPS)
-def test_sensitivity_to_each_segments_power_adds_up_to_that_of_all(name):
-    vehicle, route, _, plan = planned(name)
-    total, by_step = arrival_sensitivities(make_trip(vehicle, route), plan)
-    assert by_step.sum() == pytest.approx(total[PROPULSION])
 
 
 def estimate_with(covariance):

@@ -6,14 +6,11 @@ import pytest
 
 from bev_preheat.estimation.hypotheses import (
     Heater,
-    heater_power_w,
     HeaterReport,
     HEATERS,
     is_suspect,
     judge,
-    prior_weights,
     SHARES,
-    STUCK,
     Suspicion,
     transitions,
 )
@@ -28,7 +25,6 @@ from bev_preheat.tunables import (
     NO_CONTRADICTION,
     REPAIR_S,
     SUSPECT_FROM,
-    TAKEN_BACK_BELOW,
     TOLD_FROM,
 )
 
@@ -40,19 +36,6 @@ def weights_of(**by_kind):
     kinds = {Heater[name.upper()]: weight for name, weight in by_kind.items()}
     kinds.setdefault(Heater.ANSWERS, 1.0 - sum(kinds.values()))
     return np.array([kinds.get(kind, 0.0) / HEATERS.count(kind) for kind in HEATERS])
-
-
-def test_prior_is_a_distribution_in_which_a_fault_is_rare():
-    weights = prior_weights()
-    assert weights.sum() == pytest.approx(1.0)
-    assert weights[1:].sum() < 0.01
-
-
-@pytest.mark.parametrize('duration_s', [0.0, 1.0, 10.0, 3600.0, 1e7])
-def test_transitions_are_probabilities(duration_s):
-    matrix = transitions(duration_s)
-    assert matrix.sum(axis=1) == pytest.approx(np.ones(COUNT))
-    assert (matrix >= 0.0).all()
 
 
 def test_transitions_of_two_steps_are_those_of_both():
@@ -67,22 +50,6 @@ def test_faults_come_and_go_at_the_rates_that_are_said():
     assert matrix[1:, 0] == pytest.approx(np.full(COUNT - 1, 1.0 / REPAIR_S), rel=1e-3)
 
 
-@pytest.mark.parametrize('command_w, limit_w', [(0.0, 5300.0), (5300.0, 5300.0), (5300.0, 2000.0)])
-def test_each_heater_gives_its_share_within_what_there_is(command_w, limit_w):
-    power_w = heater_power_w(command_w, limit_w)
-    assert power_w[:STUCK] == pytest.approx(np.minimum(np.array(SHARES[:STUCK]) * command_w,
-                                                       limit_w))
-    assert power_w[STUCK] == limit_w
-
-
-def test_a_fault_is_told_when_it_is_all_but_sure():
-    below, above = TOLD_FROM - 0.002, TOLD_FROM + 0.002
-    assert judge(weights_of(dead=below), None).heater is Heater.ANSWERS
-    report = judge(weights_of(dead=above), None)
-    assert (report.heater, report.share) == (Heater.DEAD, 0.0)
-    assert report.probability == pytest.approx(above)
-
-
 def test_a_fault_is_told_after_a_while_and_then_stays_told():
     weights = weights_of(derated=TOLD_FROM + 0.002)
     assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
@@ -94,29 +61,6 @@ def test_a_fault_is_told_after_a_while_and_then_stays_told():
         weights_of(
             derated=0.5), reports[1], suspicion=Suspicion(
             0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
-
-
-def test_a_fault_is_taken_back_only_when_it_is_unlikely():
-    told = HeaterReport(Heater.DEAD, 0.99, 0.0)
-    assert judge(weights_of(dead=TAKEN_BACK_BELOW + 0.01), told).heater is Heater.DEAD
-    assert judge(weights_of(dead=TAKEN_BACK_BELOW - 0.01), told).heater is Heater.ANSWERS
-
-
-def test_that_there_is_a_fault_is_told_before_it_is_clear_which():
-    report = judge(weights_of(dead=0.4, derated=0.597), None)
-    assert report.heater is Heater.DERATED
-
-
-def test_a_told_fault_is_kept_until_another_is_three_times_as_likely():
-    told = HeaterReport(Heater.DEAD, 0.99, 0.0)
-    assert judge(weights_of(dead=0.3, derated=0.7), told).heater is Heater.DEAD
-    assert judge(weights_of(dead=0.2, derated=0.8), told).heater is Heater.DERATED
-
-
-def test_share_of_a_derated_heater_is_the_mean_of_what_is_likely():
-    weights = np.zeros(COUNT)
-    weights[SHARES.index(0.25)], weights[SHARES.index(0.5)] = 0.6, 0.4
-    assert judge(weights, None).share == pytest.approx(0.35)
 
 
 # Evidence specific to the fault
@@ -172,13 +116,6 @@ def test_power_alone_is_not_enough_for_uncommanded_heat():
     # Any other consumer would look the same.
     assert not told('stuck_on', SHORT, 20.0)
     assert not told('stuck_on', LONG_ON, 20.0)
-
-
-def test_a_fault_that_has_been_told_stays_told_without_new_evidence():
-    for kind in ('dead', 'derated', 'stuck_on'):
-        before = judge(weights_of(**{kind: 0.999}), None)
-        after = judge(weights_of(**{kind: 0.9}), before, Suspicion(0.0, 0.0, 0.0, 0.0), lambda _: -9.0)
-        assert after.heater is before.heater is Heater[kind.upper()]
 
 
 # Suspicion

@@ -5,10 +5,9 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
-import numpy as np
 import pytest
 
-from bev_preheat.estimation.readings import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.estimation.signal_checks import electrical_check, PercentScale, SeenState, SourceWatch
 from bev_preheat.vehicle import load_vehicle
 
@@ -34,15 +33,6 @@ def test_two_batteries_in_turn_contradict_each_other(pattern):
     assert 'contradict the one before' in doubt and '24 V' in doubt and '400 V' in doubt
 
 
-def test_two_batteries_of_one_voltage_differ_in_temperature():
-    states = [(1.0, 0.6, 400.0), (24.0, 0.6, 400.0)] * 20
-    named, doubt = feed(states)
-    assert named == 4
-    # It may be a noisy sensor, too.
-    assert doubt.startswith('battery_state comes from two batteries, or its temperature jumps: ')
-    assert feed([(1.0, 0.6, None), (24.0, 0.6, None)] * 20)[0] == 4
-
-
 def test_names_tell_them_apart():
     named, doubt = feed([(5.0, 0.8, None, 'front'), (5.0, 0.8, None, 'rear')] * 5)
     assert named == 4
@@ -61,21 +51,6 @@ def test_noise_charging_and_heating_are_one_battery():
     states = [(5.0 + 0.02 * second + drawn.gauss(0.0, 0.7), 0.4 + 4e-4 * second + drawn.gauss(0.0, 0.004),
                380.0 + drawn.gauss(0.0, 15.0)) for second in range(900)]
     assert feed(states)[0] is None
-
-
-def test_one_battery_again_ends_the_doubt():
-    assert feed([AUXILIARY, TRACTION] * 20 + [TRACTION] * 60)[1] == ''
-
-
-def test_a_night_between_two_states_is_no_contradiction():
-    assert feed([TRACTION, AUXILIARY] * 6, 32400.0) == (None, '')
-
-
-def test_a_name_without_end_is_shortened():
-    _, doubt = feed([(5.0, 0.5, 400.0, ''), (5.0, 0.5, 400.0, 'x' * 100_000)] * 3)
-    assert doubt.startswith('battery_state comes from two batteries: ')
-    assert 'one without a name' in doubt
-    assert len(doubt) < 300
 
 
 # U = 365 + 75 s + 15 s^3 [V], R = 4.3125 / (T + 45) [ohm].
@@ -145,10 +120,6 @@ def test_a_value_below_1_after_values_above_it_is_on_their_scale():
     assert all(later)
 
 
-def test_the_voltage_may_vouch_for_it():
-    assert doubts(scale_after(1.2), (110.0, 0.8, lambda: True), (111.0, 0.8, never)) == ['', '']
-
-
 def test_a_stray_value_among_valid_ones_changes_nothing():
     scale, sentence = PercentScale().seen(100.0, 0.79, never)
     assert sentence == ''
@@ -158,10 +129,6 @@ def test_a_stray_value_among_valid_ones_changes_nothing():
 @pytest.mark.parametrize('refused', [-0.3, 1.0, 655.35, float('nan')])
 def test_values_of_no_scale_of_100_say_nothing(refused):
     assert doubts(scale_after(refused), (110.0, 0.8, never)) == ['']
-
-
-def test_it_is_forgotten_after_a_while():
-    assert doubts(scale_after(1.2), (100.0 + 601.0, 0.8, never)) == ['']
 
 
 def found(values, steps=TEMPERATURE_STEPS_K):
@@ -176,14 +143,6 @@ def found(values, steps=TEMPERATURE_STEPS_K):
     ([-7.0, -6.8], 0.2), ([-7.0, -6.9], 0.1), ([-7.0, -6.998], 0.0), ([-7.5, -6.8], 0.1)])
 def test_steps_of_a_temperature(values, step):
     assert found(values) == step
-
-
-def test_single_precision_hides_no_step():
-    assert found([float(np.float32(value)) for value in (-7.1, -6.9, 12.3, 59.9)]) == 0.1
-
-
-def test_steps_of_a_state_of_charge():
-    assert found([0.9, 0.895, 0.89], SOC_STEPS) == 0.005
 
 
 @given(st.lists(st.integers(-40, 60), min_size=1, max_size=80), st.sampled_from([1.0, 0.5, 0.25]))

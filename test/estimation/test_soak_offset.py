@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.soak import after_soak, expected_offset_k, Soak
+from bev_preheat.estimation.soak import after_soak, expected_offset_k
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
@@ -34,33 +34,6 @@ def test_a_battery_cools_as_the_vehicles_leakage_lets_it():
         warmer_k -= gamma * warmer_k / VEHICLE.battery.heat_capacity_j_per_k
     assert after_soak(VEHICLE, -7.0, 7200.0).temperature_c == pytest.approx(
         -7.0 + warmer_k, abs=1e-3)
-
-
-def test_after_a_day_a_battery_is_at_ambient_temperature():
-    assert NIGHT.temperature_c == pytest.approx(-7.0, abs=0.01)
-    assert NIGHT.deviation_k == pytest.approx(AMBIENT_DEVIATION_K, rel=1e-3)
-
-
-def test_a_battery_that_was_just_parked_may_have_any_temperature():
-    assert after_soak(VEHICLE, -7.0, 0.0) == Soak(-7.0 + PARKED_WARMER_K, PARKED_DEVIATION_K)
-
-
-def test_the_longer_it_stands_the_better_its_temperature_is_known():
-    deviations_k = [after_soak(VEHICLE, 0.0, hours * HOUR_S).deviation_k
-                    for hours in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
-    assert deviations_k == sorted(deviations_k, reverse=True)
-
-
-def test_a_battery_that_loses_no_heat_is_never_known_better():
-    leakage = replace(VEHICLE.battery.leakage, gamma_0_w_per_k=0.0)
-    tight = replace(VEHICLE, battery=replace(VEHICLE.battery, leakage=leakage))
-    assert after_soak(tight, -7.0, 1e300) == Soak(-7.0 + PARKED_WARMER_K, PARKED_DEVIATION_K)
-
-
-@pytest.mark.parametrize('standing_s', [1e9, 1e300])
-def test_a_car_that_stood_for_ever_has_a_number(standing_s):
-    standing = after_soak(VEHICLE, -7.0, standing_s)
-    assert (standing.temperature_c, standing.left_deviation_k) == pytest.approx((-7.0, 0.0))
 
 
 @pytest.mark.parametrize('share, uncertainty', [
@@ -109,10 +82,6 @@ def test_a_difference_is_shared_between_sensor_and_forecast(difference_k):
     assert cold == pytest.approx(-warm, abs=0.01)
 
 
-def test_a_battery_that_just_stopped_says_next_to_nothing_of_its_sensor():
-    assert abs(expected_offset_k(after_soak(VEHICLE, -7.0, 60.0), -2.0, NOISE)) < 0.2
-
-
 def test_a_car_from_a_garage_keeps_its_temperature():
     # 22 K warmer than outside: no sensor has such an offset.
     assert abs(expected_offset_k(NIGHT, 15.0, NOISE)) < 0.01
@@ -143,19 +112,3 @@ def test_the_estimator_subtracts_the_offset_from_this_reading_on(seen_before):
     # After a gap the battery restarts from the next reading; the sensor is the same.
     estimator = estimator.observed(state(500.0, -4.0), (), VEHICLE)
     assert estimator.estimate.temperature_c == pytest.approx(-4.0 - offset_k)
-
-
-def test_a_reset_forgets_the_offset():
-    estimator = Estimator.of(VEHICLE)
-    estimator = estimator.after_soak(NIGHT)
-    estimator = estimator.observed(state(0.0, -5.0), (), VEHICLE)
-    estimator = estimator.restarted(VEHICLE, 'another sensor', 0)
-    estimator = estimator.observed(state(1.0, 3.0), (), VEHICLE)
-    assert estimator.estimate.temperature_c == pytest.approx(3.0)
-    assert estimator.estimate.sensor_offset_k == 0.0
-
-
-def test_without_standing_the_sensor_is_believed():
-    estimator = Estimator.of(VEHICLE)
-    estimator = estimator.observed(state(0.0, -5.0), (), VEHICLE)
-    assert estimator.estimate.sensor_offset_k == 0.0

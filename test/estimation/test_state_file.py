@@ -15,7 +15,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
-from bev_preheat.estimation.before_restart import CancelledTrip, DriverChoices, EndedTrip, LastSeen, NO_CHOICES
+from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
 from bev_preheat.estimation.prior import nothing_learned
 from bev_preheat.estimation.state_file import (
     as_entry,
@@ -23,7 +23,6 @@ from bev_preheat.estimation.state_file import (
     learned_from,
     load_state,
     MOST_CARS,
-    Recalled,
     save_state,
 )
 
@@ -81,13 +80,6 @@ def test_what_was_learned_with_another_vehicle_file_is_kept_and_not_taken_over(s
     assert recalled.damage == ''
 
 
-def test_no_file_is_nothing_learned(tmp_path):
-    path = tmp_path / 'none.json'
-    check_state_file(path)
-    assert load_state(path, CAR).learned is None
-    assert not path.exists()
-
-
 @pytest.mark.costly
 def test_the_car_that_was_written_longest_ago_gives_way(state_file):
     for number in range(MOST_CARS - 1):
@@ -114,24 +106,6 @@ def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_pa
     assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
 
 
-def test_a_car_without_lags_stays_one_without(tmp_path):
-    """Versions before 0.3.0 wrote no lags."""
-    path = tmp_path / 'state.json'
-    path.write_text(written_by_version_0_2(format_1()))
-    save_state(path, OTHER, UNKNOWN)
-    assert set(json.loads(path.read_text())['cars'][CAR]) == {'log_factors', 'covariance'}
-    recalled = load_state(path, CAR)
-    assert recalled.damage == ''
-    assert recalled.learned.lags is None
-
-
-def test_home_is_expanded(tmp_path, monkeypatch):
-    monkeypatch.setenv('HOME', str(tmp_path))
-    save_state('~/learned/state.json', CAR, learned())
-    assert load_state(tmp_path / 'learned' / 'state.json', CAR).learned is not None
-    assert load_state('~/learned/state.json', CAR).learned is not None
-
-
 def test_a_file_that_vanished_is_written_anew(state_file):
     state_file.unlink()
     state_file.parent.rmdir()
@@ -142,42 +116,6 @@ def test_a_file_that_vanished_is_written_anew(state_file):
 # Last seen, and the driver
 
 SEEN, SEEN_LATER = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001), LastSeen(-3.25, 0.75, 7)
-CHOICES = DriverChoices(5, CancelledTrip('to the café', 2, 3), 11, EndedTrip('home', 13, 17, True))
-
-
-def test_last_seen_and_choices_come_back(state_file):
-    save_state(state_file, CAR, learned(), SEEN, CHOICES)
-    recalled = load_state(state_file, CAR)
-    assert (recalled.last_seen, recalled.choices, recalled.damage) == (SEEN, CHOICES, '')
-    assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
-
-
-def test_each_car_has_been_seen_by_itself_but_the_driver_is_one(state_file):
-    save_state(state_file, CAR, None, SEEN, CHOICES)
-    save_state(state_file, OTHER, UNKNOWN, SEEN_LATER)
-    assert load_state(state_file, CAR).last_seen == SEEN
-    assert load_state(state_file, OTHER).last_seen == SEEN_LATER
-    assert load_state(state_file, CAR).choices == load_state(state_file, 'c' * 64).choices == CHOICES
-    save_state(state_file, OTHER, None, None, NO_CHOICES)
-    assert load_state(state_file, CAR).choices == NO_CHOICES
-
-
-def test_what_is_not_given_stays_as_it_was(state_file):
-    save_state(state_file, CAR, None, SEEN)
-    assert load_state(state_file, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
-    save_state(state_file, CAR, learned())
-    assert load_state(state_file, CAR).last_seen == SEEN
-
-
-def test_a_car_that_was_only_seen_has_nothing_learned(tmp_path):
-    path = tmp_path / 'state.json'
-    save_state(path, CAR, None, None, CHOICES)
-    assert load_state(path, CAR) == Recalled(choices=CHOICES)
-    save_state(path, CAR, None, SEEN)
-    assert load_state(path, CAR) == Recalled(None, SEEN, CHOICES)
-    save_state(path, CAR, learned())
-    assert load_state(path, CAR).last_seen == SEEN
-    assert load_state(path, CAR).learned is not None
 
 
 def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_path):
@@ -339,17 +277,6 @@ def test_a_damaged_file_of_ours_is_kept_aside_and_a_new_one_begun(tmp_path, cont
     assert load_state(path, CAR).learned is not None
     assert load_state(path, CAR).damage == ''
     assert sorted(os.listdir(tmp_path)) == ['state.json', 'state.json.damaged']
-
-
-def test_files_that_were_kept_aside_before_stay(tmp_path):
-    path = tmp_path / 'state.json'
-    for number in range(3):
-        path.write_text(WHOLE[:50 + number])
-        save_state(path, CAR, learned())
-    kept = {name: (tmp_path / name).read_text() for name in os.listdir(tmp_path)}
-    del kept['state.json']
-    assert kept == {'state.json.damaged': WHOLE[:50], 'state.json.damaged.2': WHOLE[:51],
-                    'state.json.damaged.3': WHOLE[:52]}
 
 
 def test_what_is_sound_in_a_damaged_file_goes_on(tmp_path):

@@ -35,11 +35,6 @@ def test_only_a_regular_file_is_opened(read, reason, tmp_path):
         read(path)
 
 
-def test_a_name_that_no_file_can_have_is_refused():
-    with pytest.raises(InvalidInput, match='no such file'):
-        read_text('a\0b.yaml')
-
-
 def test_text_is_read_from_the_home_folder_up_to_a_size(tmp_path, monkeypatch):
     monkeypatch.setenv('HOME', str(tmp_path))
     (tmp_path / 'week.yaml').write_bytes('Müller'.encode())

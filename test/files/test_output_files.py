@@ -18,7 +18,6 @@ from bev_preheat.files import output_files
 from bev_preheat.files.output_files import (
     check_outputs,
     check_writable,
-    existing_file,
     OutputFile,
     PICTURE_SUFFIXES,
     write_whole,
@@ -153,27 +152,12 @@ def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
     assert old.read_bytes() == OLD
 
 
-def test_a_folder_that_can_be_made_is_made_on_demand(tmp_path):
-    path = tmp_path / 'one' / 'two' / 'x.json'
-    check_outputs([OutputFile('--json', path, make_folder=True)])
-    assert os.listdir() == []
-    write_whole(path, NEW, make_folder=True)
-    assert path.read_bytes() == NEW
-
-
 def test_a_folder_that_cannot_be_made_is_refused_before(old):
     with pytest.raises(InvalidInput, match=f'old.json/two/x: cannot be a file: {os.strerror(errno.ENOTDIR)}'):
         check_writable(old / 'two' / 'x', make_folder=True)
 
 
 # Whole or not at all
-
-def test_new_contents_take_the_place_of_the_old(old):
-    write_whole(old, NEW)
-    assert old.read_bytes() == NEW
-    write_whole(old, 'Wärme\n')
-    assert old.read_text(encoding='utf-8') == 'Wärme\n'
-    assert os.listdir() == ['old.json']
 
 
 CRASH = """
@@ -226,15 +210,6 @@ def test_what_interrupts_leaves_no_temporary_file(old, monkeypatch, error):
     assert old.read_bytes() == OLD
 
 
-def test_it_is_on_the_disk_before_it_takes_the_place(old, monkeypatch):
-    order = []
-    fsync, replace = os.fsync, os.replace
-    monkeypatch.setattr(output_files.os, 'fsync', lambda file: (order.append('fsync'), fsync(file)))
-    monkeypatch.setattr(output_files.os, 'replace', lambda *names: (order.append('replace'), replace(*names)))
-    write_whole(old, NEW)
-    assert order == ['fsync', 'replace']
-
-
 # Modes, links, names
 
 @contextmanager
@@ -244,13 +219,6 @@ def umask(value):
         yield
     finally:
         os.umask(before)
-
-
-@pytest.mark.parametrize('mask, mode', [(0o022, 0o644), (0o027, 0o640), (0o077, 0o600)])
-def test_a_new_file_follows_the_umask(tmp_path, mask, mode):
-    with umask(mask):
-        write_whole(tmp_path / 'new', NEW)
-    assert stat.S_IMODE((tmp_path / 'new').stat().st_mode) == mode
 
 
 @pytest.mark.parametrize('mode', [0o600, 0o664, 0o755])
@@ -288,18 +256,6 @@ def test_a_link_is_written_through(tmp_path, old):
     assert os.listdir('deeper') == ['link']
 
 
-def test_home_is_expanded(tmp_path, monkeypatch):
-    monkeypatch.setenv('HOME', str(tmp_path))
-    write_whole('~/x.json', NEW)
-    assert (tmp_path / 'x.json').read_bytes() == NEW
-
-
-def test_the_longest_name_can_be_written(tmp_path):
-    path = tmp_path / ('x' * 255)
-    write_whole(path, NEW)
-    assert path.read_bytes() == NEW
-
-
 # Inputs and outputs of one run
 
 @pytest.mark.parametrize('spelling', [
@@ -319,43 +275,8 @@ def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch,
         f'--0: old.json: {sentence} {path}, which must not be overwritten']
 
 
-@pytest.mark.parametrize('spelling', ['new', './new', '{folder}/new', 'linked_folder/new', 'dangling'])
-def test_two_outputs_are_two_files_even_before_they_exist(tmp_path, spelling):
-    (tmp_path / 'linked_folder').symlink_to('.')
-    (tmp_path / 'dangling').symlink_to('new')
-    path = spelling.format(folder=tmp_path)
-    assert problems_of('new', path) == [f'--1: {path}: is the same file as --0; each output needs its own file']
-
-
-def test_outputs_beside_inputs_are_fine(old):
-    check_outputs([OutputFile('--json', 'x.json'), OutputFile('--plot', None), OutputFile('--log', 'y')], [old])
-    assert os.listdir() == ['old.json']
-
-
-def test_an_old_result_may_be_written_over(old):
-    check_outputs([OutputFile('--json', old)])
-
-
-def test_each_output_has_its_problem(old):
-    os.mkfifo('pipe')
-    assert problems_of('pipe', old, 'none/x', inputs=[old]) == [
-        '--0: pipe: is a named pipe; only a regular file can be written',
-        f'--1: {old}: is the same file as the input {old}, which must not be overwritten',
-        f'--2: none/x: cannot be written: {os.path.realpath("none")} does not exist']
-
-
 @pytest.mark.parametrize('path', ['x', 'x.', 'x.bmp', '.png', 'x.png.gz', 'folder.png/x'])
 def test_a_picture_needs_a_suffix_that_is_known(path):
     with pytest.raises(InvalidInput) as refused:
         check_outputs([OutputFile('--plot', path, PICTURE_SUFFIXES)])
     assert str(refused.value) == f'--plot: {path}: must end in .png or .svg or .pdf'
-
-
-@pytest.mark.parametrize('path', ['x.png', 'x.SVG', 'x.y.pdf'])
-def test_known_suffixes_are_accepted(path):
-    check_outputs([OutputFile('--plot', path, PICTURE_SUFFIXES)])
-
-
-def test_nothing_there_is_told_from_a_file(old):
-    assert existing_file('none') is None
-    assert existing_file(old).st_size == len(OLD)

@@ -5,8 +5,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.table import read_table
-from bev_preheat.files.times import find_clock
-from bev_preheat.files.units import conversion, QUANTITIES, SPELLINGS, split_unit
+from bev_preheat.files.units import conversion, QUANTITIES, SPELLINGS
 
 # Definitions: 1 mile is 1609.344 m, 1 ft 0.3048 m, a nautical mile 1852 m, 1 hp 550 ft lbf/s.
 KNOWN = [('degF', 'degC', 14.0, -10.0), ('K', 'degC', 263.15, -10.0), ('degC', 'degF', -40.0, -40.0),
@@ -33,14 +32,6 @@ def test_each_spelling_means_one_unit_and_quantities_do_not_mix():
             conversion(unit, wanted)
 
 
-@pytest.mark.parametrize('header, name, unit', [
-    ('Speed [km/h]', 'Speed', 'kilometer/hour'), ('speed_kmh', 'speed', 'kilometer/hour'),
-    ('Zeit, s', 'Zeit', 'second'), ('Elapsed time / s', 'Elapsed time', 'second'),
-    ('Pack T1 C', 'Pack T1', 'degC'), ('socket', 'socket', '')])
-def test_names_end_with_their_unit(header, name, unit):
-    assert split_unit(header) == (name, unit)
-
-
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
 @pytest.mark.parametrize('text', [
     'Fahrt;von Köln\nZeit, s;Höhe, m\n0,5;1,25\n1,5;2,5\n', 'Zeit,Höhe\n[s],[m]\n0.5,1.25\n1.5,2.5\n',
@@ -51,11 +42,3 @@ def test_separators_marks_titles_and_encodings_are_found(tmp_path, text, encodin
     table = read_table(path)
     assert table.units == ('second', 'meter') and [name[:4] for name in table.header] == ['Zeit', 'Höhe']
     assert [table.numbers(name).tolist() for name in table.header] == [[0.5, 1.5], [1.25, 2.5]]
-
-
-@pytest.mark.parametrize('texts, seconds', [
-    (['0', '1.5'], [0.0, 1.5]), (['1970-01-01T00:01:00Z', '1970-01-01 01:01:00.5+01:00'], [60.0, 60.5]),
-    (['1.2.1970 00:00:00', '13.2.1970 00:00:00'], [31 * 86400.0, 43 * 86400.0]),
-    (['23:59:59', '00:00:01'], [86399.0, 86401.0]), (['1700000000000', '1700000000500'], [1.7e9, 1.7e9 + 0.5])])
-def test_times_of_several_forms_are_seconds(texts, seconds):
-    assert find_clock(texts).seconds(texts).tolist() == seconds

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The example package of docs/how-to/own_method.md, installed by pip, through Python and the command line."""
 
-import json
-import os
 import shutil
 import subprocess
 import sys
@@ -54,15 +52,6 @@ def test_it_plans_in_python(installed, vehicle, route):
     np.testing.assert_allclose(plan.hvch_battery_power_w, expected_w)
     warm = bp.plan(vehicle, route, bp.BatteryState(26.0, 0.9), method='last_20_minutes')
     assert warm.heating_start_s is None
-
-
-def test_it_plans_in_a_process_of_its_own(folder):
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(folder), *sys.path])}
-    done = subprocess.run(
-        [sys.executable, '-m', 'bev_preheat', 'plan', *SITUATION, '--method', 'last_10_minutes', '--json', '-'],
-        capture_output=True, text=True, check=True, env=environment)
-    plan = json.loads(done.stdout)
-    assert (plan['method'], plan['heating_start_s']) == ('last_10_minutes', pytest.approx(3000.0))
 
 
 def test_without_the_package_there_is_no_such_method(capsys):

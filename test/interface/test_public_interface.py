@@ -45,11 +45,6 @@ def test_each_public_name_exists_and_is_documented():
         assert getattr(bp, name).__doc__
 
 
-def test_no_other_name_is_there():
-    with pytest.raises(AttributeError, match='has no attribute .supervisor.'):
-        bp.supervisor  # noqa: B018
-
-
 def test_each_public_name_is_in_the_api_reference():
     directives = re.findall(r'^\.\. auto(function|class|exception):: (\w+)$', PAGE.read_text(), re.MULTILINE)
     assert sorted(name for _, name in directives) == sorted(bp.__all__)
@@ -61,15 +56,6 @@ def test_each_public_name_is_in_the_api_reference():
 
 SHEET = {'chemistry': 'nmc', 'charging_power_kw': 135.0, 'usable_energy_kwh': 77.0, 'gross_energy_kwh': 82.0,
          'battery_mass_kg': 493.0, 'cells_in_series': 96, 'vehicle_mass_kg': 2200.0}
-
-
-def test_a_vehicle_of_a_data_sheet_is_that_of_the_command(tmp_path):
-    file = tmp_path / 'own.yaml'
-    options = [word for name, value in SHEET.items() for word in (f'--{name.replace("_", "-")}', str(value))]
-    assert main(['vehicle', 'new', '--output', str(file), '--name', 'own', *options]) == 0
-    made, loaded = bp.make_vehicle('own', **SHEET), bp.load_vehicle(file)
-    assert 'battery.resistance' in made.assumed
-    assert vars(made) == vars(loaded)
 
 
 @pytest.mark.parametrize('wrong, message', [
@@ -120,12 +106,6 @@ def test_a_share_in_percent_is_refused(vehicle, route):
         bp.plan(vehicle, route, bp.BatteryState(-7.0, soc=80.0))
 
 
-def test_a_number_is_a_target(vehicle, route):
-    assert bp.plan(vehicle, route, STATE, 18.0).arrival_temperature_c == pytest.approx(18.0, abs=1e-3)
-    assert bp.plan(vehicle, route, STATE, bp.Goal(18.0)).heating_start_s == bp.plan(
-        vehicle, route, STATE, 18.0).heating_start_s
-
-
 def test_worth_is_that_of_the_command(worth, capsys):
     shown = json_of(capsys, 'worth', *SITUATION, '--charger-power', '150000', '--departure-soc', '0.8')
     assert (worth.best_target_c, worth.verdict) == (shown['best']['target_c'], shown['verdict'])
@@ -151,67 +131,6 @@ def test_all_methods_beside_the_optimum(vehicle, route):
     assert compared.above_optimum_wh['value_function'] == pytest.approx(0.0, abs=0.01)
     assert compared.above_optimum_wh['paper'] > 1.0
     assert compared.optimum.marginal_cost_wh_per_k > 0.0 and compared.optimum.infeasible == ()
-
-
-def test_a_drive_of_a_car_that_differs_from_its_file(vehicle, short_route):
-    drive = bp.drive(vehicle, short_route, WARMER, mismatch=bp.Mismatch(heat_capacity=1.1),
-                     sensors=bp.Sensors(temperature_resolution_k=1.0, period_s=PERIOD_S))
-    assert abs(drive.arrival_error_k) < 0.5 and drive.heater_verdict == 'answers'
-    assert drive.time_s[-1] == pytest.approx(short_route.total_duration_s, abs=PERIOD_S)
-    assert set(np.unique(drive.command_w > 0.0)) == {False, True}
-
-
-def test_a_dead_heater_is_found(vehicle, short_route):
-    drive = bp.drive(vehicle, short_route, bp.BatteryState(5.0, 0.9),
-                     sensors=bp.Sensors(period_s=PERIOD_S), heater_faults=[bp.HeaterFault(0.0, share=0.0)])
-    assert drive.heater_verdict == 'dead' and drive.arrival_error_k < -5.0
-
-
-def test_a_route_of_numbers(vehicle):
-    route = bp.make_route({'duration_s': [600.0, 1200.0], 'speed_mps': 20.0, 'propulsion_power_w': [10e3, 15e3],
-                           'ambient_temperature_c': -5.0}, vehicle)
-    assert route.total_duration_s == 1800.0
-    with pytest.raises(bp.InvalidInput, match=r'speed_mps\[0\]: -1 is not allowed'):
-        bp.make_route({'duration_s': [600.0], 'speed_mps': -1.0, 'propulsion_power_w': 1e4,
-                       'ambient_temperature_c': 0.0}, vehicle)
-
-
-@pytest.mark.needs('matplotlib')
-def test_the_picture_of_a_drive_is_a_file(drive, tmp_path):
-    path = tmp_path / 'result.png'
-    drive.plot(path)
-    assert path.read_bytes().startswith(b'\x89PNG')
-
-
-@pytest.mark.needs('pandas')
-def test_the_frame_of_a_plan(vehicle, route):
-    plan = bp.plan(vehicle, route, STATE)
-    frame = plan.to_frame()
-    assert list(frame.columns) == ['battery_temperature_c', 'soc', 'hvch_battery_power_w']
-    np.testing.assert_array_equal(frame.index, plan.time_s)
-    assert frame.index.name == 'time_s' and len(frame) == len(route) + 1
-    assert frame['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=1e-3)
-    # A power holds until the next instant, so the arrival has no power.
-    assert np.isnan(frame['hvch_battery_power_w'].iloc[-1])
-    assert frame['hvch_battery_power_w'].iloc[:-1].tolist() == plan.hvch_battery_power_w.tolist()
-
-
-@pytest.mark.needs('pandas')
-def test_the_frame_of_a_session(vehicle):
-    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
-    frame = session.to_frame()
-    assert frame.index[-1] == pytest.approx(session.charging_time_s)
-    assert frame['soc'].iloc[0] == 0.2 and frame['soc'].iloc[-1] == pytest.approx(0.8, abs=1e-6)
-    assert np.isnan(frame['charging_power_w'].iloc[-1]) and not frame.iloc[:-1].isna().to_numpy().any()
-    with pytest.raises(KeyError):
-        frame['power']
-
-
-@pytest.mark.needs('pandas')
-def test_the_frame_of_a_session_that_does_not_end(vehicle):
-    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 1e3, 0.8, -7.0, auxiliary_power_w=2e3)
-    assert session.problem is not None
-    assert session.to_frame().index.name == 'time_s'
 
 
 @pytest.mark.needs('pandas')

@@ -85,16 +85,6 @@ def test_plot_returns_the_axes(results, name, tmp_path):
         results[name].plot(tmp_path / 'a.png', axis)
 
 
-@pytest.mark.needs('matplotlib')
-def test_the_main_panel_of_a_plan_has_its_temperatures(results):
-    from matplotlib.figure import Figure
-    plan, axis = results['plan'], Figure().subplots()
-    course, target = plan.plot(ax=axis).get_lines()
-    np.testing.assert_allclose(course.get_xdata(), plan.time_s / 60.0)
-    np.testing.assert_allclose(course.get_ydata(), plan.battery_temperature_c)
-    assert set(target.get_ydata()) == {25.0}
-
-
 def test_a_function_is_a_method(vehicle, route, short_route):
     plan = bp.plan(vehicle, route, STATE, method=last_20_minutes)
     expected_w = np.where(route.time_s[1:] > route.total_duration_s - 1200.0 + 1e-6,
@@ -105,23 +95,6 @@ def test_a_function_is_a_method(vehicle, route, short_route):
                      sensors=bp.Sensors(period_s=4.0))
     assert drive.arrival_error_k > 3.0 and (drive.command_w[2:len(drive.command_w) // 2] > 0.0).all()
     assert bp.methods() == ('value_function', 'optimal_switch', 'paper')
-
-
-def test_a_function_that_is_defined_anew_counts(vehicle, route):
-    def heats(situation):
-        return np.zeros(len(situation.route))
-    assert bp.plan(vehicle, route, STATE, method=heats).heating_start_s is None
-
-    def heats(situation):
-        return situation.full_power(0.0)
-    assert bp.plan(vehicle, route, STATE, method=heats).heating_start_s == 0.0
-
-
-def test_the_mistakes_of_a_function_are_named(vehicle, route):
-    with pytest.raises(bp.PlanningFailure, match='method <lambda> of this program: raised ZeroDivisionError'):
-        bp.plan(vehicle, route, STATE, method=lambda situation: 1 / 0)
-    with pytest.raises(bp.PlanningFailure, match='must be an array of powers in W, one for each step'):
-        bp.plan(vehicle, route, STATE, method=lambda situation: 'much')
 
 
 @pytest.mark.needs('casadi')

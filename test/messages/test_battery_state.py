@@ -9,8 +9,7 @@ from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.battery_state import battery_event, measurement_from_message
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.messages.battery_state import measurement_from_message
 
 STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
 UNSET_STAMP = 'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'
@@ -26,12 +25,6 @@ def problems_of(function, *arguments):
     with pytest.raises(InvalidInput) as refusal:
         function(*arguments)
     return refusal.value.problems
-
-
-def test_battery_state():
-    measurement = measurement_from_message(battery_message())
-    assert (measurement.state, measurement.stamp_ns) == (
-        BatteryState(temperature_c=-5.0, soc=0.5), 1_700_000_000_250_000_000)
 
 
 @pytest.mark.parametrize('fields, problem', [
@@ -50,13 +43,6 @@ def test_bad_battery_state(fields, problem):
     assert problems_of(measurement_from_message, battery_message(**fields)) == [problem]
 
 
-def test_every_bad_field_of_a_battery_state_is_named():
-    problems = problems_of(measurement_from_message,
-                           battery_message(Time(), temperature=nan, percentage=2.0))
-    assert [problem.partition(':')[0] for problem in problems] == [
-        'temperature', 'percentage', 'header.stamp']
-
-
 @pytest.mark.parametrize('soc', [0.0, 1.0])
 def test_the_ends_of_the_state_of_charge_are_allowed(soc):
     message = battery_message(percentage=soc, present=True)
@@ -70,18 +56,6 @@ def test_a_percentage_that_was_rounded_is_that_of_the_end(percentage, soc):
     assert measurement_from_message(battery_message(percentage=percentage)).state.soc == soc
 
 
-def test_the_event_of_a_refused_state_has_its_percentage():
-    assert battery_event(battery_message(percentage=64.0)).percentage == 64.0
-    assert battery_event(battery_message(temperature=nan, percentage=0.25)).percentage == 0.25
-
-
-@pytest.mark.parametrize('hint', ['', 'the publisher sends degrees Fahrenheit'])
-def test_a_hint_follows_the_problems_of_an_unreadable_battery_state(hint):
-    unread = battery_event(battery_message(temperature=nan), hint)
-    without = battery_event(battery_message(temperature=nan))
-    assert unread.error.problems == [*without.error.problems, *([hint] if hint else [])]
-
-
 # Cells: their order, and NaN among them, must not matter.
 CELLS_C = [4.0, nan, 1.5, 9.5]
 
@@ -92,21 +66,6 @@ def test_cells_stand_for_a_temperature_that_is_not_known():
     assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
         5.0, 1.5, 8.0)
     assert measurement.cell_warning == ''
-
-
-def test_a_temperature_goes_before_the_mean_of_the_cells():
-    measurement = measurement_from_message(battery_message(cell_temperature=CELLS_C))
-    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
-        -5.0, 1.5, 8.0)
-
-
-@pytest.mark.parametrize('cells_c', [[], [nan, nan], [inf, -inf]])
-def test_without_a_known_cell_there_is_no_coldest(cells_c):
-    measurement = measurement_from_message(battery_message(cell_temperature=cells_c))
-    assert (measurement.coldest_cell_c, measurement.cell_spread_k, measurement.cell_warning) == (None, None, '')
-    assert problems_of(measurement_from_message, battery_message(
-        temperature=nan, cell_temperature=cells_c)) == [
-            'temperature: nan is not a known value; it must be a finite number, in degC']
 
 
 @pytest.mark.parametrize('code_c, shown', [(215.0, '215'), (-273.0, '-273')])

@@ -3,24 +3,20 @@
 
 from dataclasses import replace
 from math import inf, nan
-from operator import attrgetter
 from pathlib import Path
 import re
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.decision import Decision
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetSource
-from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.factors import NS_PER_S
@@ -30,7 +26,6 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 VEHICLE = load_vehicle('reference')
@@ -38,14 +33,6 @@ EAST = Mission('east', (Leg(None),))
 START_S = 1_700_000_000
 STATE = BatteryState(6.0, 0.4375)
 MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
-
-
-def test_command():
-    message = command_message(
-        Command(4321.0, 12_000_000_345, Status.HEATING), now_ns=10_000_000_678)
-    assert (message.battery_heating_power, message.reason, message.valid_until,
-            message.header.stamp) == (4321.0, HvchCommand.HEATING, Time(sec=12, nanosec=345),
-                                      Time(sec=10, nanosec=678))
 
 
 @pytest.fixture(scope='module')
@@ -62,41 +49,6 @@ def decision():
 @pytest.fixture(scope='module')
 def message(decision):
     return plan_message(decision, EAST, now_ns=99 * NS_PER_S)
-
-
-def test_instants_of_a_plan(message, decision):
-    # It is stamped where its trajectories start.
-    start_ns = round(decision.plan.heating_start_s * NS_PER_S)
-    assert (message.header.stamp, message.route_id, message.heating_planned, nanoseconds(message.heating_start),
-            nanoseconds(message.arrival)) == (
-        Time(sec=50), 'east', True, 50 * NS_PER_S + start_ns, (50 + 1200) * NS_PER_S)
-
-
-@pytest.mark.parametrize('field, attribute', [
-    ('method', 'method'), ('status', 'status'), ('explanation', 'explanation'),
-    ('predicted_arrival_temperature', 'arrival_temperature_c'),
-    ('predicted_arrival_soc', 'arrival_soc'),
-    ('target_battery_temperature', 'target_temperature_c'), ('planning_time', 'planning_time_s'),
-    ('joule_energy', 'energy_wh.joule'), ('drivetrain_heat_energy', 'energy_wh.drivetrain_heat'),
-    ('hvch_electric_energy', 'energy_wh.hvch_electric'), ('hvch_heat_energy', 'energy_wh.hvch_heat'),
-    ('leakage_energy', 'energy_wh.leakage'), ('battery_energy', 'energy_wh.battery_total'),
-    ('time', 'time_s'), ('battery_temperature', 'battery_temperature_c'), ('soc', 'soc'),
-    ('hvch_power', 'hvch_battery_power_w')])
-def test_figure_of_a_plan(message, decision, field, attribute):
-    np.testing.assert_array_equal(getattr(message, field), attrgetter(attribute)(decision.plan))
-
-
-def test_heat_under_way_of_a_plan(message):
-    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
-    route = make_route({'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-                        'ambient_temperature_c': [-7.0]}, vehicle.defaults)
-    plan = plan_preheating(vehicle, route, BatteryState(18.0, 0.8, 3000.0, 4.0), Goal(24.0))
-    heated = plan_message(Decision(plan.status, '', plan, 0), EAST, 0)
-    assert (list(heated.heater_power), list(heated.coolant_excess_temperature)) == (
-        plan.heat.heater_power_w.tolist(), plan.heat.coolant_excess_k.tolist())
-    assert len(heated.heater_power) == len(heated.time)
-    assert (heated.heater_power[0], heated.coolant_excess_temperature[0]) == (3000.0, 4.0)
-    assert not message.heater_power and not message.coolant_excess_temperature
 
 
 # Four heating intervals, one for each reason, all figures different.
@@ -119,13 +71,6 @@ def test_heating_intervals_of_a_plan(decision, field, expected):
     assert not len(getattr(plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S), field))
 
 
-def test_each_lack_goes_to_its_own_field(decision):
-    plan = replace(decision.plan, shortfall_k=1.5, soc_shortfall=0.0625,
-                   undeliverable_power_w=4321.0)
-    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
-    assert (message.shortfall, message.soc_shortfall, message.undeliverable_power) == (1.5, 0.0625, 4321.0)
-
-
 def test_where_the_charge_runs_out(decision, message):
     plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, deficit_wh=2250.0))
     stranded = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
@@ -145,13 +90,6 @@ def test_without_a_plan_the_figures_are_unknown():
             message.arrival) == (21, [], '', False, 0, Time(sec=7), Time())
 
 
-@pytest.mark.parametrize('delay_ns, delay_s', [(0, 0.0), (90 * NS_PER_S, 90.0), (-NS_PER_S // 2, -0.5)])
-def test_the_delay_of_a_mission_is_told_with_and_without_a_plan(decision, delay_ns, delay_s):
-    for told in (decision, Decision(Status.DISABLED, 'No.')):
-        assert plan_message(told, EAST.delayed(delay_ns), now_ns=0).delay == delay_s
-    assert plan_message(Decision(Status.NO_ROUTE, 'No.'), None, now_ns=0).delay == 0.0
-
-
 @pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])
 def test_predicted_temperature(decision, deviation_k, variance):
     unsure = replace(decision, forecast=SimpleNamespace(deviation_k=deviation_k))
@@ -160,14 +98,6 @@ def test_predicted_temperature(decision, deviation_k, variance):
         decision.plan.arrival_temperature_c, variance, Time(sec=8))
     assert plan_message(unsure, EAST, 0).predicted_arrival_temperature_deviation == pytest.approx(
         deviation_k, nan_ok=True)
-
-
-@pytest.mark.parametrize('changed, end_s', [
-    ({'heating_end_s': None}, 50 + 1200), ({'heating_end_s': 700.5}, 750.5), ({'heating_start_s': None}, 0)])
-def test_end_of_heating(decision, changed, end_s):
-    plan = replace(decision.plan, **changed)
-    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
-    assert nanoseconds(message.heating_end) == round(end_s * NS_PER_S)
 
 
 def test_later_legs_in_the_plan(decision):
@@ -246,20 +176,6 @@ def test_a_message_that_nobody_filled_has_no_session():
     assert session_texts(endless) == ('1:00 min, 0.50 kWh', 'never ends')
     endless.bought_energy = nan
     assert session_texts(endless) is None
-
-
-def test_heating_that_does_not_pay_is_no_fault():
-    supervisor, plan = planned(charger_power=50e3)
-    assert plan.status == PreheatPlan.NOT_WORTH_IT and not plan.heating_planned
-    entry = planner_diagnostics('/planner', supervisor.state, START_S * NS_PER_S)[0]
-    assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
-    values = {pair.key: pair.value for pair in entry.values}
-    assert values['target because'] == plan.target_reason
-
-
-def test_a_decision_without_a_target_has_no_figures():
-    plan = plan_message(Decision(Status.DISABLED, 'No.'), None, 0)
-    assert plan.target_source == PreheatPlan.TARGET_UNKNOWN and plan.target_reason == ''
 
 
 # Enums: the message files are the contract

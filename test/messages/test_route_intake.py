@@ -76,15 +76,6 @@ def test_arrivals_that_cannot_be_read(changed):
     assert arrivals_s(**changed) is None
 
 
-@pytest.mark.parametrize('field, value', [('route_id', 'work'), ('charging_planned', False)])
-def test_the_rest_of_a_refused_route(field, value):
-    assert getattr(refused_route_of(route_message(**{field: value})), field) == value
-
-
-def test_a_huge_route_id_is_not_kept():
-    assert len(refused_route_of(route_message(route_id='x' * 1_000_000)).route_id) < 300
-
-
 # Effects
 
 class Driver:
@@ -124,34 +115,6 @@ def driver():
     return Driver()
 
 
-# test/control/test_refused_routes.py has all ways to refuse a route, and their effects.
-def test_a_refused_update_leaves_the_route_before_it(driver):
-    driver.refused(speed=[-1.0])
-    assert driver.supervisor.command(NOW_NS).battery_heating_power_w == 0.0
-    # Heat waits for 10 s of valid input.
-    assert [driver.fed(second)[0] for second in (1.0, 5.0, 9.0)] == [0.0] * 3
-    assert driver.fed(10.0)[0] > 0.0
-
-
-@pytest.mark.parametrize('changed', [
-    {'speed': [-1.0], 'route_id': 'work'}, {'segment_duration': [nan]}, {'route_id': 'x' * 1_000_000},
-    # Not a cancellation, because it has a stop.
-    {**dict.fromkeys(('segment_duration', 'speed', 'propulsion_power', 'ambient_temperature'), []),
-     'charging_planned': False, 'stop_after_segment': [0]}])
-def test_any_other_refused_route_ends_the_route_before_it(driver, changed):
-    driver.refused(**changed)
-    # A change of parameters must not bring it back either.
-    driver.configure(replace(SETTINGS, lease_s=1.0))
-    assert (driver.fed(1.0), driver.supervisor.state.latest_mission) == (
-        (0.0, Status.INVALID_INPUT), None)
-
-
-def test_a_cancellation_ends_the_route_before_it(driver):
-    driver.take(RoutePlan(route_id='home'))
-    driver.configure()
-    assert driver.fed(1.0) == (0.0, Status.NO_CHARGING_PLANNED)
-
-
 def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch):
     def fail(*_):
         raise MemoryError
@@ -161,18 +124,6 @@ def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch)
     assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
     assert driver.supervisor.state.inbox.refused_route.startswith(
         'route_plan refused: cannot be read: MemoryError. ')
-
-
-def test_a_route_is_revised_with_the_present_settings(driver):
-    driver.configure(replace(SETTINGS, planning_step_s=100.0))
-    leg, = driver.supervisor.state.mission.legs
-    assert leg.route.duration_s.tolist() == pytest.approx([100.0] * 12)
-
-
-def test_the_default_target_of_the_settings_is_that_of_a_departure(driver):
-    driver.configure(replace(SETTINGS, target_temperature_c=13.0))
-    driver.take(route_message(stop_after_segment=[9], stop_duration=[600.0]))
-    assert driver.supervisor.state.mission.legs[1].departure.temperature_c == 13.0
 
 
 def test_a_route_that_does_not_fit_a_vehicle_comes_back_with_one_that_it_fits(driver):

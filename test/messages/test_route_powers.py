@@ -7,11 +7,8 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 
-from bev_preheat.control.decision import Decision
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.route_plan import mission_from_message
-from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RoutePlan
@@ -71,12 +68,6 @@ def test_a_missing_slope_is_level_and_one_slope_is_for_all():
     assert level[1] == 0.0
 
 
-def test_powers_that_are_given_are_kept():
-    mission = read(propulsion_power=[1e3, 0.0, 9e3], slope=[0.1])
-    assert powers(mission).tolist() == [1e3, 0.0, 9e3]
-    assert mission.power_source == 'given in the route plan'
-
-
 @pytest.mark.parametrize('fields, problem', [
     ({'slope': [0.5]}, 'slope[0]: 0.5 is not allowed; it must be -0.4 ... 0.4 (rise over run)'),
     ({'slope': [float('nan')]}, 'slope[0]: nan is not allowed; it must be -0.4 ... 0.4 (rise over run)'),
@@ -95,10 +86,3 @@ def test_a_vehicle_without_road_load_is_told_what_to_add():
     found = problems(replace(CAR, road_load=None))
     assert found[0].startswith("propulsion_power: empty, and vehicle 'small_car' has no road_load")
     assert 'road_load: {mass_kg: 1900' in found[0]
-
-
-def test_the_plan_says_where_the_power_comes_from():
-    mission = read()
-    plan = plan_message(Decision(Status.WAITING, ''), mission, 0)
-    assert plan.propulsion_power_source == mission.power_source != ''
-    assert plan_message(Decision(Status.NO_ROUTE, ''), None, 0).propulsion_power_source == ''

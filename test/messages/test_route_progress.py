@@ -11,7 +11,7 @@ from bev_preheat.control.inputs import Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.diagnostics import planner_diagnostics
-from bev_preheat.messages.route_progress import progress_event, progress_message
+from bev_preheat.messages.route_progress import progress_event
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import RouteProgress
 
@@ -49,17 +49,6 @@ def test_what_cannot_be_read_says_what_it_is(message, problem):
     assert problem in str(event.error) and event.error.problems[-1] == 'look at the clocks'
 
 
-def test_an_empty_message_has_a_problem_a_field():
-    assert len(progress_event(RouteProgress()).error.problems) == 2
-
-
-def test_there_and_back():
-    progress = Progress(0.0, START_NS + 5, 'home', START_NS)
-    assert read(progress_message(progress)) == progress
-    event = progress_event(progress_message(progress), 'hint')
-    assert event == ProgressArrived(progress, 'hint')
-
-
 # Diagnostics
 
 def a_supervisor(route_id='home'):
@@ -85,26 +74,6 @@ def said(supervisor, now_ns):
     status, = entries(supervisor, now_ns)
     assert status.hardware_id == VEHICLE.name
     return status.level, status.message
-
-
-def test_nothing_is_said_before_the_first_position():
-    for supervisor in (a_supervisor(), Supervisor(VEHICLE, Settings())):
-        assert entries(supervisor, START_NS) == []
-
-
-@pytest.mark.parametrize('at_s, message', [
-    (50.0, 'on time'), (54.0, 'on time'), (110.5, '1:00 min late'), (19.5, '0:30 min early')])
-def test_the_delay_is_said(at_s, message):
-    assert told(a_supervisor(), at_s) == (DiagnosticStatus.OK, message)
-
-
-def test_the_figures_are_there():
-    supervisor = a_supervisor()
-    told(supervisor, 110.5)
-    status, = entries(supervisor, START_NS + round(112.0 * NS_PER_S))
-    assert {value.key: value.value for value in status.values} == {
-        'distance [m]': '1000', 'length of the route [m]': '12000', 'delay [s]': '60.0',
-        'age [s]': '1.50', 'has stood for [s]': '0'}
 
 
 def test_a_place_that_is_too_old_is_a_warning():

@@ -8,10 +8,9 @@ import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
 from bev_preheat.control.heater_power import HeaterStatus
-from bev_preheat.monitoring.board import change_of, thinned
+from bev_preheat.monitoring.board import change_of
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.monitoring.source import Cursor, message
-from bev_preheat.monitoring.view import written
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
@@ -28,15 +27,6 @@ def test_the_view_has_the_values_of_the_messages():
                 'banner': None, 'late': [], 'tripFrom': START_S}
     assert {key: view[key] for key in expected} == expected
     assert view['ages']['battery'] == 0.5
-
-
-@pytest.mark.parametrize('later, reserve', [(0, 0.25), (1, 0.15), (2, 0.1), (5, 0.25)])
-def test_the_reserve_is_that_of_the_current_leg(later, reserve):
-    assert RouteSeen((0.1, 0.15), 2, 0.25).reserve_of_leg(later) == reserve
-
-
-def test_a_stop_without_reserves_has_none():
-    assert RouteSeen((), 2, 0.25).reserve_of_leg(1) == 0.0
 
 
 def test_unknown_values_are_null_and_the_json_is_valid():
@@ -88,14 +78,6 @@ def test_a_clock_set_back_starts_another_drive():
     assert values['view']['at'] == START_S + 10.0 and values['view']['status'] is None
 
 
-def test_late_messages_of_another_topic_are_no_other_drive():
-    board = a_board()
-    board.see_battery(START_S + 5.0, -6.5, 0.9, 105.0)
-    # Its stamp is that of the battery state that it was made for.
-    board.see_plan(a_plan(START_S + 2.0), 105.1)
-    assert len(board.temperatures) == 2
-
-
 def test_memory_is_bounded_over_a_week():
     board = a_board()
     for second in range(0, 7 * 86400, 20):
@@ -119,14 +101,6 @@ def test_memory_is_bounded_over_a_week():
 def test_a_changed_plan_is_marked_with_its_change(changed, text):
     mark = change_of(a_plan(), a_plan(START_S + 1.0, **changed))
     assert (None if mark is None else mark.text) == text
-
-
-def test_slow_drift_is_marked_too():
-    board = a_board()
-    for step in range(1, 31):
-        board.see_plan(a_plan(START_S + step, heating_start_s=START_S + 600.0 + 5.0 * step), 100.0 + step)
-    # 150 s in steps of 5 s: at 60 s and 120 s.
-    assert [mark.at_s - START_S for mark in board.marks] == [0.0, 12.0, 24.0]
 
 
 def test_regimes_and_doubts_are_periods():
@@ -184,15 +158,3 @@ def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span(
     # The heater's answers and the commands are missing for a while.
     assert math.isnan(board.view(at_s).delivered_w)
     assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
-
-
-@pytest.mark.parametrize('count', [0, 1, 2, 99, 100, 101, 12345])
-def test_thinned_keeps_both_ends(count):
-    kept = thinned(count, 100)
-    assert len(kept) == len(set(kept)) == min(count, 100)
-    assert not count or (kept[0], kept[-1]) == (0, count - 1)
-
-
-def test_written_never_ends_a_script():
-    assert '</' not in written({'text': '</script>'})
-    assert json.loads(written(['</script>'])) == ['</script>']

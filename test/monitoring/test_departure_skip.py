@@ -9,7 +9,6 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from bev_preheat.commands.main import main
-from bev_preheat.commands.program import FAILED
 from bev_preheat.monitoring import planner_client
 
 
@@ -61,11 +60,6 @@ def test_the_planner_is_asked_once_and_its_sentence_is_printed(skip, option, is_
     planner = Planner(0.5, 0.5, SetBool.Response(success=True, message='Skipped: work.'))
     assert skip(planner, option, '--namespace', '/car') == (0, 'Skipped: work.\n', '')
     assert (planner.service, planner.asked) == ('/car/planner/skip_departure', [is_skipped])
-
-
-def test_a_skip_that_is_not_done_fails_with_the_planners_sentence(skip):
-    planner = Planner(0.0, 0.0, SetBool.Response(success=False, message='There is no departure to skip.'))
-    assert skip(planner, '--skip-next') == (FAILED, 'There is no departure to skip.\n', '')
 
 
 def test_a_planner_that_is_not_there_gets_no_request(skip):

@@ -23,10 +23,6 @@ def text_of(around, command, battery, now_s):
     return '' if banner is None else f'{banner.level}: {banner.text}'
 
 
-def test_all_is_well_while_messages_come():
-    assert text_of(THERE, beating(1.0, 60.0), beating(1.0, 60.0), 60.9) == ''
-
-
 @pytest.mark.parametrize('around, told', [
     (THERE, 'error: The planner is silent: no message for 5 s'),
     (Surroundings(is_simulated=True, has_clock=True), 'error: The clock stands: /clock does not advance'),
@@ -34,11 +30,6 @@ def test_all_is_well_while_messages_come():
     (Surroundings(is_there=False), 'error: The planner has disappeared')])
 def test_silence_is_told_with_its_cause(around, told):
     assert text_of(around, beating(1.0, 60.0), beating(1.0, 60.0), 65.0).startswith(told)
-
-
-def test_a_slow_planner_is_not_called_silent():
-    pulse = beating(10.0, 200.0)
-    assert not pulse.is_late(215.0) and pulse.is_late(241.0)
 
 
 def test_a_planner_in_a_standing_clock_that_still_answers_is_told():
@@ -53,10 +44,6 @@ def test_an_old_battery_state_is_told(battery, told):
     assert text_of(THERE, beating(1.0, 60.0), battery, 60.4).startswith(told)
 
 
-def test_before_the_first_message():
-    assert text_of(THERE, Pulse(), Pulse(), 1.0).startswith('warning: The planner is there')
-
-
 def test_entries_are_read():
     found = diagnose([
         EntrySeen('preheating', 0, 'WAITING', {
@@ -66,11 +53,6 @@ def test_entries_are_read():
     assert (found.is_enabled, found.goal, found.regime, found.doubts) == (
         False, 'ready in 5 min', 'charging', ('current',))
     assert found.departure == Departure('Mon 07:30', 'WAITS', '')
-
-
-def test_without_entries_all_is_unknown():
-    assert diagnose([]).as_dictionary() == {
-        'entries': [], 'regime': '', 'doubts': [], 'enabled': None, 'goal': '', 'departure': None}
 
 
 def test_a_flood_of_entries_is_cut():

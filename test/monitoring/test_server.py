@@ -17,7 +17,6 @@ from seen_examples import a_board, a_plan, START_S
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.monitoring import handlers, server
 from bev_preheat.monitoring.access import Access
 from bev_preheat.monitoring.handlers import FILES
@@ -274,16 +273,6 @@ def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch)
             return seen
         assert asyncio.run(follow()) > 3
         _wait_until(lambda: page.server.tabs == 0)
-
-
-def test_a_taken_port_is_one_line(page):
-    with pytest.raises(InvalidInput, match=f'port: {page.host} cannot be used: Address already in use; choose'):
-        PageServer(Access('127.0.0.1'), page.server.port, page.source, print)
-
-
-def test_a_foreign_address_is_one_line():
-    with pytest.raises(InvalidInput, match='port: 203.0.113.7:0 cannot be used'):
-        PageServer(Access('203.0.113.7', TOKEN), 0, LiveSource(), print)
 
 
 @pytest.mark.parametrize('address', ['127.0.0.1', '0.0.0.0'])

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The native core compared with the Python equations, at random points, and its refusals."""
 
-from ctypes import addressof
 from dataclasses import replace
 from math import inf, isfinite, nan
 
@@ -69,12 +68,6 @@ def test_where_it_is_not_there_the_reason_is_said(tmp_path, monkeypatch, content
     library, problem = library_module.loaded_core.__wrapped__()
     assert library is None
     assert words in f'not used: {problem}'
-
-
-def test_a_library_of_another_version_is_not_used(monkeypatch):
-    path = core_in_words().removeprefix('used: ')
-    monkeypatch.setattr(library_module, 'INTERFACE', 0)
-    assert library_module.load_core(path) == (None, f'{path} is of another version')
 
 
 def one_step(inputs):
@@ -190,22 +183,6 @@ def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
     assert core().bev_run(native.address, 2, trip.address, 0, None, None, *map(place, states)) == -2
 
 
-@pytest.mark.parametrize('change', [
-    {'kind': 4}, {'kind': -1}, {'factor_count': 5}, {'soc_count': 0}, {'temperature_count': 1025},
-    {'values': None}])
-def test_a_curve_that_cannot_be_read_is_refused(change):
-    native = NativeVehicle(TABLES)
-    for name, value in change.items():
-        setattr(native.struct.open_circuit_voltage, name, value)
-    assert core().bev_check_vehicle(native.address) == -2
-
-
-def test_an_axis_that_does_not_rise_is_refused():
-    table = Table((0.1, 0.4, 0.4), (0.0,), ((1.0,), (2.0,), (3.0,)))
-    native = NativeVehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=table)))
-    assert core().bev_check_vehicle(native.address) == -2
-
-
 def trip_of_situation():
     vehicle, route, *_ = drawn_situations.draw(5, 12)
     return make_trip(replace(vehicle, heat_path=HeatPath()), route)
@@ -220,26 +197,6 @@ def test_a_call_that_makes_no_sense_is_refused(arguments):
     states = np.zeros((2, steps + 1))
     assert core().bev_run(vehicle, integrator or 0, trip_in_core(trip).address, first if first < 13 else steps + 1,
                           None, None, *map(place, states)) == -1
-
-
-@pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
-def test_an_input_that_is_no_number_is_refused(column):
-    trip = trip_of_situation()
-    native = trip_in_core(trip)
-    trip.columns.column(column)[0] = nan
-    states = np.full((2, len(trip.route) + 1), 0.5)
-    assert core().bev_run(vehicle_in_core(trip.vehicle).address, 2, native.address, 0, None, None,
-                          *map(place, states)) == -3
-    assert addressof(native.struct) == native.address
-
-
-def test_what_is_no_number_is_left_to_python():
-    # Python answers with the exception, or the infinite numbers, that belong to it.
-    trip = trip_of_situation()
-    heater_w = np.full(len(trip.route), inf)
-    states = np.full((2, len(trip.route) + 1), 0.5)
-    with pytest.raises(Declined):
-        calls.run(vehicle_in_core(trip.vehicle), 2, trip_in_core(trip), states, heater_w, None)
 
 
 @pytest.mark.parametrize('make_integrator', [make_euler, make_midpoint, make_runge_kutta_4])

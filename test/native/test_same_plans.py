@@ -3,16 +3,15 @@
 
 from collections import Counter
 from dataclasses import astuple, replace
-from types import SimpleNamespace
 
 import drawn_situations
 import pytest
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.native.library import core, core_in_words, DECLINES, Declines, without_core
+from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.limits import run_unheated
 from bev_preheat.planning.outcome import find_outcome
-from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
@@ -67,12 +66,6 @@ def test_plans_of_short_trips_are_the_same():
             'OUT_OF_CHARGE'} <= set(seen)
 
 
-@pytest.mark.deep
-@pytest.mark.parametrize('part', range(10))
-def test_plans_of_10_000_situations_are_the_same(part):
-    assert sum(check(range(1000 * part, 1000 * (part + 1)), most_steps=120).values()) == 1000
-
-
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
 
 
@@ -92,25 +85,3 @@ def test_where_the_charge_runs_out_the_outcome_is_the_same():
         expected = find_outcome(trip, run)
     assert astuple(find_outcome(trip, run).energy_wh) == pytest.approx(
         astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
-
-
-def named(name):
-    return SimpleNamespace(__name__=name)
-
-
-def test_they_are_told_by_function_and_reason():
-    declines = Declines()
-    assert declines.in_words() == '0'
-    for name, status in (('bev_run', -4), ('bev_run', 1), ('bev_plan_paper', -5), ('bev_plan_paper', -5),
-                         ('bev_plan_by_values', 2), ('bev_follow', 0)):
-        assert declines.note(status, named(name), ()) == status
-    assert declines.in_words() == '3: 2 x bev_plan_paper (search not settled), 1 x bev_run (no finite number)'
-
-
-@pytest.mark.skipif(core() is None, reason='bev_preheat_core is not built')
-def test_a_plan_over_limits_is_the_core_s():
-    drawn = draw_limit_trip(drawn_situations.car('reference'), 11, 2)
-    for method in METHODS:
-        before = DECLINES.counts.total()
-        plan_preheating(drawn.vehicle, drawn.route, drawn.state, drawn.goal, method)
-        assert DECLINES.counts.total() == before

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans and runs within limits of the native core compared with Python's, and their refusals."""
 
-from ctypes import addressof, byref
+from ctypes import addressof
 from dataclasses import replace
 
 import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native import library as library_module
 from bev_preheat.native.calls import vehicle_in_core
-from bev_preheat.native.library import core, core_in_words, LEFT, without_core
+from bev_preheat.native.library import core, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.planning.engine import trip_in_core
 from bev_preheat.planning.limited_drive import WantedHeat
@@ -98,21 +97,6 @@ def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_fo
     assert (flags[-64:] == 3).all() and (memory[-64:] == 7.25).all()
 
 
-@pytest.mark.parametrize('deviation_k', [0.0, 2.0])
-@pytest.mark.parametrize('number', [6, 3], ids=['at once', 'late'])
-def test_a_plan_by_values_is_the_same_however_few_values_are_kept(number, deviation_k):
-    steps = situation(number)[0].columns.steps
-    plans = []
-    for kept_every in (1, 2, 3, VALUE_KEPT_EVERY, steps - 1, steps, steps + 1, 2**31 - 1):
-        arguments, kept = value_call(number, kept_every, deviation_k)
-        assert core().bev_plan_by_values(*arguments) == 0
-        _, _, states, powers_w, _, _, ends_in = kept
-        assert powers_w[0].any() and not powers_w[0].all()
-        plans.append((states.tobytes(), powers_w.tobytes(), int(ends_in[0])))
-    assert steps > 2 * VALUE_KEPT_EVERY
-    assert set(plans) == {plans[0]}
-
-
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_a_plan_by_values_from_what_is_no_number_is_refused(value):
     for name in ('target_c', 'lowest_soc', 'deviation_k'):
@@ -142,22 +126,3 @@ def test_kept_values_are_followed_by_a_shorter_trip_and_by_no_longer_one(number)
     states[1, 0] += 2.0
     assert core().bev_follow_values(*following) == LEFT
     assert (flags[-64:] == 3).all() and (memory[-64:] == 7.25).all()
-
-
-def test_values_of_a_certain_drive_are_not_followed():
-    arguments, kept = value_call(4)
-    assert core().bev_plan_by_values(*arguments) == 0
-    following = [*arguments[:3], kept[2].shape[1] - 1, *arguments[3:-1]]
-    assert core().bev_follow_values(*following) == LEFT
-    kept[1].deviation_k = 1.0
-    assert core().bev_follow_values(*following) == LEFT
-
-
-def test_a_library_with_other_structs_is_not_used(monkeypatch):
-    class Wider(ValueGoalStruct):
-        _fields_ = [('more', ValueGoalStruct)]
-
-    path = core_in_words().removeprefix('used: ')
-    monkeypatch.setattr(library_module, 'ValueGoalStruct', Wider)
-    assert library_module.load_core(path) == (None, f'{path} is of another version')
-    assert byref(Wider())

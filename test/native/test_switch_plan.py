@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans with one switching instant, and the accounts of runs, in the core and in Python."""
 
-from ctypes import addressof, c_double
+from ctypes import addressof
 from dataclasses import replace
 from math import inf, nan
 
@@ -12,10 +12,8 @@ import pytest
 from bev_preheat.native.calls import place, vehicle_in_core
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.structs import (
-    ENERGIES,
     NativeVehicle,
     room,
-    RunOfPowersStruct,
     SwitchPlanStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
@@ -138,18 +136,6 @@ def test_plans_of_the_paper_are_the_same_to_the_last_bit():
     assert 15 < whole < 50
 
 
-@pytest.mark.parametrize('path', [HeatPath(30.0), HeatPath(0.0, 14e3, 300.0)])
-def test_a_plan_of_the_paper_is_driven_with_its_heat_path_after_it_was_made(path):
-    trip = make_trip(replace(FORMULAS, heat_path=path), steady_route())
-    found, expected = in_both(lambda: plan_by_paper(trip, START, 15.0))
-    direct = plan_by_paper(make_trip(FORMULAS, steady_route()), START, 15.0)
-    for plan in (found, expected):
-        assert plan.schedule.heating_start_s == direct.schedule.heating_start_s
-        assert plan.schedule.heater_power_w.tolist() == direct.schedule.heater_power_w.tolist()
-    assert found.schedule.temperature_c.tolist() == expected.schedule.temperature_c.tolist()
-    assert found[2:5] == expected[2:5]
-
-
 SWITCH, PAPER = 'bev_plan_switch', 'bev_plan_paper'
 EITHER = pytest.mark.parametrize('function', [SWITCH, PAPER])
 
@@ -188,18 +174,6 @@ def test_what_cannot_be_is_refused(function):
     assert call_plan(function, trip)[0] == BAD_INPUT
 
 
-@EITHER
-@pytest.mark.parametrize('column', ['time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
-                                    'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w',
-                                    'drivetrain_heat_w', 'ambient_temperature_c'])
-def test_a_trip_with_a_number_that_is_none_gives_no_plan(function, column):
-    trip = make_trip(FORMULAS, steady_route())
-    trip.columns.column(column)[37] = nan
-    status, _ = call_plan(function, trip)
-    # The propulsion power decides only whether a step regenerates, and NaN does not.
-    assert status < 0 or (column == 'propulsion_power_w' and status == 0)
-
-
 @pytest.mark.parametrize('route, start, target_c, unheated_keeps', [
     (steady_route(propulsion_power_w=[-25e3]), (0.8, -12.0), 10.0, False),
     (steady_route(propulsion_power_w=[170e3]), (0.9, -12.0), 10.0, False),
@@ -219,36 +193,6 @@ def test_where_a_limit_is_active_the_plan_says_so(route, start, target_c, unheat
     assert found[2:4] == expected[2:4] and not expected.keeps_limits
     _, plan = call_plan(PAPER, make_trip(FORMULAS, steady_route()))
     assert plan.unheated_keeps_limits and plan.keeps_limits
-
-
-def test_a_plan_is_best_while_it_leaves_the_charge_that_must_be_left():
-    trip = make_trip(FORMULAS, steady_route())
-    found = plan_switch(trip, START, 15.0)
-    arrival_soc = float(found.schedule.soc[-1])
-    assert is_best(trip, Goal(15.0, arrival_soc), found)
-    assert not is_best(trip, Goal(15.0, np.nextafter(arrival_soc, 1.0)), found)
-    # Nothing is left for a charger where none is planned.
-    assert is_best(trip, Goal(15.0, 0.99, charging_planned=False), found)
-
-
-def test_accounts_of_what_cannot_be_are_refused():
-    trip = make_trip(FORMULAS, steady_route())
-    vehicle, steps = vehicle_in_core(FORMULAS), len(trip.route)
-    soc, temperature_c, heater_w = np.full(steps + 1, 0.7), np.full(steps + 1, 3.0), np.zeros(steps)
-    energies = (c_double * len(ENERGIES))()
-
-    def status(integrator=2, **changed):
-        arrays = {'soc': soc, 'temperature_c': temperature_c, 'heater_w': heater_w, **changed}
-        run = RunOfPowersStruct(0, *(None if each is None else each.ctypes.data for each in arrays.values()))
-        return core().bev_keep_accounts(
-            vehicle.address, integrator, trip_in_core(trip).address, addressof(run), None, addressof(energies))
-
-    assert status() == 0
-    assert status(integrator=3) == status(soc=None) == status(heater_w=None) == BAD_ARGUMENT
-    assert status(soc=np.where(np.arange(steps + 1) == 9, nan, soc)) == BAD_INPUT
-    assert status(heater_w=np.where(np.arange(steps) == 9, inf, 0.0)) == BAD_INPUT
-    assert core().bev_keep_accounts(
-        vehicle.address, 2, trip_in_core(trip).address, None, None, energies) == BAD_ARGUMENT
 
 
 def test_limits_along_a_run_are_those_of_its_trip():

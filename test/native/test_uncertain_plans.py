@@ -10,7 +10,6 @@ import pytest
 from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import Uncertainty
 from bev_preheat.planning.trip import make_trip
 
 
@@ -60,13 +59,3 @@ def test_the_share_and_the_lag_of_the_heater_are_planned_with_too():
                 vehicle, route, state, goal, uncertainty=uncertainty, heater_share=share, heat_lag_s=lag_s)
         assert plan.status is expected.status
         np.testing.assert_allclose(plan.hvch_battery_power_w, expected.hvch_battery_power_w, rtol=0.0, atol=1e-6)
-
-
-def test_an_uncertainty_of_nothing_is_the_certain_plan():
-    for number in range(6):
-        vehicle, route, state, goal = drawn_situations.draw_without_limits(number)
-        if goal.charging_planned and goal.heating_pays:
-            plans = [plan_preheating(vehicle, route, state, goal, uncertainty=uncertainty)
-                     for uncertainty in (None, Uncertainty(0.0))]
-            assert plans[0].status is plans[1].status
-            assert plans[0].energy_wh.battery_total == pytest.approx(plans[1].energy_wh.battery_total, abs=0.5)

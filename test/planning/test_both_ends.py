@@ -48,14 +48,6 @@ def driven(trip, soc, take_surplus=False):
     return drive_as_planned(trip, BatteryState(5.0, soc), trip.heater_limit_w, take_surplus)
 
 
-def test_the_heater_gets_what_the_limit_at_the_end_leaves():
-    # P = P_max (s - P t / (U C)) at the end.
-    most_w = DISCHARGE_W * 0.7 / (1.0 + DISCHARGE_SHARE)
-    schedule = driven(one_step(50e3), 0.7)
-    assert schedule.heater_power_w[0] == pytest.approx(most_w - 50e3, abs=2e-3)
-    assert DISCHARGE_W * schedule.soc[1] == pytest.approx(most_w, abs=2e-3)
-
-
 @given(propulsion_w=st.floats(1e3, 70e3), soc=st.floats(0.3, 1.0))
 def test_no_more_and_no_less_is_heated_than_the_lower_limit_leaves(propulsion_w, soc):
     most_w = DISCHARGE_W * soc / (1.0 + DISCHARGE_SHARE)
@@ -95,17 +87,6 @@ def test_surplus_at_the_end_goes_to_the_heater_before_the_brake(surplus_w, heate
     assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
         (heater_w, surplus_w - heater_w), abs=2e-3)
     assert limits_hold(trip, schedule) == (surplus_w <= 9e3)
-
-
-def test_where_warmth_lifts_the_limit_that_of_the_start_counts():
-    warmer = replace(CAR, battery=replace(
-        CAR.battery, discharge_power_limit=Table(
-            (0.0,), (-30.0, 30.0), ((0.0, DISCHARGE_W),))))
-    trip = make_trip(warmer, one_step(46e3).route)
-    schedule = drive_as_planned(trip, BatteryState(5.0, 0.7), trip.heater_limit_w)
-    assert schedule.temperature_c[1] > 5.0
-    assert schedule.heater_power_w[0] == pytest.approx(
-        DISCHARGE_W * 35.0 / 60.0 - 46e3, rel=1e-6)
 
 
 def test_where_less_heat_lowers_the_limit_by_more_the_heater_gets_nothing():

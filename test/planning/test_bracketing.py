@@ -36,11 +36,6 @@ def test_halving_finds_the_last_value_that_is_enough(root, width, rises):
     assert found == pytest.approx(root, abs=1e-12 * (1.0 + abs(root) + width))
 
 
-@pytest.mark.parametrize('answer, found', [(True, 3.0), (False, 7.0)])
-def test_halving_goes_to_the_end_that_the_answers_point_to(answer, found):
-    assert halve(7.0, 3.0, lambda value: answer) == pytest.approx(found, abs=1e-12)
-
-
 def bent(root, interval, bend):
     """Return a rising function with a root, straight for bend = 0."""
     return lambda value: math.sinh(bend * (value - root) / interval) / bend if bend else (
@@ -95,13 +90,6 @@ def test_where_the_utmost_is_not_enough_it_is_what_is_found(most, span, rises, s
     assert (found.value, found.outcome) == (most, f'at {most}')
 
 
-def test_a_jump_ends_the_search_at_its_resolution():
-    attempt = Counted(lambda value: 1.0 if value > 0.25 else -1.0)
-    found = follow_slope(1.0, 0.0, attempt(1.0), 1.0, attempt, tolerance=1e-6, resolution=1e-3)
-    assert found.value == pytest.approx(0.25, abs=2e-3)
-    assert len(attempt.values) < 15
-
-
 def valley(lowest, left, right):
     """Return a function with its minimum at `lowest`, and a different slope on either side."""
     return lambda value: (left * (lowest - value) if value < lowest else right * (value - lowest))
@@ -120,9 +108,3 @@ def test_golden_section_finds_the_least(share, low, width, left, right, round_be
     # Each trial leaves 0.618 of the bracket: ten to a hundredth, two to start with, two ends.
     assert len(attempt.values) <= 14
     assert found.excess == min(attempt.excess(value) for value in attempt.values)
-
-
-@pytest.mark.parametrize('end', [3.0, 7.0])
-def test_golden_section_finds_a_minimum_at_an_end(end):
-    found = least_of(3.0, 7.0, Counted(lambda value: abs(value - end)), 0.5)
-    assert found.value == end

@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import deliverable_power_w, run_on
+from bev_preheat.planning.dynamics import deliverable_power_w
 from bev_preheat.planning.engine import keep_accounts, run_forward
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.trip import make_trip
@@ -125,23 +124,6 @@ def test_runge_kutta_energy_is_the_area_under_the_voltage(segments, start):
         stored_j(soc[0]) - stored_j(soc[-1]), rel=0.0, abs=1e-8 * gross_j + rounding_j)
 
 
-@pytest.mark.parametrize('row, expected_wh', [
-    # Half an hour: 0.8 (1 - 0.9) of the mean magnitude; 0.87 and 1 times 2.9 kW.
-    ('drivetrain_heat', 0.5 * 0.08 * magnitude_w(17e3, 23e3)), ('hvch_heat', 0.5 * 0.87 * 2900.0),
-    ('hvch_electric', 0.5 * 2900.0)])
-def test_energies_that_do_not_depend_on_the_run(row, expected_wh):
-    trip = steady_trip(FORMULA_CAR)
-    _, _, accounts = run(trip, make_runge_kutta_4, (0.8, -11.0), np.full(60, 2900.0))
-    assert getattr(accounts.energy_wh, row) == pytest.approx(expected_wh, rel=1e-12)
-
-
-def test_leakage_is_negative_for_a_battery_warmer_than_the_ambient():
-    trip = steady_trip(FORMULA_CAR, count=1, duration_s=36.0)
-    _, _, accounts = run(trip, make_euler, (0.8, 9.0), np.zeros(1))
-    # (33 + 0.5 * 21) W/K times -20 K for a hundredth of an hour.
-    assert accounts.energy_wh.leakage == pytest.approx(-8.7, rel=1e-12)
-
-
 def test_joule_heat_of_one_euler_step_by_hand():
     trip = steady_trip(FORMULA_CAR, count=1, duration_s=36.0)
     _, _, accounts = run(trip, make_euler, (0.8, -10.0), np.array([600.0]))
@@ -151,39 +133,12 @@ def test_joule_heat_of_one_euler_step_by_hand():
     assert accounts.energy_wh.joule == pytest.approx(joule_w / 100.0, rel=1e-11)
 
 
-def test_trip_keeps_what_belongs_together():
-    trip = steady_trip(FORMULA_CAR, count=1)
-    found = [column[0] for column in (
-        *trip.inputs(700.0), trip.drivetrain_heat_w, trip.heater_limit_w)]
-    # 33 + 0.5*21 W/K; 0.8 (1 - 0.9) of the mean magnitude; 7000 - 1300 W
-    leakage, waste_w = 43.5, 0.08 * magnitude_w(17e3, 23e3)
-    assert found == pytest.approx(
-        [30.0, 17e3 + 1300.0 + 450.0 + 700.0, 23e3**2 - 17e3**2,
-         leakage * -11.0 + waste_w + 0.87 * 700.0, leakage, waste_w, 5700.0], rel=1e-12)
-
-
 def test_friction_brake_takes_power_and_waste_heat_from_the_battery():
     trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=-17e3)
     free, braked = trip.inputs(0.0), trip.inputs(0.0, 6e3)
     # Of -17 kW only -11 kW remain, and 0.08 of 6 kW less heat.
     assert [after[0] - before[0] for before, after in zip(free, braked)] == pytest.approx(
         [0.0, 6e3, 0.0, -480.0, 0.0], abs=1e-9)
-
-
-def test_cabin_that_takes_the_whole_heater_leaves_nothing():
-    trip = steady_trip(FORMULA_CAR, count=1, cabin_heating_power_w=7500.0)
-    assert trip.heater_limit_w == [0.0]
-
-
-def test_forward_run_starts_where_it_is_told():
-    soc, temperature_c = run_forward(steady_trip(FORMULA_CAR), make_euler, 0.66, -4.5)
-    assert (soc[0], temperature_c[0], len(soc), len(temperature_c)) == (0.66, -4.5, 61, 61)
-
-
-def test_forward_run_of_no_steps_stays_where_it_is():
-    soc, temperature_c = np.linspace(0.9, 0.8, 61), np.linspace(-4.0, 7.0, 61)
-    run = run_on(steady_trip(FORMULA_CAR), make_euler, soc, temperature_c, 60)
-    assert [each.tolist() for each in run] == [soc.tolist(), temperature_c.tolist()]
 
 
 def test_deliverable_power_by_hand():
@@ -217,13 +172,3 @@ def test_missing_watts_are_reported_in_their_step(make_integrator):
     asked_w = 390e3 + 1300.0 + 450.0
     assert accounts.undeliverable_power_w == pytest.approx(
         [0.0, asked_w - u**2 / (4 * r), 0.0], rel=1e-12)
-
-
-def test_energy_balance_closes_with_undeliverable_power():
-    trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=390e3,
-                       propulsion_power_rms_w=390e3)
-    soc, _, accounts = run(trip, make_euler, (0.5, -17.0), np.zeros(1))
-    # At the limit the current is U/2R for 30 s, whatever the demand.
-    voltage_v = 365.0 + 37.5 + 1.875
-    assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
-        30.0 * voltage_v**2 / 0.3, rel=1e-12)

@@ -54,25 +54,10 @@ def test_the_arrival_is_as_warm_and_heating_begins_later(route, target_c):
     assert counted.heat.coolant_excess_k[-1] > usual.heat.coolant_excess_k[-1] + 5.0
 
 
-def test_without_a_heat_path_and_without_a_session_nothing_changes():
-    for vehicle, goal in ((REFERENCE, COUNTED), (LATE, GOAL)):
-        plan = plan_preheating(vehicle, FLAT, STATE, goal)
-        same = plan_preheating(vehicle, FLAT, STATE, replace(goal, heats_until_arrival=False))
-        assert (plan.hvch_battery_power_w == same.hvch_battery_power_w).all()
-
-
 def test_heat_for_a_climb_is_not_followed_by_more():
     usual, counted = (plan_preheating(LATE, HILLY, STATE, goal) for goal in (GOAL, COUNTED))
     assert usual.arrival_temperature_c > GOAL.target_temperature_c + 1.0
     assert (counted.hvch_battery_power_w == usual.hvch_battery_power_w).all()
-
-
-def test_the_heat_under_way_takes_no_charge_from_the_reserve():
-    usual = plan_preheating(LATE, FLAT, STATE, GOAL)
-    reserve = usual.arrival_soc - 1e-4
-    counted = plan_preheating(LATE, FLAT, STATE, replace(COUNTED, minimum_arrival_soc=reserve))
-    assert counted.arrival_soc >= reserve - 1e-5
-    assert counted.arrival_temperature_c < usual.arrival_temperature_c - 0.1
 
 
 def test_a_heater_that_is_on_for_the_target_stays_on():

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import without_core
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -79,28 +78,11 @@ def test_powers_are_those_of_the_heater(method):
     assert 'The heater has steps of power (1500, 4000, 7000 W).' in plan.explanation
 
 
-def test_heater_that_is_on_or_off_and_shared_with_the_cabin_never_heats():
-    plan = planned(HeatingGates(power_steps_w=(7000.0,)))
-    assert not heated(plan).any()
-    assert 'The heater is either off or at 7000 W.' in plan.explanation
-
-
 def test_gates_that_do_not_bind_change_no_digit():
     free, gated = planned(NO_GATES), planned(HeatingGates(minimum_soc=0.05, maximum_temperature_c=59.0))
     assert gated.hvch_battery_power_w.tolist() == free.hvch_battery_power_w.tolist()
     assert gated.soc.tolist() == free.soc.tolist()
     assert gated.explanation == free.explanation
-
-
-@pytest.mark.parametrize('gates', [
-    HeatingGates(minimum_soc=0.8), HeatingGates(maximum_temperature_c=15.0),
-    HeatingGates(power_steps_w=(4000.0,))])
-def test_native_core_keeps_the_same_gates(gates):
-    native = planned(gates)
-    with without_core():
-        plan = planned(gates)
-    assert plan.arrival_temperature_c == pytest.approx(native.arrival_temperature_c, abs=1e-6)
-    assert plan.hvch_battery_power_w == pytest.approx(native.hvch_battery_power_w, abs=1e-3)
 
 
 @pytest.mark.parametrize('gates, at, refusal', [

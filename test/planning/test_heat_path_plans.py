@@ -17,7 +17,6 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
-from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
@@ -141,14 +140,6 @@ def test_a_path_of_zeros_changes_no_bit(method, name):
     assert plain.heat is None and 'heat' not in plain.as_dictionary()
 
 
-def test_the_shorter_the_lags_the_closer_to_heat_at_once():
-    at_once = plan_of(HeatPath())
-    gaps_wh = [plan_of(HeatPath(lag_s, 400.0 * lag_s, 400.0)).energy_wh.battery_total
-               - at_once.energy_wh.battery_total for lag_s in (8.0, 2.0, 0.01)]
-    assert gaps_wh[0] > gaps_wh[1] > gaps_wh[2] > -0.01
-    assert gaps_wh[2] < 0.2
-
-
 # --- One interval, two instants ---
 
 
@@ -183,23 +174,6 @@ def test_switched_off_sooner_or_later_it_costs_more(path):
     best_wh = cells_wh(plan.heating_end_s)
     for sooner_s in (-240.0, 85.0 if path is BOTH else 60.0):
         assert cells_wh(plan.heating_end_s + sooner_s) > best_wh
-
-
-@pytest.mark.parametrize('path', SLOW)
-def test_it_heats_fully_from_one_instant_to_another(path):
-    plan = plan_of(path)
-    trip = make_trip(slow(path), ROUTE)
-    share = plan.hvch_battery_power_w / trip.heater_limit_w
-    inside = (trip.time_s[:-1] >= plan.heating_start_s) & (trip.time_s[1:] <= plan.heating_end_s)
-    outside = (trip.time_s[1:] <= plan.heating_start_s) | (trip.time_s[:-1] >= plan.heating_end_s)
-    assert (share[inside] == 1.0).all() and (share[outside] == 0.0).all()
-    assert inside.sum() + outside.sum() >= len(share) - 2
-    # Less than two thirds of heat from the last steps would arrive in time.
-    assert plan.arrival_time_s - 4.0 * path.heat_lag_s < plan.heating_end_s < plan.arrival_time_s - 20.0
-    assert [interval.reason for interval in plan.intervals] == [Reason.ARRIVAL]
-    assert plan.intervals[0].end_s == plan.heating_end_s
-    assert plan.power_at_w(plan.heating_end_s - 1.0) == pytest.approx(trip.heater_limit_w[-4])
-    assert plan.power_at_w(plan.heating_end_s) == 0.0
 
 
 @given(SEGMENTS, st.floats(-10.0, 10.0), st.floats(0.02, 0.98), PATHS)
@@ -256,14 +230,6 @@ def test_more_lag_never_costs_less(lag_s, factor, coolant_j_per_k):
 # --- The ends ---
 
 
-def test_a_target_out_of_reach_is_heated_for_all_the_way():
-    plan = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(45.0))
-    assert plan.status is Status.TARGET_UNREACHABLE
-    assert (plan.heating_start_s, plan.heating_end_s) == (0.0, None)
-    assert drive(BOTH, ROUTE, STATE, between(0.0, 1e9))[0] == pytest.approx(
-        plan.arrival_temperature_c, abs=0.05)
-
-
 def test_heat_under_way_at_the_start_is_heat_that_need_not_be_made():
     warm = replace(STATE, heater_power_w=5e3, coolant_excess_k=12.0)
     plan = plan_preheating(slow(BOTH), ROUTE, warm, GOAL)
@@ -272,17 +238,6 @@ def test_heat_under_way_at_the_start_is_heat_that_need_not_be_made():
     assert plan.heating_start_s > cold.heating_start_s + 10.0
     battery_c = drive(BOTH, ROUTE, warm, between(plan.heating_start_s, plan.heating_end_s))[0]
     assert battery_c == pytest.approx(25.0, abs=0.02)
-
-
-def test_heat_under_way_may_be_all_that_is_needed():
-    route = ROUTE.segments(0, 10)
-    cold = plan_preheating(slow(BOTH), route, STATE, Goal(-40.0))
-    state = replace(STATE, heater_power_w=6e3, coolant_excess_k=15.0)
-    for target_c, status in ((cold.arrival_temperature_c + 0.5, Status.NOT_NEEDED),
-                             (cold.arrival_temperature_c + 1.5, Status.WAITING)):
-        plan = plan_preheating(slow(BOTH), route, state, Goal(target_c))
-        assert plan.status is status
-        assert plan.arrival_temperature_c >= target_c - 1e-5
 
 
 def test_the_method_of_the_paper_knows_no_path_and_arrives_colder():

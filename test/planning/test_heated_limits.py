@@ -13,10 +13,8 @@ from bev_preheat.native.library import without_core
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.status import Status
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -62,16 +60,6 @@ def test_the_run_is_that_of_the_model_under_its_commands(segments, state, path):
         assert (drawn_w, arriving_w) == pytest.approx(
             (heat.drawn_power_w[k], heat.arriving_heat_w[k]), rel=1e-9, abs=1e-6)
         states[0] = min(states[0], 1.0)
-
-
-@given(SEGMENTS, STATES, PATHS, st.booleans())
-def test_commands_and_brake_stay_within_theirs(segments, state, path, take_surplus):
-    trip, schedule = driven(segments, state, path, take_surplus)
-    assert ((schedule.heater_power_w >= 0.0)
-            & (schedule.heater_power_w <= trip.heater_limit_w * (1.0 + 1e-12))).all()
-    assert ((schedule.brake_power_w >= 0.0)
-            & (schedule.brake_power_w <= np.maximum(-trip.route.propulsion_power_w, 0.0))).all()
-    assert ((schedule.soc >= 0.0) & (schedule.soc <= 1.0)).all()
 
 
 @given(SEGMENTS, STATES, PATHS)
@@ -128,18 +116,6 @@ def test_before_a_descent_heat_comes_in_time_and_the_target_is_met(number):
     assert plan.heating_start_s < descent_s - BOTH.heat_lag_s
 
 
-def test_an_empty_battery_strands_with_its_coolant_cooling():
-    route = make_route({'duration_s': [30.0] * 40, 'speed_mps': [20.0],
-                        'propulsion_power_w': [40e3], 'ambient_temperature_c': [-10.0],
-                        'cabin_heating_power_w': [0.0]}, REFERENCE.defaults)
-    state = BatteryState(-5.0, 0.1, 3e3, 10.0)
-    plan = plan_preheating(replace(REFERENCE, heat_path=BOTH), route, state, Goal(20.0))
-    assert plan.status is Status.OUT_OF_CHARGE
-    assert (plan.soc[-5:] == 0.0).all()
-    assert 0.0 <= plan.heat.coolant_excess_k[-1] < 0.5
-    assert plan.heat.lost_electric_wh == 0.0
-
-
 @pytest.mark.parametrize('reference', [nullcontext, without_core])
 def test_surplus_is_used_until_it_lasts_no_longer_than_the_heater_needs_to_switch_off(reference):
     segment = {'duration_s': 10.0, 'speed_mps': 20.0, 'ambient_temperature_c': -10.0, 'cabin_heating_power_w': 0.0,
@@ -182,18 +158,3 @@ def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():
     lost_j = trip.leakage_w_per_k * (mean_c - trip.route.ambient_temperature_c) * trip.route.duration_s
     np.testing.assert_allclose(-np.diff(heat_j)[standing], lost_j[standing], rtol=1e-3)
     assert standing.sum() > 5 and (run.heat.drawn_power_w[standing] == 0.0).all()
-
-
-@pytest.mark.costly
-@pytest.mark.parametrize('lag_s', [1e-9, 0.02])
-def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s):
-    # Over the pass, plans heat for climbs, and descents give surplus; the lag has decayed there.
-    route = load_route('alpine_pass', REFERENCE.defaults)
-    with without_core():
-        direct, lagging = (
-            plan_preheating(replace(REFERENCE, heat_path=path), route, BatteryState(-7.0, 0.9), Goal(25.0))
-            for path in (HeatPath(), HeatPath(lag_s)))
-    assert lagging.arrival_temperature_c == pytest.approx(direct.arrival_temperature_c, abs=1e-3)
-    # Each of about twelve switchings moves 7 kW by the lag.
-    assert lagging.energy_wh.battery_total == pytest.approx(
-        direct.energy_wh.battery_total, abs=0.05 + 12 * 7e3 * lag_s / 3600.0)

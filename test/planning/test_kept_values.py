@@ -136,13 +136,3 @@ def test_values_that_no_longer_hold_are_not_used(change):
     kept, new = drive.plan(drive.kept, **changed), drive.plan(None, **changed)
     np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
     np.testing.assert_array_equal(kept.temperature_c, new.temperature_c)
-
-
-def test_values_of_the_one_engine_are_not_used_by_the_other():
-    drive = Drive()
-    with without_core():
-        np.testing.assert_array_equal(drive.plan(drive.kept).heater_power_w, drive.plan(None).heater_power_w)
-        kept = KeptValues()
-        drive.plan(kept)
-    np.testing.assert_allclose(drive.plan(kept, 20.0).heater_power_w, drive.plan(drive.kept, 20.0).heater_power_w,
-                               rtol=0.0, atol=1e-6)

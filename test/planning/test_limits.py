@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.limited_drive import WantedHeat
-from bev_preheat.planning.limits import drive_as_planned, limit_is_near, limits_hold, run_within_limits
-from bev_preheat.planning.methods import plan_by_values, plan_optimal_switch
+from bev_preheat.planning.limits import drive_as_planned, limit_is_near, run_within_limits
+from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -115,22 +115,6 @@ def test_battery_power_is_at_its_limit_where_terminal_power_is(
         bilinear(corners_w, soc, temperature_c), rel=1e-9, abs=1e-6)
 
 
-def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_limit():
-    car = replace(CAR, battery=replace(
-        CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((2e6,),))))
-    u, r = 365.0 + 75.0 * 0.7 + 15.0 * 0.7**3, 4.2 / 28.0
-    _, most_w = make_terminal_limits(car, FLOATS)(0.7, -17.0, 9e6)
-    assert most_w == pytest.approx(u**2 / (4 * r), rel=1e-12)
-
-
-@pytest.mark.parametrize('which', [0, 1], ids=['charge', 'discharge'])
-def test_limits_of_arrays_are_those_of_floats(which):
-    states = [(0.2, -21.0, 1e6), (0.6, 3.0, 4e8), (1.0, 29.0, 0.0)]
-    arrays = make_terminal_limits(CAR, ARRAYS)(*map(np.array, zip(*states)))[which]
-    assert arrays == pytest.approx(
-        [make_terminal_limits(CAR, FLOATS)(*state)[which] for state in states], rel=1e-12)
-
-
 # Runs within limits
 
 MORE = settings(max_examples=4 * settings.default.max_examples)
@@ -212,36 +196,7 @@ def test_surplus_of_one_step_by_hand():
         (5500.0, least_w - (-50e3 + 1500.0 + 400.0 + 5500.0)), rel=1e-9)
 
 
-def test_surplus_that_the_heater_takes_alone_leaves_the_brake_alone():
-    trip = steady_trip(1, propulsion_power_w=-30e3)
-    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
-    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
-    least_w = charge_w - r * (charge_w / u)**2
-    schedule = run(trip, BatteryState(-12.0, 0.5), [0.0])
-    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
-        (least_w - (-30e3 + 1900.0), 0.0), rel=1e-9)
-
-
-def test_surplus_that_is_not_to_be_taken_goes_to_the_brake():
-    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0], take_surplus=False)
-    assert (schedule.heater_power_w[0], schedule.brake_power_w[0] > 0.0) == (0.0, True)
-
-
 # Highest temperature
-
-
-def test_heater_is_off_at_the_highest_temperature():
-    # The brake takes the power that the battery cannot accept.
-    schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
-                   [5500.0] * 3)
-    assert schedule.heater_power_w.tolist() == [0.0] * 3
-
-
-def test_battery_at_the_highest_temperature_takes_no_more_than_it_may():
-    trip = steady_trip(3, ambient_temperature_c=60.0)
-    power_w, charge_w, _ = power_in_steps_w(
-        trip, run(trip, BatteryState(60.0, 0.9), [5500.0] * 3))
-    assert (power_w >= charge_w * (1.0 + 1e-6)).all()
 
 
 def test_heating_goes_to_the_highest_temperature():
@@ -279,14 +234,6 @@ def test_plan_is_what_is_driven_within_limits(segments, state, target_c):
     assert driven.temperature_c == pytest.approx(plan.temperature_c, rel=0.0, abs=1e-5)
 
 
-def test_no_limit_is_near_a_warm_battery_on_a_flat_road():
-    trip = steady_trip(propulsion_power_w=20e3)
-    soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, 20.0)
-    assert not limit_is_near(trip, soc, temperature_c)
-    steep = steady_trip(propulsion_power_w=-50e3)
-    assert limit_is_near(steep, *run_forward(steep, make_runge_kutta_4, 0.8, -12.0))
-
-
 # Driven as planned
 
 
@@ -301,14 +248,3 @@ def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):
     assert (driven.soc.tolist(), driven.temperature_c.tolist(), driven.heater_power_w.tolist(),
             driven.brake_power_w.any()) == (
                 soc.tolist(), temperature_c.tolist(), wanted_w.tolist(), False)
-
-
-@pytest.mark.parametrize('changes, state, hold', [
-    ({'propulsion_power_w': 20e3}, BatteryState(-12.0, 0.8), True),
-    ({'propulsion_power_w': -50e3}, BatteryState(-12.0, 0.8), False),
-    ({'propulsion_power_w': 150e3}, BatteryState(-12.0, 0.8), False),
-    ({'propulsion_power_w': 20e3, 'ambient_temperature_c': 60.0}, BatteryState(59.9, 0.8), False)],
-    ids=['flat', 'descent', 'climb', 'too_hot'])
-def test_schedule_that_keeps_its_limits_is_known(changes, state, hold):
-    trip = steady_trip(**changes)
-    assert limits_hold(trip, plan_optimal_switch(trip, state, Goal(-12.0))) is hold

@@ -13,7 +13,6 @@ import pytest
 import short_stretches
 from varying_power import spread_magnitude_w
 
-from bev_preheat.native.library import without_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.methods import plan_optimal_switch
 from bev_preheat.planning.one_interval import find_prices, is_cheaper_elsewhere
@@ -114,15 +113,6 @@ def plan_of(segments, state, target_c):
     return plan_preheating(VEHICLE, route_of(segments), state, Goal(target_c), 'optimal_switch')
 
 
-def steady(count=80, duration_s=30.0, **changed):
-    return [{'duration_s': duration_s, 'speed_mps': 23.0, 'propulsion_power_w': 17e3,
-             'spread_w': 6e3, 'ambient_temperature_c': -5.0, 'cabin_heating_power_w': 1600.0,
-             'auxiliary_power_w': 400.0, **changed}] * count
-
-
-START = BatteryState(temperature_c=-3.0, soc=0.86)
-
-
 @settings(max_examples=3 * settings.default.max_examples)
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
 def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one_instant_on(
@@ -181,38 +171,6 @@ def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
     assert warm_wh <= cold_wh + 2e-3
 
 
-@pytest.mark.parametrize('target_c', [4.0, 11.0, 19.0])
-def test_shorter_segments_keep_the_switching_instant(target_c):
-    coarse = plan_of(steady(80, 30.0), START, target_c)
-    fine = plan_of(steady(240, 10.0), START, target_c)
-    # In the step of switching on, the heater has its mean power.
-    assert fine.heating_start_s == pytest.approx(coarse.heating_start_s, abs=1.0)
-
-
-def test_target_a_little_above_the_unheated_arrival_is_heated_for_just_before_it():
-    trip = make_trip(VEHICLE, route_of(steady()))
-    idle_c = float(plan_optimal_switch(trip, START, Goal(-30.0)).temperature_c[-1])
-    assert plan_of(steady(), START, idle_c).status is Status.NOT_NEEDED
-    plan = plan_of(steady(), START, idle_c + 1e-3)
-    # 0.86 * 5200 W warm 371 kJ/K by a millikelvin in 83 ms.
-    assert plan.arrival_time_s - plan.heating_start_s == pytest.approx(0.083, abs=0.002)
-
-
-def test_target_at_the_fully_heated_arrival_is_heated_for_all_the_way():
-    _, full_c = span_c(steady(), START)
-    plan = plan_of(steady(), START, full_c)
-    assert plan.status in (Status.HEATING, Status.WAITING)
-    assert plan.heating_start_s == pytest.approx(0.0, abs=0.01)
-
-
-def test_segment_that_is_longer_than_a_step_may_be():
-    state, target_c = BatteryState(1.0, 0.93), 13.0
-    one, many = plan_of(steady(1, 2400.0), state, target_c), plan_of(steady(), state, target_c)
-    # Steps of 300 s against 30 s: the mean power represents the heater in a longer step.
-    assert one.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
-    assert one.heating_start_s == pytest.approx(many.heating_start_s, abs=10.0)
-
-
 def planned(number, **drawn):
     """Return (trip, state, goal, its Schedule of one switch) of a situation."""
     vehicle, route, state, goal = short_stretches.draw(number, **drawn)
@@ -244,24 +202,6 @@ def test_prices_are_what_heating_a_step_makes_on_arrival(number):
         (full_soc, cold_c), (less_soc, warm_c) = ends
         assert prices.warmth_k_per_w[k] * trip.heater_limit_w[k] == pytest.approx(warm_c - cold_c, rel=2e-3)
         assert prices.charge_per_w[k] * trip.heater_limit_w[k] == pytest.approx(full_soc - less_soc, rel=2e-3)
-
-
-@pytest.mark.parametrize('number', range(12))
-def test_the_core_has_the_same_prices(number):
-    trip, _, _, schedule = planned(number)
-    found = find_prices(trip, schedule), is_cheaper_elsewhere(trip, schedule)
-    with without_core():
-        expected = find_prices(trip, schedule), is_cheaper_elsewhere(trip, schedule)
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
-    assert found[1] == expected[1]
-
-
-def test_a_step_that_the_cabin_takes_has_no_price():
-    trip, _, _, schedule = planned(3)
-    limit_w = trip.heater_limit_w.copy()
-    limit_w[5] = 0.0
-    prices = find_prices(trip.changed(heater_limit_w=limit_w), schedule)
-    assert prices.warmth_k_per_w[5] == prices.charge_per_w[5] == 0.0
 
 
 def best_of_all_steps(trip, state, target_c):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reasons for heating: each on a trip designed for it, and properties of all intervals."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -9,7 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import without_core
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -17,7 +15,6 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
-from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SHIPPED_CAR = load_vehicle('reference')
@@ -50,12 +47,6 @@ def reasons(plan):
 
 # Each reason on a trip designed for it
 
-def test_heating_before_arrival_is_for_arrival():
-    plan = plan_of((60, 15e3), target_c=5.0)
-    interval, = plan.intervals
-    assert (interval.reason, interval.start_s, interval.end_s) == (
-        Reason.ARRIVAL, plan.heating_start_s, 1800.0)
-
 
 def test_heating_with_what_the_battery_may_not_take_is_surplus():
     # At -11 degC it accepts 18 kW of 28; paid heat is not worth it for 3 min. A kelvin takes 0.44 MJ and lets it
@@ -73,27 +64,6 @@ def test_heating_before_a_long_descent_is_for_the_descent_and_ends_where_it_star
     assert plan.intervals[0].end_s == 300.0
 
 
-def test_heating_before_a_climb_is_for_the_climb_and_ends_just_before_it():
-    # 125 kW and losses of 12 kW need 60 kW + 3 kW/K at -4 degC; driving brings 8 K in half an hour.
-    plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
-    assert reasons(plan) == [Reason.CLIMB]
-    # Within the two steps around the threshold.
-    assert 1740.0 <= plan.intervals[0].end_s <= 1800.0
-
-
-@pytest.mark.parametrize('is_on', [True, False])
-@pytest.mark.parametrize('parts, target_c, told', [
-    ([(60, 15e3), (3, 125e3)], -30.0, Reason.CLIMB), ([(63, 15e3)], 15.0, Reason.ARRIVAL)])
-def test_late_heat_that_is_switched_off_before_arrival_is_for_what_needs_it(parts, target_c, told, is_on):
-    # A heater with lag is switched off before arrival. Heating for a climb shortly before arrival was mistaken for
-    # heating for the arrival, whatever the target.
-    slow = replace(CAR, heat_path=HeatPath(45.0))
-    with nullcontext() if is_on else without_core():
-        plan = plan_of(*parts, target_c=target_c, car=slow)
-    assert plan.arrival_time_s - 12.0 * 45.0 < plan.intervals[-1].end_s < plan.arrival_time_s
-    assert set(reasons(plan)) == {told}
-
-
 def test_heating_before_a_climb_and_before_arrival_has_two_reasons_each_with_its_energy():
     plan = plan_of((60, 15e3), (4, 125e3), (60, 15e3), target_c=20.0)
     assert reasons(plan) == [Reason.CLIMB, Reason.ARRIVAL]
@@ -102,17 +72,6 @@ def test_heating_before_a_climb_and_before_arrival_has_two_reasons_each_with_its
     assert 60 <= end < 64
     assert plan.intervals[0].energy_wh == pytest.approx(
         plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
-
-
-def test_pause_of_the_cabin_divides_heating_for_arrival():
-    plan = plan_of((60, 15e3), target_c=15.0,
-                   cabin_w=np.repeat([1500.0, 7000.0, 1500.0], 20))
-    assert [(interval.reason, interval.end_s) for interval in plan.intervals] == [
-        (Reason.ARRIVAL, 600.0), (Reason.ARRIVAL, 1800.0)]
-
-
-def test_no_heating_has_no_reason():
-    assert plan_of((60, 15e3)).intervals == ()
 
 
 # Properties

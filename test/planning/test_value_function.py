@@ -104,13 +104,6 @@ def test_nothing_else_that_can_be_switched_costs_less(target_c, heat_path, share
     assert cost_wh(mine) < min(map(cost_wh, tried)) + 1.0
 
 
-def test_without_an_active_limit_it_is_one_switch():
-    route = load_route('reference', VEHICLE.defaults)
-    plans = [plan_preheating(VEHICLE, route, BatteryState(-7.0, 0.9), Goal(25.0), method)
-             for method in ('value_function', 'optimal_switch')]
-    assert np.array_equal(plans[0].hvch_battery_power_w, plans[1].hvch_battery_power_w)
-
-
 # Order of sacrifices.
 
 def climb(power_w, cold_c, soc, reserve, target_c=5.0):
@@ -138,16 +131,6 @@ def test_a_climb_that_heat_makes_possible_is_heated_for_and_given_up_for_the_res
     assert held.arrival_soc >= reserve - 1e-5
     assert held.energy_wh.hvch_electric < 1.0
     assert held.status is Status.POWER_LIMITED
-
-
-def test_the_target_is_lowered_to_what_the_reserve_allows():
-    route = load_route('reference', VEHICLE.defaults)
-    plan = plan_preheating(VEHICLE, route, BatteryState(-7.0, 0.9), Goal(25.0, 0.64), 'value_function')
-    assert plan.status is Status.SOC_LIMITED
-    assert plan.arrival_soc == pytest.approx(0.64, abs=1e-6) and plan.arrival_soc >= 0.64
-    warmer = plan_preheating(VEHICLE, route, BatteryState(-7.0, 0.9), Goal(
-        plan.arrival_temperature_c + 0.1), 'value_function')
-    assert warmer.arrival_soc < 0.64
 
 
 # Drawn trips.
@@ -241,18 +224,6 @@ def plan_of(route, target_c=10.0, state=START, **goal):
     return plan_preheating(VEHICLE, route, state, Goal(target_c, **goal))
 
 
-def test_a_climb_is_heated_for_as_much_as_it_needs():
-    route = drive((60, 15e3), (4, 160e3), (10, 15e3))
-    plan = plan_of(route, target_c=-12.0)
-    beyond_w = PLANT.beyond_limits_w(route, START, plan.hvch_battery_power_w, plan.friction_brake_power_w)[:, 0]
-    cold_w = PLANT.beyond_limits_w(route, START, np.zeros(74), np.zeros(74))[:, 0]
-    assert cold_w.max() > 5e3
-    # A kelvin, 5 W h/K of the heater, gives some kilowatts.
-    assert beyond_w.max() == pytest.approx(0.0, abs=SAME_POWER_W)
-    assert beyond_w.argmax() in range(60, 64)
-    assert not plan.hvch_battery_power_w[60:].any()
-
-
 def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where():
     route = drive((20, 15e3), (5, 190e3), (60, 20e3))
     plan = plan_of(route, 20.0)
@@ -274,45 +245,7 @@ def test_surplus_of_a_descent_heats_although_the_target_is_met_anyway():
     assert plan.hvch_battery_power_w[10:14] == pytest.approx(5500.0)
 
 
-def test_a_descent_saves_energy_against_heating_at_the_end():
-    route, goal = drive((10, 5e3), (40, -30e3), (60, 15e3)), Goal(14.0)
-    switch = plan_preheating(VEHICLE, route, START, goal, 'optimal_switch')
-    driven = as_driven(switch, VEHICLE, route, START, goal)
-    # The heater takes 5.5 kW that the brake would waste, for most of 20 min: about 1.5 kWh.
-    assert plan_of(route, 14.0).energy_wh.battery_total < driven.energy_wh.battery_total - 1000.0
-
-
-def test_the_battery_gets_what_a_changing_cabin_leaves():
-    cabin_w = np.repeat([0.0, 7500.0, 3000.0, 7000.0, 1200.0], 12)
-    plan = plan_of(drive((50, 15e3), (2, 180e3), (8, 15e3), cabin_w=cabin_w), target_c=30.0)
-    # The limit is active at the climb only; everywhere else full power is wanted.
-    assert np.delete(plan.hvch_battery_power_w, [50, 51]) == pytest.approx(np.delete(
-        np.repeat([7000.0, 0.0, 4000.0, 0.0, 5800.0], 12), [50, 51]))
-
-
-@pytest.mark.parametrize('target_c', [10.0, 13.0, 14.0, 15.0, 15.5])
-def test_heat_that_a_descent_pays_for_is_not_taken_back_for_an_exact_arrival(target_c):
-    # Found on a drawn trip: the arrival was made exact, and the brake took 300 Wh that the battery could have.
-    route = make_route({
-        'duration_s': [30.0] * 66, 'speed_mps': [22.0],
-        'propulsion_power_w': [14e3] * 23 + [-58e3] * 31 + [20e3] * 12,
-        'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1300.0], 'auxiliary_power_w': [500.0]},
-        VEHICLE.defaults)
-    vehicle, state = replace(VEHICLE, heat_path=HeatPath(50.0, 30e3, 170.0)), BatteryState(-10.7, 0.676)
-    plan, warmer = (plan_preheating(vehicle, route, state, Goal(each_c)) for each_c in (target_c, target_c + 1.0))
-    assert warmer.arrival_temperature_c > target_c
-    assert plan.energy_wh.battery_total <= warmer.energy_wh.battery_total + ABOVE_OPTIMUM_WH
-
-
 # Heat above the target.
-
-@pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['at once', 'late'])
-def test_a_full_battery_that_is_warm_enough_is_not_heated(path):
-    # It accepts none of the descent, warm or cold, so no heat brings anything.
-    route = drive((120, -15e3), cabin_w=0.0, ambient_c=25.0)
-    plan = plan_preheating(replace(VEHICLE, heat_path=path), route, BatteryState(30.0, 1.0), Goal(25.0))
-    assert (plan.status, plan.intervals) == (Status.NOT_NEEDED, ())
-    assert 25.0 < plan.arrival_temperature_c < 30.0
 
 
 @pytest.mark.costly
@@ -341,30 +274,6 @@ def test_the_reserve_is_used_up_to_be_warm_and_said_in_kelvin():
         Status.SOC_LIMITED, f'To keep the {100 * reserve:.1f} % reserve, the target is missed '
         f'by {10.0 - plan.arrival_temperature_c:.1f} K: heating starts in {minutes}:{seconds:02d} '
         f'min; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
-
-
-def test_a_reserve_that_is_missed_anyway_means_no_heating():
-    route = drive((60, 15e3))
-    reserve = plan_of(route, charging_planned=False).arrival_soc + 0.03
-    plan = plan_of(route, minimum_arrival_soc=reserve)
-    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
-        Status.SOC_LIMITED, None, False)
-    assert plan.soc_shortfall == pytest.approx(0.03, rel=1e-9)
-    assert plan.explanation == (
-        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % reserve: the heater '
-        f'stays off; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
-
-
-def test_the_lowest_state_of_charge_of_the_vehicle_is_a_reserve():
-    # Half an hour at 16.9 kW and its losses, not the heat as well.
-    state = BatteryState(-12.0, 0.05 + 0.5 * 16.9e3 / 80e3 + 0.02)
-    assert plan_of(drive((60, 15e3)), target_c=25.0, state=state).arrival_soc == pytest.approx(0.05, abs=1.1e-5)
-
-
-def test_no_charging_planned_means_no_heating_even_with_surplus():
-    plan = plan_of(drive((10, 5e3), (20, -40e3), (10, 15e3)), charging_planned=False)
-    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
-        Status.NO_CHARGING_PLANNED, None, False)
 
 
 # Extremes: a status and finite numbers, neither an exception nor a warning.

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated car that differs from its files: mismatch, sensors, heater faults, clock."""
 
-from dataclasses import replace
 from math import isnan
 
 import numpy as np
@@ -13,7 +12,7 @@ from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch, true_route, true_vehicle
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
@@ -54,21 +53,6 @@ def test_each_factor_changes_its_own_quantity():
     assert true.hvch.maximum_power_w == VEHICLE.hvch.maximum_power_w
 
 
-def test_a_heat_path_is_that_of_the_true_car_alone():
-    path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
-    car = make_car(heat_path=path)
-    assert (car.plant.vehicle.heat_path, car.vehicle.heat_path) == (path, DIRECT)
-
-
-def test_the_heat_path_of_a_vehicle_file_is_simulated_unless_said_otherwise():
-    path = HeatPath(heater_lag_s=60.0, sensor_lag_s=30.0)
-    vehicle = replace(VEHICLE, heat_path=path)
-    for said, driven in ((None, path), (DIRECT, DIRECT), (HeatPath(10.0), HeatPath(10.0))):
-        assert true_vehicle(vehicle, MISMATCH, said).heat_path == driven
-        assert true_vehicle(vehicle, Mismatch(), said).heat_path == driven
-    assert Imperfections().heat_path is None
-
-
 def test_a_lagging_sensor_shows_what_the_battery_was():
     car = make_car(heat_path=HeatPath(sensor_lag_s=120.0))
     prompt = make_car()
@@ -78,13 +62,6 @@ def test_a_lagging_sensor_shows_what_the_battery_was():
     assert now[-1].temperature_c - late[-1].temperature_c == pytest.approx(
         120.0 * warming_k_per_s, rel=0.15)
     assert late[0].temperature_c == now[0].temperature_c
-
-
-def test_without_variability_the_power_is_scaled_evenly():
-    true = true_route(ROUTE, MISMATCH, np.random.default_rng(1))
-    assert true.propulsion_power_w == pytest.approx(1.08 * ROUTE.propulsion_power_w)
-    assert true.propulsion_power_rms_w == pytest.approx(1.08 * ROUTE.propulsion_power_rms_w)
-    assert (true.speed_mps == ROUTE.speed_mps).all()
 
 
 def test_wandering_power_keeps_its_mean_and_has_the_deviation_asked_for():
@@ -98,21 +75,7 @@ def test_wandering_power_keeps_its_mean_and_has_the_deviation_asked_for():
     assert np.log(factors).std() == pytest.approx(0.2, abs=error)
 
 
-def test_neighbouring_segments_vary_together():
-    wandering = Mismatch(propulsion_power_variability=0.2)
-    factors = np.log(true_route(ROUTE, wandering, np.random.default_rng(3)).propulsion_power_w
-                     / ROUTE.propulsion_power_w)
-    apart = [np.corrcoef(factors[:-lag], factors[lag:])[0, 1] for lag in (1, 12)]
-    assert apart[0] > 0.6 and abs(apart[1]) < 0.4
-
-
 # Sensors
-
-def test_first_reading_is_there_at_the_start_and_is_handed_out_once():
-    car = make_car()
-    reading, = car.readings()
-    assert (reading.instant_s, reading.temperature_c, reading.soc) == (0.0, -7.0, 0.9)
-    assert car.readings() == []
 
 
 def test_readings_come_each_period_with_what_was_true_then():
@@ -124,17 +87,6 @@ def test_readings_come_each_period_with_what_was_true_then():
         reference.advance_under(LEASE, reading.instant_s)
         assert reading.temperature_c == pytest.approx(reference.plant.temperature_c, abs=1e-6)
     assert car.time_s == 8.0
-
-
-def test_measured_power_is_what_the_car_draws():
-    reading = drive(make_car(mismatch=MISMATCH), 21.0, LEASE)[-1]
-    drawn_w = (1.08 * ROUTE.propulsion_power_w[0] + CABIN_W + ROUTE.auxiliary_power_w[0] + 3000.0)
-    assert reading.voltage_v * reading.current_a == pytest.approx(drawn_w, rel=1e-3)
-
-
-def test_power_may_be_unknown():
-    reading = drive(make_car(sensors=Sensors(reports_power=False)), 1.0)[-1]
-    assert (reading.voltage_v, reading.current_a) == (None, None)
 
 
 def test_noise_has_the_deviation_asked_for():
@@ -151,48 +103,15 @@ def test_temperature_is_rounded_after_the_noise():
     assert len(set(whole)) > 1
 
 
-def test_an_offset_is_added_to_every_reading():
-    assert temperatures_c(temperature_offset_k=1.5) == pytest.approx(temperatures_c() + 1.5)
-
-
 def test_a_delay_makes_readings_late_but_not_their_instants():
     car = make_car(sensors=Sensors(delay_s=3.0))
     assert drive(car, 2.9) == []
     assert [reading.instant_s for reading in drive(car, 5.5)] == [0.0, 1.0, 2.0]
 
 
-def test_the_share_asked_for_is_lost():
-    received = len(temperatures_c(loss=0.3))
-    # 901 readings: 4 standard errors of a share.
-    assert received / 901 == pytest.approx(0.7, abs=4.0 * np.sqrt(0.21 / 901))
-
-
-def test_in_a_drop_out_nothing_comes():
-    car = make_car(sensors=Sensors(drop_outs=((10.0, 20.0), (30.0, 31.0))))
-    instants_s = [reading.instant_s for reading in drive(car, 40.0)]
-    assert instants_s == [*range(10), *range(20, 30), *range(31, 41)]
-
-
-def test_a_stuck_temperature_repeats_itself():
-    readings = drive(make_car(sensors=Sensors(temperature_noise_k=0.5, stuck=((10.0, 20.0),))),
-                     40.0)
-    values_c = [reading.temperature_c for reading in readings]
-    assert len(set(values_c[10:20])) == 1
-    assert len(set(values_c[:10])) == len(set(values_c[20:30])) == 10
-    # The other fields are unaffected.
-    assert len({reading.soc for reading in readings[10:20]}) == 10
-
-
 def test_an_invalid_temperature_is_no_number():
     values_c = temperatures_c(40.0, invalid=((10.0, 20.0),))
     assert [at for at, value in enumerate(values_c) if isnan(value)] == list(range(10, 20))
-
-
-def test_the_period_can_be_changed_on_the_way():
-    car = make_car()
-    drive(car, 4.0)
-    car.readings_of.set_period(0.25, car.time_s)
-    assert [reading.instant_s for reading in drive(car, 5.0)] == [4.0, 4.25, 4.5, 4.75, 5.0]
 
 
 def test_seed_makes_drive_and_readings():
@@ -222,28 +141,7 @@ def test_a_faulty_heater_takes_what_it_is_said_to(fault, expected_w):
     assert heater_energy_wh((fault,)) == pytest.approx(expected_w * 100.0 / 3600.0)
 
 
-def test_a_stuck_heater_needs_no_lease_and_a_dead_one_takes_none():
-    assert heater_energy_wh((HeaterFault(0.0, stuck_on=True),), lease=NO_LEASE) > 0.0
-    assert heater_energy_wh((HeaterFault(0.0, share=1.0),), lease=NO_LEASE) == 0.0
-
-
-def test_of_two_faults_at_a_time_the_one_named_last_holds():
-    faults = (HeaterFault(0.0, share=0.0), HeaterFault(40.0, 60.0, share=0.5))
-    assert heater_energy_wh(faults) == pytest.approx(20.0 * 1500.0 / 3600.0)
-
-
-def test_a_lease_that_ends_in_a_fault_ends():
-    faults = (HeaterFault(10.0, share=0.5),)
-    assert heater_energy_wh(faults, lease=HeaterLease(3000.0, 30.0)) == pytest.approx(
-        (10.0 * 3000.0 + 20.0 * 1500.0) / 3600.0)
-
-
 # Trip planner and clock
-
-def test_the_trip_planner_knows_the_route_as_described():
-    leg, = make_car(mismatch=MISMATCH).mission(7 * NS_PER_S).legs
-    assert leg.start_ns == 7 * NS_PER_S and leg.target_temperature_c == 25.0
-    assert (leg.route.propulsion_power_w == ROUTE.propulsion_power_w).all()
 
 
 def test_the_trip_planner_says_at_the_start_how_long_the_car_stood_and_not_again():
@@ -273,12 +171,3 @@ def test_an_early_arrival_is_told_with_a_route_that_has_ended():
     drive(car, 510.0)
     leg, = car.route_news(0).legs
     assert leg.start_ns / NS_PER_S + leg.route.total_duration_s == pytest.approx(500.0)
-
-
-def test_a_clock_that_jumps_moves_stamps_and_news():
-    car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 0.0),),
-                   clock_jumps=(ClockJump(40.0, -30.0),))
-    drive(car, 60.0)
-    assert car.clock_s == pytest.approx(30.0)
-    assert car.stamp_s(39.0) == 39.0
-    assert car.route_news(0).legs[0].start_ns == 20 * NS_PER_S

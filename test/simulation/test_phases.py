@@ -11,7 +11,7 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
-from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
+from bev_preheat.simulation.heater import HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, DrivePhase, Park
 from bev_preheat.simulation.sensors import PositionReports, Sensors
@@ -85,14 +85,6 @@ def test_what_the_planner_commands_at_the_charger_the_charger_gives():
         600.0 * heat_w / HEAT_CAPACITY_J_PER_K, rel=1e-6)
 
 
-def test_no_more_is_charged_than_the_battery_takes():
-    car = at_the_start_of_its_second_phase(Charge(150e3, 900.0, 0.0), of=vehicle(charge_w=-20e3))
-    soc = car.plant.soc
-    car.advance_under(NO_LEASE, 700.0)
-    # The limit is on U I.
-    assert car.plant.soc - soc == pytest.approx(600.0 * 20e3 / VOLTAGE_V / (3600.0 * CAPACITY_AH), rel=1e-6)
-
-
 def test_charging_ends_at_its_state_of_charge_and_the_next_phase_begins():
     car = at_the_start_of_its_second_phase(Charge(50e3, 7200.0, 0.0, until_soc=0.55), Park(600.0, 0.0))
     car.advance_under(NO_LEASE, 3600.0)
@@ -113,13 +105,6 @@ def test_a_car_may_heat_itself_at_the_charger_up_to_its_limit():
     hot.advance_under(NO_LEASE, 3600.0)
     # Beyond the limit heating between two battery states adds 0.2 K, and the charging current of 20 A 0.5 K.
     assert 24.0 < hot.plant.temperature_c < 25.7
-
-
-def test_a_fault_of_the_heater_is_one_at_the_charger_too():
-    car = at_the_start_of_its_second_phase(Charge(30e3, 7200.0, 0.0, heats_itself=True),
-                                           heater_faults=(HeaterFault(0.0, share=0.25),))
-    car.advance_under(NO_LEASE, 120.0)
-    assert car.plant.heater_power_w == pytest.approx(0.25 * vehicle().hvch.maximum_power_w)
 
 
 def test_a_parked_battery_cools_to_the_ambient():
@@ -177,13 +162,6 @@ def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
     assert sent == [first] if sent_after_s is None else [first, (720, 'home 2', 725, 0.0, False)]
 
 
-def test_an_early_arrival_leads_into_the_next_phase_without_a_word():
-    car = a_car(Charge(50e3, 600.0, 0.0), events=(Event(Kind.ARRIVE_EARLY, 60.0, None),))
-    car.advance_under(NO_LEASE, 70.0)
-    assert car.is_charging and car.route_news(0) is None
-    assert car.plant.current_a < -100.0
-
-
 def test_a_car_says_where_it_is_while_it_drives():
     car = a_car(Park(50.0, 0.0), DrivePhase(a_route(), Goal(20.0), position=PositionReports(10.0)),
                 position=PositionReports(10.0))
@@ -205,16 +183,6 @@ def test_a_recording_that_is_played_again_begins_with_the_first_state():
     assert (car.clock_s, car.plant.temperature_c > 10.5) == (99.0, True)
     car.advance_under(NO_LEASE, 100.0)
     assert (car.clock_s, car.plant.temperature_c, car.plant.soc) == (0.0, 10.0, 0.5)
-
-
-def test_the_same_arguments_make_the_same_chain():
-    def readings():
-        car = a_car(Charge(50e3, 600.0, 0.0), Park(60.0, 0.0), DrivePhase(a_route(), Goal(20.0)),
-                    sensors=Sensors(temperature_noise_k=0.3))
-        car.advance_under(NO_LEASE, 860.0)
-        return car.readings()
-
-    assert readings() == readings()
 
 
 def test_no_step_is_taken_while_the_computers_sleep():
