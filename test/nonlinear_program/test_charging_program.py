@@ -4,7 +4,6 @@
 from dataclasses import replace
 import math
 
-import casadi
 import numpy as np
 import pytest
 
@@ -17,7 +16,6 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.nonlinear_program import charging_steps, smooth_maps
 from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
 from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step
-from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smooth_weights, smoothed
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -149,23 +147,3 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
 
 
 # --- rounded corners ---
-
-
-@pytest.mark.parametrize('axis, width', [((0.0, 0.2, 0.5, 1.0), 0.005), ((-30.0, 0.0, 10.0, 40.0), 0.5)])
-def test_weights_of_a_rounded_table(axis, width):
-    x = casadi.SX.sym('x')
-    weights = casadi.Function('weights', [x], smooth_weights(axis, x, width))
-    for at in np.linspace(axis[0] - 1.0, axis[-1] + 1.0, 41):
-        found = np.array([float(weight) for weight in weights(at)])
-        assert found.sum() == pytest.approx(1.0, abs=1e-12)
-        exact = [np.interp(at, axis, row) for row in np.eye(len(axis))]
-        assert np.abs(found - exact).max() < width / np.diff(axis).min()
-
-
-def test_the_rounded_map_is_the_map_away_from_its_corners():
-    limit = smoothed(REFERENCE).charging.power_limit.function(SMOOTH)
-    soc, temperature_c = casadi.SX.sym('soc'), casadi.SX.sym('temperature')
-    smooth = casadi.Function('limit', [soc, temperature_c], [limit(soc, temperature_c)])
-    sharp = REFERENCE.charging.power_limit.function(FLOATS)
-    for at in ((0.1, 5.0), (0.35, 15.0), (0.6, -5.0)):
-        assert float(smooth(*at)) == pytest.approx(sharp(*at), rel=2e-3)

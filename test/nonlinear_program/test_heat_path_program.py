@@ -78,14 +78,3 @@ def test_corrections_give_the_optimum_of_the_corrected_car():
     alone = solve_optimum(corrected_vehicle(vehicle, corrections), *others).plan
     assert together.energy_wh.battery_total == pytest.approx(alone.energy_wh.battery_total, abs=1e-3)
     assert together.battery_temperature_c == pytest.approx(alone.battery_temperature_c, abs=1e-4)
-
-
-# Without a heat path, in test_optimum.py, daily.
-@pytest.mark.deep
-def test_unreachable_target_is_heated_for_all_the_way():
-    vehicle, route, state, _ = situation(BOTH)
-    route = route.resampled(120.0)
-    optimum = solve_optimum(vehicle, route, state, Goal(45.0))
-    plan = plan_preheating(vehicle, route, state, Goal(45.0))
-    assert 'target temperature' in optimum.infeasible[0]
-    assert optimum.plan.arrival_temperature_c == pytest.approx(plan.arrival_temperature_c, abs=1e-3)

@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 import short_stretches
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.nonlinear_program import program, solve
-from bev_preheat.nonlinear_program.attempt import attempt, heated_start, Problem, SUCCESS, unheated_start
+from bev_preheat.nonlinear_program.attempt import SUCCESS
 from bev_preheat.nonlinear_program.solve import (
     ARRIVAL_SOC,
     CHARGE,
-    DISCHARGE_POWER,
     HIGHEST_SOC,
     HIGHEST_TEMPERATURE,
     LOWEST_SOC,
@@ -31,7 +29,6 @@ from bev_preheat.nonlinear_program.solve import (
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import SWITCH_ON_WH
@@ -254,16 +251,6 @@ def test_heating_starts_at_the_best_switching_instant(name):
     assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
 
 
-# The same equations as in the drives above, which are daily.
-@pytest.mark.deep
-def test_half_the_step_saves_no_more_than_a_smaller_partial_step_can():
-    vehicle, route, state, goal = TRIPS['reference']
-    coarse_wh = solution_of('reference').plan.energy_wh.battery_total
-    fine = solve_optimum(vehicle, route.resampled(15.0), state, goal)
-    # Every schedule of 30 s is a schedule of 15 s; its integration error, 1e-4 Wh, may count against it.
-    assert -1e-3 < coarse_wh - fine.plan.energy_wh.battery_total < 0.5
-
-
 @pytest.mark.parametrize('name', UNLIMITED)
 def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
     plan = plan_preheating(*TRIPS[name], 'optimal_switch')
@@ -282,45 +269,12 @@ def test_two_intervals_around_a_short_stretch_of_power_cost_less_than_a_switchin
     assert -1e-3 < gap_wh < min(SWITCH_ON_WH, gap_of_one_wh + 1e-3)
 
 
-# The same equations as in the drives above, which are daily.
-@pytest.mark.deep
-def test_variation_of_power_within_steps_costs_what_it_costs_by_hand():
-    def route_of(rms_w):
-        return made_route(duration_s=[60.0] * 30, propulsion_power_rms_w=[rms_w])
-
-    def solved_wh(route):
-        return solve_optimum(REFERENCE, route, state, Goal(6.0)).plan.energy_wh.battery_total
-
-    def searched_wh(route):
-        return Car(REFERENCE).cheapest_switch(route, state, 6.0)[1]
-
-    state = BatteryState(-5.0, 0.71)
-    varied, steady = route_of(31e3), route_of(17e3)
-    # A continuous drive may switch within a step, on either route.
-    assert solved_wh(varied) - solved_wh(steady) == pytest.approx(
-        searched_wh(varied) - searched_wh(steady), abs=0.1)
-
-
-def test_descent_is_solved_as_well_as_by_dynamic_programming():
-    plan = plan_preheating(*TRIPS['descent'], 'merit_order')
-    gap_wh = plan.energy_wh.battery_total - solution_of('descent').plan.energy_wh.battery_total
-    # Heating at the end only costs 5 kWh more; the other method works on a grid.
-    assert -1e-2 < gap_wh < 5.0
-
-
 def test_brake_takes_what_a_cold_battery_may_not_and_nothing_else():
     assert (solution_of('descent').plan.friction_brake_power_w > 1.0).any()
     warm = solve_optimum(REFERENCE, DESCENT, BatteryState(26.0, 0.83), Goal(13.0))
     # An interior point leaves 1 W of about 10 kW.
     for optimum in (warm, *map(solution_of, UNLIMITED)):
         assert optimum.plan.friction_brake_power_w.max() < 1.0
-
-
-def test_limits_can_be_left_out():
-    vehicle, route, state, goal = TRIPS['descent']
-    optimum = solve_optimum(vehicle, route, state, goal, limited=False)
-    assert optimum.solver_status == SUCCESS
-    assert not optimum.plan.friction_brake_power_w.any()
 
 
 def test_unreachable_target_lacks_what_full_heating_misses():
@@ -385,42 +339,6 @@ def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     car = Car(REFERENCE)
     full = car.drive(route, state, car.heater_limit_w(route))
     assert deficit.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
-
-
-# The deficit of the climb below is daily.
-@pytest.mark.deep
-def test_joule_heat_beyond_the_highest_temperature_is_lacking():
-    vehicle = replace(REFERENCE, battery=replace(
-        REFERENCE.battery, temperature_range_c=(-40.0, 40.0)))
-    route = made_route(duration_s=[60.0], propulsion_power_w=[16e3] * 5 + [170e3] * 10 + [16e3] * 10,
-                       ambient_temperature_c=[20.0])
-    state = BatteryState(33.0, 0.95)
-    idle_c = Car(vehicle).drive(route, state, np.zeros(25))[:, 1]
-    optimum = solve_optimum(vehicle, route, state, Goal(20.0))
-    (deficit,) = optimum.deficit
-    assert (deficit.constraint, deficit.unit) == (HIGHEST_TEMPERATURE, 'K')
-    assert deficit.amount == pytest.approx(idle_c.max() - 40.0, abs=1e-3)
-    assert deficit.text.endswith(
-        f'K above its range at {60 * int(np.argmax(idle_c))} s')
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize('number', [43, 292, 637])
-def test_drawn_climbs_that_overheat_the_battery_are_explained(number):
-    trip = draw_limit_trip(REFERENCE, 1, number)
-    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    deficit = {item.constraint: item.amount for item in optimum.deficit}
-    driven = Car(REFERENCE).drive(trip.route, trip.state, optimum.plan.hvch_battery_power_w)
-    warmest_c = max(driven[:, 1].max(), REFERENCE.battery.temperature_range_c[1])
-    assert deficit[HIGHEST_TEMPERATURE] == pytest.approx(
-        warmest_c - REFERENCE.battery.temperature_range_c[1], abs=1e-3)
-    # In the last trip, the smallest deficit is at a corner of the limit, and the corners are rounded.
-    car, segments = Car(REFERENCE), segments_of(trip.route)
-    deficit_w = max(
-        car.heat_and_power(*driven[k + end, :2], segment, optimum.plan.hvch_battery_power_w[k])[2]
-        - bilinear(REFERENCE.battery.discharge_power_limit, *driven[k + end, :2])
-        for k, segment in enumerate(segments) for end in (0, 1))
-    assert deficit[DISCHARGE_POWER] == pytest.approx(deficit_w, abs=15.0)
 
 
 @pytest.mark.deep
@@ -496,26 +414,6 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
         f'battery will be empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
-# The precedence of the two limits is that of the climb above, daily.
-@pytest.mark.deep
-def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
-    # A warmer battery could deliver more of this climb; its range takes precedence.
-    trip = draw_limit_trip(REFERENCE, 1, 64)
-    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
-    assert optimum.deficit
-    assert optimum.plan.battery_temperature_c.max() <= 60.0 + 1e-6
-
-
-@pytest.mark.deep
-def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_the_solver():
-    # On a descent the battery is at 25 degC, a point of the table, at the boundary of two steps.
-    trip = draw_limit_trip(REFERENCE, 1, 60)
-    situation = trip.vehicle, trip.route, trip.state, trip.goal
-    optimum, plan = solve_optimum(*situation), plan_preheating(*situation)
-    assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
-    assert optimum.plan.energy_wh.battery_total <= plan.energy_wh.battery_total + 1e-3
-
-
 def short_trip():
     """Return route, state and goal of a quarter of an hour."""
     return made_route(duration_s=[60.0] * 15), BatteryState(-4.0, 0.8), Goal(2.0)
@@ -586,28 +484,6 @@ def test_failure_on_a_trip_that_can_be_kept_is_no_optimum(failing_runs):
         solve_optimum(*TRIPS['uneven'])
 
 
-def starts_of(goal):
-    """Return the Problem of the descent with a goal, and its two starts."""
-    vehicle, route, state, _ = TRIPS['descent']
-    problem = Problem(vehicle, Corrections(), make_trip(vehicle, route), state, goal)
-    return problem, [unheated_start(problem), heated_start(problem)]
-
-
-def test_of_two_starts_the_better_result_counts_and_the_effort_of_both():
-    problem, starts = starts_of(TRIPS['descent'][3])
-    apart = [attempt(problem, True, starts=[start]) for start in starts]
-    both = attempt(problem, True, starts=starts)
-    assert (both.status, both.energy) == (SUCCESS, min(run.energy for run in apart))
-    assert both.iterations == sum(run.iterations for run in apart)
-
-
-def test_a_trip_without_a_solution_is_not_tried_from_another_start():
-    problem, starts = starts_of(Goal(59.0))
-    alone = attempt(problem, True, starts=starts[:1])
-    assert alone.status != SUCCESS
-    assert attempt(problem, True, starts=starts).iterations == alone.iterations
-
-
 def test_marginal_cost_is_what_one_more_kelvin_costs():
     vehicle, route, state, _ = TRIPS['reference']
     colder_wh, warmer_wh = (
@@ -618,23 +494,12 @@ def test_marginal_cost_is_what_one_more_kelvin_costs():
         0.5 * (warmer_wh - colder_wh), rel=5e-3)
 
 
-def test_marginal_cost_is_unknown_where_the_battery_arrives_warm_anyway():
-    vehicle, route, state, _ = TRIPS['reference']
-    optimum = solve_optimum(vehicle, route, state, Goal(-20.0))
-    assert math.isnan(optimum.marginal_cost_wh_per_k)
-
-
 def test_nothing_is_heated_where_no_charging_is_planned():
     vehicle, route, state, _ = TRIPS['reference']
     optimum = solve_optimum(vehicle, route, state, Goal(25.0, charging_planned=False))
     idle_wh = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 2]
     assert (optimum.plan.status, optimum.deficit) == (Status.NO_CHARGING_PLANNED, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(idle_wh, abs=1e-2)
-
-
-def test_refused_input_is_refused_before_solving():
-    with pytest.raises(InvalidInput, match='^state of charge: 1.2 is not allowed'):
-        solve_optimum(*TRIPS['reference'][:2], BatteryState(-7.0, 1.2), GOAL)
 
 
 def test_dictionary_has_the_solver_in_it():

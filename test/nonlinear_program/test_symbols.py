@@ -23,7 +23,6 @@ ROUNDING = 1e-12
 # In the functions' order: of the heat capacity and of the resistance.
 FACTORS = (1.13, 0.79)
 CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79)
-AS_DESCRIBED = (1.0, 1.0)
 
 
 @pytest.fixture(params=VEHICLES)
@@ -101,28 +100,6 @@ def test_curve_is_that_of_floats(vehicle, name):
     # Limits go down to 0 W.
     assert np.array([float(symbolic(*point)) for point in points]) == pytest.approx(
         expected, rel=ROUNDING, abs=ROUNDING * np.abs(expected).max())
-
-
-def test_power_that_cannot_be_delivered_leaves_the_current_at_its_most(vehicle):
-    soc, temperature_c = 0.63, 4.0
-    voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
-    resistance_ohm = vehicle.battery.resistance.function(FLOATS)(soc, temperature_c)
-    joule_w = symbolic_rates(vehicle)(
-        soc, temperature_c, 2e6, 0.0, 0.0, 0.0, *AS_DESCRIBED)[2]
-    # The floor of the discriminant, 1e-6 V^2, is 1 mV of some 200 V of drop.
-    assert float(joule_w) == pytest.approx(voltage_v**2 / (4.0 * resistance_ohm), rel=2e-5)
-
-
-def test_derivatives_are_finite_where_power_cannot_be_delivered(vehicle):
-    rates = symbolic_rates(vehicle)
-    state = casadi.SX.sym('state', 2)
-    power_w = casadi.SX.sym('power')
-    outputs = casadi.vertcat(
-        *rates(state[0], state[1], power_w, 7e6, 300.0, 40.0, *AS_DESCRIBED))
-    jacobian = casadi.Function('jacobian', [state, power_w], [
-        casadi.jacobian(outputs, casadi.vertcat(state, power_w))])
-    for asked_w in (1e5, 2e6):
-        assert np.isfinite(np.array(jacobian([0.63, -27.0], asked_w))).all()
 
 
 def test_derivatives_are_those_of_the_expressions(vehicle):

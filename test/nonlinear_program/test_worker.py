@@ -142,14 +142,6 @@ def test_plans_with_a_method_where_asked_to(solver):
     assert solution.method_plan.method == 'paper'
 
 
-def test_names_what_cannot_be_kept(solver):
-    solver.ask(Question(ROUTE.resampled(600.0).after(ROUTE.total_duration_s - 700.0), STATE, GOAL),
-               PATIENCE_S)
-    solution = answer_of(solver)
-    assert not solution.is_optimal
-    assert 'target temperature' in solution.infeasible[0]
-
-
 # The processes of the tests above have the priority that is asked for, daily.
 @pytest.mark.deep
 def test_the_process_gives_way_to_all_others():
@@ -162,17 +154,6 @@ def test_the_process_gives_way_to_all_others():
                    'the first to go where memory runs short')
     finally:
         solver.close()
-
-
-def test_one_process_stays(solver):
-    solver.ask(QUESTION, PATIENCE_S)
-    answer_of(solver)
-    first = solver.process_id
-    assert psutil.Process(first).nice() == psutil.Process().nice()
-    solver.ask(Question(ROUTE, BatteryState(3.5, 0.7), GOAL), PATIENCE_S)
-    solution = answer_of(solver)
-    assert solver.process_id == first
-    assert solution.optimal_plan.battery_temperature_c[0] == 3.5
 
 
 def test_gives_up_at_the_time_limit_and_goes_on(solver):
@@ -194,16 +175,6 @@ def test_a_newer_question_ends_the_solving_of_the_older(solver):
     solution = answer_of(solver)
     assert len(solution.optimal_plan.time_s) == len(ROUTE) + 1
     wait_until(lambda: is_gone(older), 'the end of the older process')
-
-
-# A question to a process that starts: above, daily.
-@pytest.mark.deep
-def test_a_newer_question_replaces_one_that_waits_for_the_start(new_solver):
-    new_solver.ask(LONG_QUESTION, PATIENCE_S)
-    starting = new_solver.process_id
-    new_solver.ask(QUESTION, PATIENCE_S)
-    assert new_solver.process_id == starting
-    assert len(answer_of(new_solver).optimal_plan.time_s) == len(ROUTE) + 1
 
 
 def test_says_so_when_its_process_is_killed_and_starts_another(solver):
@@ -243,16 +214,6 @@ def test_gives_up_a_process_that_does_not_start():
     solver.close()
 
 
-def test_says_so_when_no_process_can_be_started(new_solver, monkeypatch):
-    monkeypatch.setattr(sys, 'executable', '/nowhere/python')
-    new_solver.ask(QUESTION, PATIENCE_S)
-    assert '/nowhere/python' in answer_of(new_solver).explanation
-    assert not new_solver.is_busy
-    monkeypatch.undo()
-    new_solver.ask(QUESTION, PATIENCE_S)
-    assert isinstance(answer_of(new_solver), SolverAnswer)
-
-
 def let_it_start(solver):
     """Start the process, and return once it waits for questions."""
     solver.start()
@@ -276,17 +237,6 @@ def test_a_process_that_was_started_answers_with_the_factors_that_it_is_told(new
     assert plan.energy_wh.battery_total == pytest.approx(here.energy_wh.battery_total, abs=1e-3)
 
 
-# Another process is started for a question above, daily.
-@pytest.mark.deep
-def test_another_process_is_started_where_the_last_has_ended(new_solver):
-    let_it_start(new_solver)
-    first = new_solver.process_id
-    os.kill(first, signal.SIGKILL)
-    wait_until(lambda: is_gone(first), 'the end of the process')
-    let_it_start(new_solver)
-    assert new_solver.process_id != first
-
-
 def test_says_so_when_no_process_can_be_started_before_the_first_question(new_solver, monkeypatch):
     monkeypatch.setattr(sys, 'executable', '/nowhere/python')
     new_solver.start()
@@ -302,16 +252,6 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert failure.explanation == 'state of charge: 1.5 is not allowed; it must be 0 ... 1'
     solver.ask(QUESTION, PATIENCE_S)
     assert isinstance(answer_of(solver), SolverAnswer)
-
-
-# The last test with the shared process: its end by SIGTERM, which coverage records, costs no other start.
-def test_says_so_when_its_process_is_ended_while_idle(solver):
-    solver.ask(QUESTION, PATIENCE_S)
-    answer_of(solver)
-    os.kill(solver.process_id, signal.SIGTERM)
-    failure = answer_of(solver)
-    assert failure.explanation == 'the solver process ended with SIGTERM'
-    assert solver.poll() is None
 
 
 # test/test_wheel.py has the commands without CasADi, daily.
@@ -336,17 +276,6 @@ def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
         finally:
             owner.kill()
     wait_until(lambda: is_gone(process_id), 'the end of the orphan')
-
-
-# At the time limit above a process is ended while it solves, daily.
-@pytest.mark.deep
-def test_close_while_solving_leaves_nothing(solver):
-    let_it_solve(solver, LONG_QUESTION)
-    process_id = solver.process_id
-    solver.close()
-    # Reaped, not only ended.
-    assert not psutil.pid_exists(process_id)
-    assert not solver.is_busy
 
 
 def test_asking_loads_no_solver_and_no_ros():

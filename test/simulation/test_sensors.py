@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 import math
-from math import inf
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from bev_preheat.simulation.phases import Charge
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import drive_scenario
 from bev_preheat.simulation.sensors import OtherBattery, Position, PositionReports, Sensors, Spike
-from bev_preheat.simulation.traffic import ClockJump, Event, Kind
+from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -38,15 +37,6 @@ def test_what_was_never_set_is_the_same_from_start_to_end():
         temperature_stuck_at_c=0.0, soc_stuck_at=0.0, voltage_stuck_at_v=12.6, temperature_noise_k=0.3)
     assert {(each.temperature_c, each.soc, each.voltage_v) for each in taken} == {(0.0, 0.0, 12.6)}
     assert taken[0].current_a == pytest.approx(20e3 / readings()[0].voltage_v, rel=1e-3)
-
-
-def test_scale_and_sign_change_nothing_else():
-    right, wrong = readings(), readings(soc_scale=100.0, voltage_scale=0.1, reverses_current=True)
-    for good, bad in zip(right, wrong, strict=True):
-        assert bad.soc == pytest.approx(100.0 * good.soc)
-        assert bad.voltage_v == pytest.approx(0.1 * good.voltage_v)
-        assert bad.current_a == -good.current_a
-        assert bad.temperature_c == good.temperature_c
 
 
 def test_a_spike_raises_the_temperature_while_it_lasts():
@@ -73,11 +63,6 @@ def test_another_battery_comes_in_turn(is_first):
         (20.0, 0.9, 24.6, -3.0, 'trunk')}
     assert {each.location for each in own} == {'floor'}
     assert max(each.temperature_c for each in own) < 6.0
-
-
-def test_the_sensor_noise_is_on_another_battery_too():
-    taken = readings(other=OtherBattery(20.0, 0.9, 24.6, is_first=True), temperature_noise_k=0.3)[0::2]
-    assert np.std([each.temperature_c for each in taken]) == pytest.approx(0.3, rel=0.4)
 
 
 def test_states_in_disorder_are_neither_lost_nor_new():
@@ -129,13 +114,6 @@ def distances(car, until_s):
     return said
 
 
-def test_a_car_that_does_not_say_where_it_is_changes_nothing():
-    car = a_car(position=None)
-    car.readings()
-    assert car.next_event_s == 50.0
-    assert set(distances(car, 20).values()) == {None}
-
-
 def test_the_distance_grows_as_it_drives_and_stays_where_it_stands():
     said = distances(a_car(Event(Kind.STOP, 30.0, None, 40.0),
                            Event(Kind.OTHER_PACE, 80.0, None, 20.0, 2.0)), 180)
@@ -143,27 +121,9 @@ def test_the_distance_grows_as_it_drives_and_stays_where_it_stands():
         0.0, 200.0, 600.0, 600.0, 600.0, 800.0, 1000.0, 1200.0, 2000.0]
 
 
-def test_it_counts_from_the_route_that_was_sent_last():
-    said = distances(a_car(Event(Kind.STOP, 30.0, 10.0, 20.0)), 60)
-    assert [said[second] for second in (39, 40, 50, 60)] == [600.0, 0.0, 0.0, 200.0]
-
-
 def test_off_its_route_it_says_nothing_until_the_next_one_comes():
     said = distances(a_car(Event(Kind.DETOUR, 30.0, 10.0, route=a_route(speed_mps=10.0))), 50)
     assert [said[second] for second in (29, 30, 39, 40, 50)] == [580.0, None, None, 0.0, 100.0]
-
-
-def test_it_comes_each_period_but_for_drop_outs():
-    car = a_car(position=PositionReports(period_s=4.0, drop_outs=((8.0, 13.0),)))
-    said = distances(car, 20)
-    assert [second for second, distance_m in said.items() if distance_m is not None] == [
-        0, 4, 16, 20]
-    car.readings()
-    assert car.next_event_s == 24.0
-
-
-def test_its_stamp_is_that_of_the_clock():
-    distances(a_car(clock_jumps=(ClockJump(5.0, 100.0),)), 10)
 
 
 def test_noise_is_as_large_as_is_said():
@@ -171,11 +131,6 @@ def test_noise_is_as_large_as_is_said():
     errors_m = [position.report_m(float(second)) - 20.0 * second for second in range(100, 2900)]
     assert np.std(errors_m) == pytest.approx(5.0, rel=0.1)
     assert abs(np.mean(errors_m)) < 0.4
-
-
-def test_nothing_is_due_where_nothing_is_reported():
-    position = Position(None, a_route(), (), np.random.default_rng(1))
-    assert (position.next_s, position.report_m(10.0)) == (inf, None)
 
 
 @pytest.mark.deep

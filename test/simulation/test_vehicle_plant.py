@@ -5,12 +5,11 @@ from dataclasses import replace
 import math
 
 import pytest
-from varying_power import magnitude_w
 
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
 from bev_preheat.simulation import vehicle_plant
-from bev_preheat.simulation.heater import HeaterLease, NO_LEASE
+from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
@@ -64,17 +63,6 @@ def winter_plant(vehicle=VEHICLE):
     return VehiclePlant(vehicle, route, BatteryState(temperature_c=3.0, soc=0.71))
 
 
-def test_without_power_the_battery_relaxes_to_the_ambient():
-    plant = VehiclePlant(VEHICLE, route_of([7000.0]), BatteryState(21.0, 0.64))
-    plant.advance(5400.0, 0.0)
-    leakage_w_per_k = 31.0 + 0.7 * 12.0
-    decay = math.exp(-leakage_w_per_k * 5400.0 / HEAT_CAPACITY_J_PER_K)
-    assert plant.temperature_c == pytest.approx(-9.0 + 30.0 * decay, abs=1e-9)
-    assert plant.soc == pytest.approx(0.64, abs=1e-15)
-    assert plant.energy_wh.leakage == pytest.approx(
-        -HEAT_CAPACITY_J_PER_K * 30.0 * (1.0 - decay) / 3600.0, rel=1e-9)
-
-
 def test_heat_balance_closes():
     plant = winter_plant()
     plant.advance(plant.duration_s, 4100.0)
@@ -82,22 +70,6 @@ def test_heat_balance_closes():
     heat_wh = energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
     stored_wh = HEAT_CAPACITY_J_PER_K * (plant.temperature_c - 3.0) / 3600.0
     assert stored_wh == pytest.approx(heat_wh, rel=1e-9)
-
-
-def test_heat_sources_are_those_of_the_route():
-    plant = winter_plant()
-    plant.advance(plant.duration_s, 0.0)
-    magnitude_ws = (magnitude_w(18e3, 24e3) * 31.0 + magnitude_w(-7e3, 9e3) * 47.5
-                    + 42e3 * 60.0)
-    assert plant.energy_wh.drivetrain_heat == pytest.approx(0.6 * 0.12 * magnitude_ws / 3600.0)
-    assert plant.energy_wh.hvch_heat == plant.energy_wh.hvch_electric == 0.0
-
-
-def test_charge_drawn_is_the_battery_energy_over_the_voltage():
-    plant = winter_plant(SIMPLE)
-    plant.advance(plant.duration_s, 2000.0)
-    assert plant.energy_wh.battery_total == pytest.approx(
-        (0.71 - plant.soc) * CAPACITY_AH * VOLTAGE_V, rel=1e-9)
 
 
 def test_battery_energy_pays_for_power_and_joule_heat():
@@ -119,15 +91,6 @@ def test_halved_steps_change_nothing_that_matters(monkeypatch):
     assert coarse.soc == pytest.approx(fine.soc, abs=1e-13)
 
 
-def test_ticks_of_the_clock_change_nothing_that_matters():
-    whole, ticking = winter_plant(), winter_plant()
-    whole.advance(whole.duration_s, 3000.0)
-    while not ticking.has_arrived:
-        ticking.advance(ticking.time_s + 0.37, 3000.0)
-    assert ticking.temperature_c == pytest.approx(whole.temperature_c, abs=1e-9)
-    assert ticking.energy_wh.battery_total == pytest.approx(whole.energy_wh.battery_total)
-
-
 def test_power_ends_with_the_lease_within_a_step():
     plant = winter_plant()
     plant.advance_under(HeaterLease(power_w=2500.0, until_s=20.37), 30.0)
@@ -135,29 +98,6 @@ def test_power_ends_with_the_lease_within_a_step():
     assert plant.heater_power_w == 0.0
     assert plant.time_s == 30.0
     assert plant.without_lease_s == pytest.approx(30.0 - 20.37)
-
-
-def test_time_without_lease_ends_with_the_drive():
-    plant = winter_plant()
-    plant.advance_under(NO_LEASE, 10.0)
-    plant.advance_under(HeaterLease(power_w=0.0, until_s=100.0), 60.0)
-    plant.advance_under(NO_LEASE, plant.duration_s + 40.0)
-    assert plant.without_lease_s == pytest.approx(10.0 + plant.duration_s - 60.0)
-
-
-@pytest.mark.parametrize('lease', [NO_LEASE, HeaterLease(power_w=2500.0, until_s=0.0)])
-def test_without_lease_there_is_no_heat(lease):
-    plant = winter_plant()
-    plant.advance_under(lease, 30.0)
-    assert plant.energy_wh.hvch_electric == 0.0
-
-
-def test_heater_gives_what_the_cabin_leaves():
-    plant = winter_plant()
-    plant.advance(plant.duration_s, 5000.0)
-    left_ws = 5000.0 * 31.0 + 4400.0 * 47.5 + 5000.0 * 60.0 + 800.0 * 12.25
-    assert plant.energy_wh.hvch_electric == pytest.approx(left_ws / 3600.0, rel=1e-12)
-    assert plant.energy_wh.hvch_heat == pytest.approx(0.93 * left_ws / 3600.0, rel=1e-12)
 
 
 def test_after_arrival_the_vehicle_stands():
@@ -198,17 +138,6 @@ def test_friction_brake_takes_what_the_battery_must_not():
     assert plant.brake_power_w == 0.0, 'the vehicle stands'
 
 
-def test_heater_spares_the_friction_brake():
-    plant = VehiclePlant(with_limits(charge_w=-5e3, discharge_w=1e5), route_of(
-        [200.0], power_w=[-30e3], auxiliary_w=[350.0]), BatteryState(5.0, 0.8))
-    plant.advance(100.0, 0.0)
-    idle_brake_w = plant.brake_power_w
-    plant.advance(150.0, 4e3)
-    assert plant.brake_power_w == pytest.approx(idle_brake_w - 4e3)
-    assert plant.terminal_voltage_v == pytest.approx(
-        VOLTAGE_V + RESISTANCE_OHM * 5e3 / VOLTAGE_V)
-
-
 def test_heater_gets_what_the_battery_may_give():
     plant = VehiclePlant(with_limits(charge_w=-1e5, discharge_w=20e3), route_of(
         [200.0], power_w=[18e3]), BatteryState(5.0, 0.8))
@@ -216,12 +145,6 @@ def test_heater_gets_what_the_battery_may_give():
     assert plant.energy_wh.battery_total == pytest.approx(20e3 * 150.0 / 3600.0)
     joule_w = RESISTANCE_OHM * (20e3 / VOLTAGE_V)**2
     assert plant.heater_power_w == pytest.approx(20e3 - joule_w - 18e3)
-
-
-def test_hot_battery_is_not_heated():
-    plant = VehiclePlant(VEHICLE, route_of([200.0]), BatteryState(60.0, 0.8))
-    plant.advance(0.5, 6e3)
-    assert plant.energy_wh.hvch_electric == 0.0
 
 
 def test_with_an_empty_battery_the_vehicle_stands():
@@ -236,20 +159,6 @@ def test_with_an_empty_battery_the_vehicle_stands():
     assert plant.is_standing and not plant.has_arrived
     assert plant.energy_wh.hvch_electric == pytest.approx(1000.0 * plant.empty_at_s / 3600.0)
     assert plant.heater_power_w == plant.current_a == 0.0
-
-
-def test_a_battery_is_never_emptier_than_empty():
-    plant = VehiclePlant(SIMPLE, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.0501))
-    plant.advance(900.0, 0.0)
-    assert (plant.soc, plant.is_standing) == (0.0, True)
-
-
-def test_a_battery_is_never_fuller_than_full():
-    # Its own limits would allow more.
-    eager = with_limits(charge_w=-1e5, discharge_w=1e5)
-    plant = VehiclePlant(eager, route_of([900.0], power_w=[-80e3]), BatteryState(5.0, 0.99))
-    plant.advance(900.0, 0.0)
-    assert plant.soc == 1.0
 
 
 def test_a_car_does_not_let_its_battery_melt():
@@ -294,40 +203,3 @@ def test_heat_on_its_way_is_in_the_books():
     assert stored_j == pytest.approx(3600.0 * (
         energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
         - plant.coolant_heat_wh), rel=1e-9)
-
-
-def test_a_slow_heater_takes_later_what_it_was_told():
-    plant = slow_plant(path=HeatPath(heater_lag_s=10.0))
-    plant.advance(40.0, 4000.0)
-    plant.advance(plant.duration_s, 0.0)
-    # All except the heat still to come after more than ten lags.
-    assert plant.energy_wh.hvch_electric == pytest.approx(4000.0 * 40.0 / 3600.0, rel=1e-4)
-    assert plant.energy_wh.hvch_heat == pytest.approx(0.93 * plant.energy_wh.hvch_electric)
-
-
-def test_heat_that_is_late_warms_the_same_battery_later():
-    prompt, slow = winter_plant(), slow_plant()
-    for plant in (prompt, slow):
-        plant.advance(60.0, 4000.0)
-    assert slow.temperature_c < prompt.temperature_c - 0.1
-    assert slow.coolant_c > slow.temperature_c
-    assert slow.sensor_c < slow.temperature_c
-
-
-def test_a_heat_path_does_not_depend_on_the_steps(monkeypatch):
-    ends = []
-    for step_s in (1.0, 0.25):
-        monkeypatch.setattr(vehicle_plant, 'LONGEST_PLANT_STEP_S', step_s)
-        plant = slow_plant()
-        plant.advance(plant.duration_s, 3500.0)
-        ends.append((plant.temperature_c, plant.coolant_c, plant.sensor_c, plant.soc))
-    assert ends[0] == pytest.approx(ends[1], abs=2e-5)
-
-
-def test_a_very_quick_path_is_a_direct_one():
-    quick, direct = slow_plant(path=HeatPath(1e-3, 1.0, 1e3, 1e-3)), winter_plant()
-    for plant in (quick, direct):
-        plant.advance(plant.duration_s, 3500.0)
-    assert quick.temperature_c == pytest.approx(direct.temperature_c, abs=1e-4)
-    assert quick.energy_wh.hvch_electric == pytest.approx(
-        direct.energy_wh.hvch_electric, rel=1e-4)

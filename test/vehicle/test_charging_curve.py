@@ -32,11 +32,6 @@ def curve_of(tmp_path):
     return read
 
 
-def test_a_file_as_a_magazine_publishes_it(curve_of):
-    curve = curve_of('\ufeff# measured by hand\n' + HEADER + '\n0, 90.5\n10,100\n 80,40\n# the end\n100,8\n', 25.0)
-    assert curve == ChargingCurve((0.0, 0.1, 0.8, 1.0), (90.5, 100.0, 40.0, 8.0), 25.0)
-
-
 NO_HEADER = ('the first line must be state_of_charge_percent,power_kw or, for a limit, '
              'battery_temperature_c,max_power_kw')
 LIMIT = 'battery_temperature_c,max_power_kw\n'
@@ -120,16 +115,6 @@ def test_the_map_is_the_curve_times_the_share_of_the_cold(temperature_c, at_c, e
     assert -table.function(FLOATS)(0.5, at_c) / 1e3 == pytest.approx(expected_kw, abs=0.001)
 
 
-@pytest.mark.parametrize('chemistry, at_c, share', [
-    (NMC, 45.0, 1.0), (NMC, 50.0, 0.5), (NMC, 52.5, 0.35), (NMC, 60.0, 0.0), (NMC, 75.0, 0.0),
-    (LFP, 50.0, 1.0), (LFP, 60.0, 0.5), (LFP, 70.0, 0.0)])
-def test_a_hot_battery_takes_less(chemistry, at_c, share):
-    table = charging_map(ChargingCurve((0.0, 1.0), (150.0, 80.0), 30.0), chemistry, 120.0)
-    # The maximum is 120 kW at 0 %, whatever the curve says, and the hot share applies to this maximum.
-    assert table.function(FLOATS)(0.0, at_c) == pytest.approx(-120e3 * share, abs=1.0)
-    assert table.function(FLOATS)(1.0, at_c) == pytest.approx(-80e3 * share, abs=1.0)
-
-
 @given(chemistry=st.sampled_from(CHEMISTRIES), voltage_v=st.sampled_from([350.0, 700.0]),
        energy_kwh=st.floats(20.0, 700.0), rate=st.floats(0.2, 5.0), fit=st.floats(*FIT_RANGE),
        fuller=st.floats(1.0, 3.0))
@@ -152,14 +137,3 @@ def test_the_car_of_a_shape_has_the_published_curve():
         assert np.interp(percent / 100, curve.soc, curve.power_kw) == pytest.approx(power_kw, abs=0.5)
     lfp = class_curve(LFP, 340.0, 60.0, 170.0)
     assert np.interp(0.2, lfp.soc, lfp.power_kw) == pytest.approx(129.0, abs=0.5)
-
-
-def test_a_pack_that_charges_slowly_holds_its_maximum_longer():
-    """Half the rate of the class: P = min(P_max, 2 shape), by hand at 60 %, where the shape has 0.625."""
-    slow = class_curve(NMC, 350.0, 62.0, 0.5 * 1.61 * 62.0)
-    at = dict(zip(slow.soc, slow.power_kw))
-    assert np.interp(0.6, slow.soc, slow.power_kw) == pytest.approx(0.5 * 1.61 * 62.0, rel=1e-9)
-    assert at[0.94] == pytest.approx(0.5 * 0.5 * 1.61 * 62.0, rel=1e-9)
-    # Twice the rate: the shape squared.
-    fast = class_curve(NMC, 350.0, 62.0, 2.0 * 1.61 * 62.0)
-    assert np.interp(0.6, fast.soc, fast.power_kw) == pytest.approx(0.625**2 * 2.0 * 1.61 * 62.0, rel=1e-9)

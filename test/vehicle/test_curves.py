@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 
 OVER_SOC = Table(soc=(0.1, 0.35, 0.9), temperature_c=(0.0,), values=((7.0,), (3.0,), (11.0,)))
@@ -30,21 +30,10 @@ def test_polynomial_voltage_by_hand():
     assert voltage(0.5, 17.0) == pytest.approx(320.5, rel=1e-15)
 
 
-def test_polynomial_of_two_coefficients_is_a_straight_line():
-    voltage = PolynomialVoltage((310.0, 70.0)).function(FLOATS)
-    assert voltage(0.2, -3.0) == pytest.approx(324.0, rel=1e-15)
-
-
 def test_logarithm_is_added_to_the_polynomial():
     voltage = PolynomialVoltage((300.0, 40.0), log_soc_v=6.0).function(FLOATS)
     # ln(1/e) = -1
     assert voltage(1.0 / math.e, 0.0) == pytest.approx(300.0 + 40.0 / math.e - 6.0, rel=1e-14)
-
-
-@pytest.mark.parametrize('soc', [1e-3, 0.0, -0.2])
-def test_logarithm_stays_level_below_a_thousandth(soc):
-    voltage = PolynomialVoltage((300.0,), log_soc_v=6.0).function(FLOATS)
-    assert voltage(soc, 0.0) == pytest.approx(300.0 - 6.0 * math.log(1000.0), rel=1e-14)
 
 
 def test_resistance_falls_with_the_inverse_of_temperature():
@@ -63,34 +52,6 @@ def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
     assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)
 
 
-@pytest.mark.parametrize('arithmetic', [
-    pytest.param(SATURATING_FLOATS, id='saturating'), pytest.param(ARRAYS, id='arrays')])
-@pytest.mark.parametrize('soc, end', [(-0.4, 0.0), (1.7, 1.0)])
-def test_formula_is_level_beyond_empty_and_full(arithmetic, soc, end):
-    voltage_v = PolynomialVoltage((300.0, 40.0, -10.0, 24.0)).function(arithmetic)
-    assert voltage_v(soc, 20.0) == voltage_v(end, 20.0) == pytest.approx({0.0: 300.0, 1.0: 354.0}[end])
-
-
-@pytest.mark.parametrize('arithmetic', [
-    pytest.param(FLOATS, id='floats'), pytest.param(SATURATING_FLOATS, id='saturating'),
-    pytest.param(ARRAYS, id='arrays')])
-@TABLES
-def test_table_is_exact_at_its_points(table, arithmetic):
-    lookup = table.function(arithmetic)
-    found = [[lookup(soc, temperature_c) for temperature_c in table.temperature_c] for soc in table.soc]
-    assert np.array(found) == pytest.approx(np.array(table.values), rel=1e-14)
-
-
-def test_table_over_soc_is_linear_between_points():
-    # A fifth of the way from 7 to 3; temperature does not matter.
-    assert OVER_SOC.function(FLOATS)(0.15, 33.0) == pytest.approx(6.2, rel=1e-14)
-
-
-def test_table_over_temperature_is_linear_between_points():
-    # Half way from 2 to -3; soc does not matter.
-    assert OVER_TEMPERATURE.function(FLOATS)(0.77, 13.0) == pytest.approx(-0.5, rel=1e-14)
-
-
 def test_table_over_both_is_bilinear_between_points():
     # soc a third of the way from 0.25 to 1, temperature a tenth from 5 to 15:
     # 2/3 (5 + 0.1*4) + 1/3 (7 + 0.1*6)
@@ -107,11 +68,6 @@ def test_table_over_both_is_bilinear_between_points():
 @pytest.mark.parametrize('arithmetic', [pytest.param(FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
 def test_table_is_level_beyond_its_ends(table, beyond, end, arithmetic):
     assert table.function(arithmetic)(*beyond) == pytest.approx(end, rel=1e-14)
-
-
-def test_table_of_one_point_is_a_constant():
-    table = Table(soc=(0.0,), temperature_c=(0.0,), values=((42.0,),))
-    assert [table.function(kind)(0.3, -7.0) for kind in (FLOATS, ARRAYS)] == [42.0, 42.0]
 
 
 @TABLES

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import Leakage
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
-from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 REFERENCE = load_vehicle('reference')
@@ -134,24 +133,6 @@ def test_halved_steps_come_closer_to_a_fine_integration(path):
         assert errors[2][state] <= 0.6 * errors[0][state] + 1e-9
 
 
-def test_arrays_are_the_same_as_floats():
-    random = np.random.default_rng(5)
-    columns = [random.uniform(low, high, 20) for low, high in (
-        (0.4, 0.9), (-15.0, 30.0), (0.0, 7e3), (-3.0, 15.0), (1.0, 60.0), (-5e3, 30e3), (0.0, 1e8),
-        (-1e3, 3e3), (0.0, 120.0), (0.0, 7e3))]
-    together = np.array(stepper(BOTH, ARRAYS)(*columns)).T
-    one_by_one = [stepper(BOTH)(*row) for row in zip(*(column.tolist() for column in columns))]
-    assert together == pytest.approx(np.array(one_by_one), rel=1e-11)
-
-
-def test_leakage_acts_on_the_battery_alone():
-    """Coolant as warm as the battery stays warmer once the battery leaks heat."""
-    step = make_heated_step(replace(REFERENCE, heat_path=COOLANT, battery=replace(
-        REFERENCE.battery, leakage=Leakage(100.0, 0.0))), FLOATS)
-    _, end_c, _, excess_k, *_ = step(0.8, 20.0, 0.0, 0.0, 30.0, 0.0, 0.0, 100.0 * -10.0, 100.0, 0.0)
-    assert end_c < 20.0 and 0.0 < excess_k < 20.0 - end_c
-
-
 # Heater and coolant alone, and the sensor
 
 
@@ -162,17 +143,6 @@ def advance(path, state, duration_s, command_w, other_heat_w):
         power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w, 0.0, 0.0)
     battery_c += (heat_w + other_heat_w) * duration_s / BATTERY_J_PER_K
     return (power_w, coolant_c if path.has_coolant else battery_c, battery_c), mean_w, heat_w
-
-
-def test_a_lagging_heater_rises_as_an_exponential():
-    path = HeatPath(heater_lag_s=60.0)
-    (power_w, _, _), mean_w, heat_w = advance(path, (0.0, 5.0, 5.0), 90.0, 5e3, 0.0)
-    assert power_w == pytest.approx(5e3 * (1.0 - exp(-1.5)), rel=1e-13)
-    assert mean_w == pytest.approx(5e3 * (1.0 - (1.0 - exp(-1.5)) / 1.5), rel=1e-13)
-    assert heat_w == EFFICIENCY * mean_w
-    # The heat still under way at switch-off arrives later: 60 s of the power then.
-    late_j = advance(path, (power_w, 5.0, 5.0), 5000.0, 0.0, 0.0)[1] * 5000.0
-    assert late_j == pytest.approx(60.0 * power_w, rel=1e-12)
 
 
 def test_under_steady_power_the_coolant_is_as_much_warmer_as_the_flow_asks():
@@ -195,27 +165,3 @@ def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_
     half, _, _ = advance(path, start, 0.5 * duration_s, command_w, other_w)
     halves, _, _ = advance(path, half, 0.5 * duration_s, command_w, other_w)
     assert halves == pytest.approx(whole, rel=1e-6, abs=1e-6)
-
-
-def test_equal_time_constants_are_no_special_case():
-    time_constant_s = 1.0 / (400.0 / 20e3 + 400.0 / BATTERY_J_PER_K)
-    ends = [advance(HeatPath(lag_s, 20e3, 400.0), (0.0, 0.0, 0.0), 40.0, 5e3, 0.0)[0]
-            for lag_s in (0.999 * time_constant_s, time_constant_s, 1.001 * time_constant_s)]
-    assert ends[1] == pytest.approx(0.5 * (np.array(ends[0]) + ends[2]), rel=1e-4)
-
-
-def test_a_sensor_follows_late_and_shows_the_battery_in_the_end():
-    path = HeatPath(sensor_lag_s=120.0)
-    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 120.0, FLOATS) == pytest.approx(10.0 * (1.0 - exp(-1.0)))
-    assert sensor_reading_c(path, 0.0, 10.0, 10.0, 1e5, FLOATS) == 10.0
-    assert sensor_reading_c(DIRECT, 0.0, 9.0, 10.0, 1.0, FLOATS) == 10.0
-
-
-def test_a_battery_that_warms_steadily_is_seen_a_lag_late():
-    path = HeatPath(sensor_lag_s=120.0)
-    reading_c = 0.0
-    for second in range(2000):
-        reading_c = sensor_reading_c(path, reading_c, 0.01 * second, 0.01 * (second + 1), 1.0, FLOATS)
-    assert reading_c == pytest.approx(20.0 - 0.01 * 120.0, abs=1e-5)
-    # One step or many: a ramp stays a ramp.
-    assert sensor_reading_c(path, 0.0, 0.0, 20.0, 2000.0, FLOATS) == pytest.approx(reading_c, abs=1e-9)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Vehicles made from another: factors, the coldest cell."""
 
-import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, limited_by_coldest_cell
 
@@ -37,23 +36,6 @@ def test_each_factor_changes_its_own_quantity(name, vehicle_name):
     after = quantities(corrected_vehicle(vehicle, Corrections(**{name: 1.17})))
     assert after == pytest.approx({
         key: 1.17 * value if key in CHANGED[name] else value for key, value in before.items()})
-
-
-def test_no_correction_is_the_car_of_the_file():
-    assert quantities(corrected_vehicle(VEHICLE, Corrections())) == quantities(VEHICLE)
-
-
-def test_corrections_twice_multiply():
-    twice = corrected_vehicle(corrected_vehicle(VEHICLE, Corrections(resistance=1.2)), Corrections(resistance=0.5))
-    assert quantities(twice)['resistance'] == pytest.approx(0.6 * quantities(VEHICLE)['resistance'])
-
-
-def test_arrays_of_factors_are_many_cars_at_once():
-    factors = np.array([0.9, 1.0, 1.3])
-    cars = corrected_vehicle(VEHICLE, Corrections(*[factors] * 4))
-    each = [quantities(corrected_vehicle(VEHICLE, Corrections(*[float(factor)] * 4))) for factor in factors]
-    for name, values in quantities(cars, ARRAYS).items():
-        assert np.broadcast_to(values, 3) == pytest.approx([own[name] for own in each])
 
 
 @pytest.mark.parametrize('curve', ['discharge_power_limit', 'charge_power_limit'])

@@ -3,13 +3,11 @@
 
 from copy import deepcopy
 from dataclasses import replace
-import math
 
 import pytest
 import yaml
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
@@ -130,19 +128,6 @@ def test_table_over_both_axes_has_a_row_for_each_soc(tmp_path):
     assert (resistance(0.1, 40.0), resistance(0.9, -20.0)) == pytest.approx((0.13, 0.34))
 
 
-def test_what_is_assumed_and_the_cells_are_optional(tmp_path):
-    without = load_vehicle(written(tmp_path, GOOD))
-    assert (without.assumed, without.battery.cells_in_series) == ((), None)
-
-
-def test_assumed_keys_may_name_tables_and_groups(tmp_path):
-    keys = ['battery.resistance', 'drivetrain', 'battery.power_limits.charge', 'battery.cells_in_series']
-    contents = with_change('assumed', keys)
-    contents['battery']['cells_in_series'] = 97
-    vehicle = load_vehicle(written(tmp_path, contents))
-    assert (vehicle.assumed, vehicle.battery.cells_in_series) == (tuple(keys), 97)
-
-
 def test_the_path_of_the_heat_is_optional_and_so_is_each_part_of_it(tmp_path):
     assert load_vehicle(written(tmp_path, GOOD)).heat_path == DIRECT
     whole = {'heater_lag_s': 35, 'coolant_heat_capacity_j_per_k': 12000,
@@ -173,23 +158,6 @@ def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
         charging_of(empty)
 
 
-def test_a_car_that_does_not_heat_while_it_charges_heats_at_no_temperature(tmp_path):
-    node = {'battery_heating': False, 'heating_limit_c': 18}
-    charging = load_vehicle(written(tmp_path, with_change('charging', node))).charging
-    assert charging.heated_below_c == -math.inf
-
-
-def test_a_map_for_fast_charging_has_the_form_of_a_limit(tmp_path):
-    node = {'battery_heating': False, 'power_limit': {
-        'soc': [0.0, 1.0], 'temperature_c': [0, 20],
-        'values': [[-10000, -90000], [-4000, -20000]]}}
-    vehicle = load_vehicle(written(tmp_path, with_change('charging', node)))
-    assert vehicle.charging.has_own_limit
-    # Half way: the mean of the corners.
-    assert vehicle.charging.power_limit.function(FLOATS)(0.5, 10.0) == pytest.approx(-31000.0)
-    assert vehicle.battery.charge_power_limit.function(FLOATS)(0.5, 10.0) == pytest.approx(-70000.0)
-
-
 def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
     contents = with_change('battery.power_limits.charge', {'soc': [0, 1], 'values': [-70000, -2000]})
     contents.pop('charging', None)
@@ -210,11 +178,6 @@ def test_a_shell_includes_the_coolant(tmp_path):
     assert problems_of(written(tmp_path, contents)) == [
         'heat_path.coolant_heat_capacity_j_per_k: 15000 J/K are not allowed beside thermal, whose shell includes '
         'the coolant; leave out both values of the coolant']
-
-
-def test_shipped_vehicle_can_be_driven_along_any_road():
-    for path in configuration_folder('vehicles').glob('*.yaml'):
-        assert load_vehicle(path).road_load is not None, path
 
 
 def test_reference_is_the_car_of_the_papers_table_1():
@@ -360,35 +323,12 @@ def test_refused_in_words(tmp_path, key, value, problem):
     assert problems_of(written(tmp_path, with_change(key, value))) == expected
 
 
-def test_every_problem_is_named_at_once(tmp_path):
-    contents = with_change('hvch.efficiency', 3)
-    contents['battery']['capacity_ah'] = 'much'
-    del contents['defaults']
-    assert [problem.split(':')[0] for problem in problems_of(written(tmp_path, contents))] == [
-        'the file', 'battery.capacity_ah', 'hvch.efficiency']
-
-
-@pytest.mark.parametrize('text, problem', [
-    ('battery: {capacity_ah: 1', 'is not YAML: '),
-    ('name: "\t', 'is not YAML: '),
-    ('- a\n- b\n', 'must be a mapping of keys to values'),
-    ('', 'must be a mapping of keys to values')])
-def test_text_that_is_no_mapping(tmp_path, text, problem):
-    assert [found[:len(problem)] for found in problems_of(written(tmp_path, text))] == [problem]
-
-
 @pytest.mark.parametrize('text', [
     '[' * 1_200, '{a: ' * 1_200,
     'name: &itself [*itself]', 'battery: &itself {capacity_ah: *itself}'],
     ids=['brackets', 'braces', 'list in itself', 'mapping in itself'])
 def test_values_that_are_nested_too_deeply(tmp_path, text):
     assert problems_of(written(tmp_path, text)) == ['cannot be read: its values are nested too deeply']
-
-
-def test_key_written_twice_is_refused(tmp_path):
-    text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86', '  efficiency: 0.86\n  efficiency: 0.68')
-    problem, = problems_of(written(tmp_path, text))
-    assert problem.startswith('is not YAML: ') and "'efficiency' is a duplicate key" in problem
 
 
 def test_file_that_may_not_be_read(tmp_path, monkeypatch):

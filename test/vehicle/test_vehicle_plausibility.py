@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Key figures of a vehicle file, by hand, and warnings about unusual ones."""
 
-import math
 
 import pytest
 import yaml
 
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.plausibility import assumption_warning, key_in_words, meaning_of, warmed_by_k
+from bev_preheat.vehicle.plausibility import meaning_of, warmed_by_k
 
 # 360 V at all states of charge: every figure below can be checked by hand.
 PLAIN = {
@@ -77,17 +76,6 @@ def test_heating_follows_the_heat_balance(plain):
         assert warmed_by_k(vehicle, heater_w, leakage) == pytest.approx(temperature_c, rel=1e-4)
 
 
-def test_the_cabin_takes_its_share_of_the_heater(plain):
-    vehicle = plain()
-    fast_w_per_k = 30.0 + 0.9 * 100.0 / 3.6
-    assert meaning_of(vehicle).heating_beside_cabin_k_per_10_min == pytest.approx(
-        warmed_by_k(vehicle, 4000.0, fast_w_per_k))
-
-
-def test_the_plain_car_is_usual(plain):
-    assert meaning_of(plain()).warnings == ()
-
-
 @pytest.mark.parametrize('name', ['reference', 'small_car'])
 def test_the_cars_of_the_package_are_usual(name):
     assert meaning_of(load_vehicle(name)).warnings == ()
@@ -128,37 +116,11 @@ def test_what_is_unusual_is_said_with_its_figure(plain, changes, warning):
     assert warning in meaning_of(plain(**changes)).warnings
 
 
-def test_no_leakage_at_all_is_an_infinite_time_constant(plain):
-    vehicle = plain(battery__leakage={'gamma_0_w_per_k': 0, 'gamma_v_w_per_k_per_mps': 0})
-    assert math.isinf(meaning_of(vehicle).time_constant_h)
-
-
 def test_a_formula_is_not_asked_outside_of_the_range_of_its_file(plain):
     """At -20 degC this formula would be negative."""
     vehicle = plain(battery__temperature_range_c=[-5, 50], battery__resistance={
         'formula': {'k_ohm_k': 2.5, 'reference_temperature_c': 15}})
     assert meaning_of(vehicle).resistance_ohm == pytest.approx({0.0: 2.5 / 15, 25.0: 2.5 / 40})
-
-
-@pytest.mark.parametrize('key, words', [
-    ('battery.heat_capacity_j_per_k', 'battery heat capacity'),
-    ('hvch.maximum_power_w', 'HVCH maximum power'),
-    ('battery.soc_range', 'battery state-of-charge range'),
-    ('battery.temperature_range_c', 'battery temperature range'),
-    ('road_load.frontal_area_m2', 'road load frontal area'),
-    ('drivetrain', 'drivetrain')])
-def test_keys_in_words(key, words):
-    assert key_in_words(key) == words
-
-
-def test_the_warning_names_car_values_and_file(plain):
-    vehicle = plain(assumed=['battery.resistance', 'hvch.efficiency'])
-    assert assumption_warning(vehicle, '/cars/plain.yaml') == (
-        'vehicle plain: 2 values are assumed, not measured; preheat vehicle check /cars/plain.yaml lists them')
-    assert assumption_warning(plain(assumed=['hvch.efficiency']), "/cars/my car's.yaml") == (
-        'vehicle plain: 1 value is assumed, not measured; preheat vehicle check '
-        """'/cars/my car'"'"'s.yaml' lists them""")
-    assert assumption_warning(plain(), '/cars/plain.yaml') is None
 
 
 def test_the_path_of_the_heat_is_said_in_words(plain):
