@@ -3,8 +3,7 @@
 
 import pytest
 
-from bev_preheat.errors import age_beyond, figure, figure_beyond, InvalidInput, quoted, shortened
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 
 
 @pytest.mark.parametrize('text, expected', [
@@ -14,11 +13,6 @@ def test_a_long_text_is_quoted_by_its_beginning(text, expected):
     assert quoted(text) == expected
 
 
-def test_a_long_text_keeps_its_ends():
-    assert shortened('abcdefghij', 4) == 'ab … ij'
-    assert shortened('abcd', 4) == 'abcd'
-
-
 def test_messages_do_not_grow_with_what_they_are_about():
     error = InvalidInput([f'{"k" * 10_000}: {at} is not allowed' for at in range(1000)])
     assert len(str(error)) < 2100
@@ -26,25 +20,11 @@ def test_messages_do_not_grow_with_what_they_are_about():
     assert error.problems[0].endswith('0 is not allowed')
 
 
-def test_of_one_problem_in_each_row_the_first_few_are_named():
-    rows = [f"line {at}: speed_mps: '{at}x' is not a number" for at in range(1, 501)]
-    error = InvalidInput([*rows, 'target: missing'])
-    assert error.problems == [*rows[:3], 'target: missing', '497 more problems']
-    assert InvalidInput(rows[:4]).problems[-1] == '1 more problem'
-
-
 def test_problems_that_differ_are_all_named_until_the_message_is_long():
     words = [f'key_{chr(ord("a") + at)}: {"is not allowed; " * 5}' for at in range(26)]
     assert InvalidInput(words[:20]).problems == words[:20]
     problems = InvalidInput(words * 10).problems
     assert len('; '.join(problems)) < 2100 and problems[-1] == f'{260 - len(problems) + 1} more problems'
-
-
-@pytest.mark.parametrize('name', ['x' * 1_000_000, f'/{"x" * 1_000_000}', '/x' * 500_000])
-def test_a_file_name_that_no_file_system_has_is_refused_in_few_words(name):
-    with pytest.raises(InvalidInput) as refusal:
-        find_configuration('vehicles', name, '.yaml')
-    assert len(str(refusal.value)) < 1000
 
 
 @pytest.mark.parametrize('value, text', [
@@ -58,10 +38,3 @@ def test_a_figure_is_written_as_a_person_writes_it(value, text):
     (2000000.4, '2000000.4'), (5e6, '5000000'), (-1e-9, '-1e-09')])
 def test_a_figure_shows_that_it_is_beyond_its_limits(value, text):
     assert figure_beyond(value, 0.0, 2e6) == text
-
-
-@pytest.mark.parametrize('age_s, words', [
-    (94.9, '94.9 s old; at most 2 s are allowed'), (2.0000004, '2.0000004 s old; at most 2 s are allowed'),
-    (-94.9, '94.9 s ahead of the clock; at most 0.5 s are allowed')])
-def test_an_age_is_told_in_the_direction_in_which_it_is_wrong(age_s, words):
-    assert age_beyond(age_s, 0.5, 2.0) == words

@@ -48,20 +48,6 @@ def test_the_sessions_after_a_drive_are_those_of_its_plans(said, tmp_path):
     assert f'{int(saved_s + 0.5) // 60}:{int(saved_s + 0.5) % 60:02d} min less than' in output
 
 
-def test_a_given_arrival_needs_no_drive(said):
-    status, output, errors = said(*ARRIVAL, '5')
-    assert (status, errors) == (0, '') and 'from 5 degC' in output
-    status, output, _ = said(*ARRIVAL, '-3', '24')
-    assert 'From -3 degC, charging takes ' in output and ' more than from 24 degC, and buys ' in output
-
-
-def test_json_on_standard_output_is_all_of_it(said):
-    output = said(*ARRIVAL, '5', '--cabin-heating-power', '0', '--auxiliary-power', '100', '--json',
-                  '-')[1]
-    written = json.loads(output)
-    assert (written['cabin_heating_power_w'], written['auxiliary_power_w']) == (0.0, 100.0)
-
-
 def test_a_session_without_an_end_is_null_in_json_and_says_why(said):
     status, output, errors = said(*FROZEN, '20', '--json', '-')
     cold, warm = json.loads(output)['sessions']

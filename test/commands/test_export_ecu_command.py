@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from bev_preheat.code_generation import ecu_export as export
-from bev_preheat.files.configuration import configuration_folder
 
 
 @pytest.fixture
@@ -47,13 +46,6 @@ def test_what_stands_in_the_way_of_a_file_is_refused(refused):
         f'preheat: error: --output: file/below/MISRA.md: cannot be a file: {os.strerror(errno.ENOTDIR)}')
 
 
-def test_the_vehicle_file_is_not_written_over(refused):
-    Path('out').mkdir()
-    Path('out/README.md').symlink_to('../car.yaml')
-    Path('car.yaml').write_bytes((configuration_folder('vehicles') / 'reference.yaml').read_bytes())
-    assert 'is the same file as the input' in refused('--vehicle', './car.yaml', '--output', 'out')
-
-
 @pytest.mark.parametrize('option, value, message', [
     ('--vectors', '0', '--vectors: 0 is not allowed; it must be 1 ... 100000'),
     ('--seed', '-1', '--seed: -1 is not allowed; it must be 0 or more'),
@@ -74,12 +66,6 @@ def test_missing_sources_of_the_core_are_told(refused, monkeypatch, tmp_path):
     monkeypatch.setattr(export, 'installed_prefix', lambda name: tmp_path)
     assert 'the source of bev_preheat_core cannot be read' in refused(
         '--vehicle', 'reference', '--output', 'out')
-
-
-def test_an_installed_core_has_the_sources_of_the_checkout(monkeypatch, tmp_path):
-    expected = export.core_sources()
-    monkeypatch.setattr(export, '_CHECKOUT', tmp_path)
-    assert export.core_sources() == expected
 
 
 def test_a_seed_without_a_plan_is_told(said, monkeypatch):

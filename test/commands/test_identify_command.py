@@ -43,20 +43,6 @@ def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, capsys):
     assert 'exceeds the bound' in capsys.readouterr().out
 
 
-def test_a_current_of_the_other_sign_is_refused_until_it_is_repaired(logs, tmp_path, capsys):
-    turned = tmp_path / 'drive_1.csv'
-    rows = np.genfromtxt(logs[0], delimiter=',', names=True)
-    rows['current_a'] *= -1.0
-    np.savetxt(turned, rows, '%.5g', ',', header=','.join(rows.dtype.names), comments='')
-    words = ['--vehicle', 'small_car', '--no-replay', '--json', str(tmp_path / 'c.json')]
-    assert main(['check', str(turned), *words]) == 2
-    assert 'positive must mean discharging' in capsys.readouterr().err
-    assert main(['check', str(turned), *words, '--repair']) == 0
-    repaired = json.loads((tmp_path / 'c.json').read_text())['rmse_k']
-    assert main(['check', logs[0], *words]) == 0
-    assert repaired == pytest.approx(json.loads((tmp_path / 'c.json').read_text())['rmse_k'])
-
-
 @pytest.mark.needs('matplotlib')
 def test_check_draws(logs, tmp_path):
     assert main(['check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot',

@@ -7,13 +7,10 @@ import pytest
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.control.itinerary import load_itinerary, SCHEMA
+from bev_preheat.control.itinerary import SCHEMA
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.tunables import MOST_STOPS
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
 ROUTE = """duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
 600,20,17000,-6
 900,25,21000,-4
@@ -70,14 +67,6 @@ def test_each_leg_has_a_plan_from_its_departure_for_its_own_end(plans_of):
     assert (last['status'], last['energy_wh']['hvch_electric']) == ('NO_CHARGING_PLANNED', 0.0)
 
 
-def test_options_hold_for_every_leg(plans_of):
-    plans = plans_of(FIRST, {**LAST, 'charging_planned': True}, arguments=(
-        '--target', '12', '--step', '20', '--method', 'optimal_switch'))
-    assert [plan['target_temperature_c'] for plan in plans] == [19.0, 12.0]
-    assert [len(plan['hvch_battery_power_w']) for plan in plans] == [DRIVE_S / 20.0] * 2
-    assert [plan['method'] for plan in plans] == ['optimal_switch'] * 2
-
-
 def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
     wanted = {'charging_planned': True, 'minimum_arrival_soc': 0.3,
               'target_battery_temperature_c': 14.0}
@@ -93,16 +82,6 @@ def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
         key: value for key, value in alone.items() if key not in ignored}
 
 
-def test_the_table_has_a_column_for_each_leg(preheat_plan):
-    status, output, _ = preheat_plan(FIRST, LAST)
-    heading, = [line for line in output.splitlines() if line.startswith('┃')]
-    departure, = [line for line in output.splitlines() if 'Departure after' in line]
-    assert (status, [cell.strip() for cell in heading.split('┃')[2:4]],
-            [cell.strip() for cell in departure.split('│')[2:4]]) == (
-        0, ['1: ./drive.csv', '2: drive.csv'], ['0:00 min', '45:00 min'])
-    assert '2: drive.csv: NO_CHARGING_PLANNED: No fast charging at the end' in output
-
-
 @pytest.mark.costly
 def test_the_trip_is_drawn(preheat_plan, tmp_path):
     picture = tmp_path / 'trip.svg'
@@ -112,12 +91,6 @@ def test_the_trip_is_drawn(preheat_plan, tmp_path):
     drawn = picture.read_text()
     assert [text for text in ('battery', 'target', 'stop', 'trip time [min]')
             if f'<!-- {text} -->' not in drawn] == []
-
-
-def test_the_shipped_itinerary_has_two_charging_stops_and_a_plain_stretch_at_whole_nanoseconds():
-    first, second, third = load_itinerary('winter_holiday', VEHICLE).mission.legs
-    assert [leg.charging_planned for leg in (first, second, third)] == [True, True, False]
-    assert second.start_ns == round((first.route.total_duration_s + 1500.0) * NS_PER_S)
 
 
 @pytest.mark.parametrize(
@@ -164,19 +137,6 @@ def test_a_bad_itinerary_is_refused_with_file_and_key(preheat_plan, legs, proble
         2, True, True, 1)
 
 
-def test_a_leg_outside_the_vehicles_model_is_refused_by_its_number(preheat_plan):
-    status, _, errors = preheat_plan({**FIRST, 'departure_temperature_c': -45.5}, LAST)
-    assert (status, errors) == (
-        2, 'preheat: error: leg 2: battery temperature: -45.5 is not allowed; it must be '
-        "-40 ... 60 degC, the range of the vehicle's battery\n")
-
-
-def test_a_bad_state_at_the_start_is_refused(preheat_plan):
-    status, _, errors = preheat_plan(FIRST, LAST, arguments=('--temperature', '-6', '--soc', '75'))
-    assert (status, errors) == (
-        2, 'preheat: error: leg 1: state of charge: 75 is not allowed; it must be 0 ... 1; 0.75?\n')
-
-
 @pytest.mark.parametrize('arguments', [('--min-soc', '0.2'), ('--no-charging',)])
 def test_what_each_leg_says_itself_is_refused(preheat_plan, arguments):
     status, _, errors = preheat_plan(
@@ -190,15 +150,6 @@ def test_an_unknown_itinerary_is_refused_with_the_names_there_are(preheat_plan):
     status, _, errors = preheat_plan(itinerary='winter_holidy')
     assert status == 2
     assert "itinerary 'winter_holidy' is unknown; did you mean 'winter_holiday'?" in errors
-
-
-@pytest.mark.parametrize('arguments, text', [
-    (('--route', 'reference', '--itinerary', 'winter_holiday'), 'argument --itinerary: '),
-    ((), ' --route --itinerary ')])
-def test_either_a_route_or_an_itinerary_is_given(preheat_plan, arguments, text):
-    status, _, errors = preheat_plan(
-        arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
-    assert (status, text in errors) == (2, True)
 
 
 def test_a_file_may_hold_as_many_stops_as_the_node_plans():

@@ -65,17 +65,6 @@ def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem)
     assert shown.out == '' and shown.err.startswith('preheat: error: ') and 'Traceback' not in shown.err
 
 
-def test_a_route_of_a_slow_log_without_cabin_heater(log, capfd):
-    output = log.with_name('route.csv')
-    assert main(['route', '--log', str(log), '--signals', str(log.with_name('map.yaml')), '--vehicle', 'small_car',
-                 '--output', str(output)]) == 0
-    out = capfd.readouterr().out
-    assert 'has no cabin_heater_w; cabin heating (1500 W) and auxiliaries (350 W) are those of the vehicle' in out
-    assert f'--signals {log.with_name("map.yaml")}' in output.read_text(encoding='utf-8')
-    assert main(['plan', '--vehicle', 'small_car', '--route', str(output), '--temperature', '-5',
-                 '--soc', '0.8']) == 0
-
-
 def test_a_signal_map_belongs_to_a_log(tmp_path, capfd):
     assert main(['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output',
                  str(tmp_path / 'a.csv')]) == 2

@@ -111,21 +111,6 @@ def test_an_input_is_never_written_over(refusal, name, path, spell):
     assert line.endswith(f'{path}, which must not be overwritten')
 
 
-def test_the_files_that_the_paper_is_reproduced_with_are_inputs(refusal):
-    shipped = configuration_folder('vehicles') / 'reference.yaml'
-    before = shipped.read_bytes()
-    assert 'which must not be overwritten' in refusal('reproduce', '--json', str(shipped))
-    assert shipped.read_bytes() == before
-
-
-@pytest.mark.parametrize('name', ['plan', 'route from logs'])
-def test_two_outputs_are_two_files(refusal, name):
-    first = '--output' if name.startswith('route') else '--json'
-    assert refusal(*COMMANDS[name], first, 'x.png', '--plot', './x.png') == (
-        f'preheat: error: --plot: ./x.png: is the same file as {first}; each output needs its '
-        'own file')
-
-
 @pytest.mark.parametrize('path', ['picture', 'picture.bmp'])
 @pytest.mark.parametrize('name', [name for name, option, _ in OPTIONS if option == '--plot'])
 def test_the_kinds_of_picture_are_listed(refusal, name, path):
@@ -133,53 +118,11 @@ def test_the_kinds_of_picture_are_listed(refusal, name, path):
         f'preheat: error: --plot: {path}: must end in .png or .svg or .pdf')
 
 
-@pytest.mark.costly
-def test_outputs_may_be_named_from_the_home_folder(monkeypatch):
-    monkeypatch.setenv('HOME', os.getcwd())
-    assert main([*COMMANDS['plan'], '--json', '~/plan.json', '--plot', '~/plan.SVG']) == 0
-    assert Path('plan.json').read_text().startswith('{')
-    assert '<svg' in Path('plan.SVG').read_text()
-
-
-def test_an_old_result_is_written_over():
-    Path('plan.json').write_text('of yesterday')
-    assert main([*COMMANDS['plan'], '--json', 'plan.json']) == 0
-    assert 'of yesterday' not in Path('plan.json').read_text()
-
-
-@pytest.mark.parametrize('log', ['drive.planner.log', 'drive.vehicle_simulator.log'])
-def test_logs_of_a_scenario_that_are_no_files_are_refused(refusal, log):
-    os.mkfifo(log)
-    assert refusal(*COMMANDS['scenario'], '--nodes', '--logs', '.') == (
-        f'preheat: error: --logs: {log}: is a named pipe; only a regular file can be written')
-
-
 def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
     assert main([*COMMANDS['scenario'], './drive.yaml', '--nodes', '--logs', '.']) == 2
     assert capsys.readouterr().err.splitlines() == [
         f'preheat: error: --logs: drive.{name}.log: is the same file as --logs; each output needs '
         'its own file' for name in ('planner', 'vehicle_simulator')]
-
-
-def test_the_demonstration_checks_its_files_first(refusal):
-    program_main = import_module('bev_preheat.demo').main
-    for suffix in ('.png', '.planner.log', '.vehicle_simulator.log'):
-        os.mkfifo(f'out{suffix}')
-        line = refusal('--output', 'out.png', command=program_main)
-        assert line.endswith(
-            f'error: --output: out{suffix}: is a named pipe; only a regular file can be written')
-        os.unlink(f'out{suffix}')
-    assert refusal('--output', 'out', command=program_main).endswith(
-        'error: --output: out: must end in .png or .svg or .pdf')
-
-
-def test_the_demonstration_does_not_write_over_its_route(refusal):
-    Path('route.csv').rename('route.png')
-    line = refusal('--route', './route.png', '--output', 'route.png',
-                   command=import_module('bev_preheat.demo').main)
-    Path('route.png').rename('route.csv')
-    assert line == ('demo: error: --output: route.png: is the same file as the input route.png, '
-                    'which must not be overwritten')
 
 
 @pytest.mark.parametrize('study', ['cost', 'soak'])

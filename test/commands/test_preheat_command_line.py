@@ -4,7 +4,6 @@
 import importlib.util
 import json
 import os
-import re
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -63,15 +62,6 @@ def test_version_is_that_of_the_manifest(capsys):
         f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')
 
 
-@pytest.mark.parametrize('command', [*SUBCOMMANDS, 'vehicle new', 'vehicle check', 'vehicle list'])
-def test_help_is_printed(capsys, command):
-    with pytest.raises(SystemExit) as ended:
-        main([*command.split(), '--help'])
-    out, err = capsys.readouterr()
-    assert (ended.value.code, err) == (0, '')
-    assert out.startswith(f'usage: preheat {command} ')
-
-
 @pytest.mark.parametrize('arguments, message', [
     (['plan', *SITUATION, '--tmperature', '3'],
      'preheat plan: error: unrecognized arguments: --tmperature; did you mean --temperature?; '
@@ -119,14 +109,6 @@ def test_a_study_that_is_not_installed_is_refused_in_one_line(without_studies, c
         'bev_preheat without BEV_PREHEAT_WITHOUT_STUDIES\n')
 
 
-def test_other_commands_do_without_the_studies(without_studies, capsys):
-    assert main(['vehicle', 'list']) == 0
-    with pytest.raises(SystemExit) as ended:
-        main(['--help'])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out.count('a study; not installed') == 3
-
-
 @pytest.mark.parametrize('arguments, hint', [
     (['plna'], "preheat: error: 'plna' is no command; did you mean preheat plan? there are: "),
     (['plans', '--vehicle', 'reference'], "'plans' is no command; did you mean preheat plan? there are: "),
@@ -152,43 +134,6 @@ def test_a_command_alone_prints_its_help(capsys, arguments, usage):
     assert capsys.readouterr().out == out
 
 
-def test_the_help_has_the_commands_below_what_people_do(capsys):
-    with pytest.raises(SystemExit):
-        main(['--help'])
-    lines = capsys.readouterr().out.splitlines()
-    first = lines.index('commands:')
-    headings = {line.strip(' :'): at for at, line in enumerate(lines) if at > first and re.fullmatch(
-        r'  \w[\w ]+:', line)}
-    assert list(headings) == ['plan a drive', 'your car', 'your drives', 'a running planner', 'studies']
-    below = {word: max((at, name) for name, at in headings.items() if at < number)[1]
-             for number, line in enumerate(lines) if number > first
-             for word in line.split()[:1] if word in SUBCOMMANDS and line.startswith(f'    {word}')}
-    assert below.keys() == SUBCOMMANDS.keys()
-    assert [below[name] for name in ('plan', 'vehicle', 'log', 'prepare', 'sweep')] == list(headings)
-
-
-@pytest.mark.parametrize('command', [['plan'], ['worth'], ['charge'], ['vehicle', 'new']])
-def test_options_that_are_needed_stand_above_all_that_are_not_common(capsys, command):
-    with pytest.raises(SystemExit):
-        main([*command, '--help'])
-    text = capsys.readouterr().out
-    common, _, rest = text.partition('\noptions:\n')[2].partition('\n\n')
-    shown = {part: set(re.findall(r'^  (--[a-z0-9-]+)', part, re.MULTILINE)) for part in (common, rest)}
-    usage = ' '.join(text.partition('\n\n')[0].split())
-    needed = set(re.findall(r'(--[a-z-]+)', re.sub(r'\[[^]]*\]', '', usage)))
-    assert needed and needed <= shown[common]
-    assert len(shown[common]) <= 13 and len(shown[rest]) >= 5
-
-
-@pytest.mark.parametrize('arguments, problem', [
-    (['--car', 'reference'], 'unrecognized arguments: --car; did you mean --vehicle?'),
-    (['--outside-temperature', '3'], 'unrecognized arguments: --outside-temperature; did you mean --ambient?')])
-def test_other_words_for_an_option_are_known(capsys, arguments, problem):
-    with pytest.raises(SystemExit):
-        main(['plan', *SITUATION, *arguments])
-    assert problem in capsys.readouterr().err
-
-
 @pytest.mark.parametrize('option, name, problem', [
     ('--vehicle', 'mein', "vehicle 'mein' is unknown; did you mean './mein.yaml'?; known: "),
     ('--vehicle', 'mein.yml', "vehicle 'mein.yml' is unknown; did you mean './mein.yaml'?; known: "),
@@ -211,13 +156,6 @@ def test_a_drive_log_given_as_a_route_is_named(tmp_path, capsys, columns, is_log
     hint = f'{path}: is a drive log, no route; preheat route --log {path} --vehicle NAME --output ROUTE.csv makes'
     assert any(hint in line for line in lines) == is_log
     assert any('a route needs ' in line for line in lines)
-
-
-@pytest.mark.parametrize('option', ['--vehicle', '--route', '--json', '--plot'])
-def test_a_name_with_a_line_break_is_refused_in_one_line(capsys, option):
-    assert main(['plan', *SITUATION, option, 'no\nfolder/x.csv']) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert 'no\\nfolder/x.csv' in line
 
 
 def completions(line):

@@ -9,8 +9,7 @@ import sys
 
 import pytest
 
-from bev_preheat.commands.program import Interrupted, OutputFailed, run_program
-from bev_preheat.errors import one_line
+from bev_preheat.commands.program import OutputFailed, run_program
 
 PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '--route', 'reference',
         '--temperature', '-7', '--soc', '0.9']
@@ -65,13 +64,6 @@ def test_closed_streams_are_no_error(redirection, status):
     assert ended(['sh', '-c', f'"$@" {redirection}', 'sh', *PLAN])[::2] == (status, '')
 
 
-@pytest.mark.costly
-def test_a_terminal_without_special_characters():
-    status, output, errors = ended(PLAN, env=dict(os.environ, PYTHONIOENCODING='ascii'))
-    assert (status, errors) == (0, '')
-    assert output.isascii() and '. before arrival' in output
-
-
 def test_interrupted_while_it_is_still_loading():
     """The signal comes with the first module imported after `main` has begun."""
     code = ('import os, signal, sys\n'
@@ -96,28 +88,6 @@ def test_a_signal_is_one_line_and_130(capsys, number):
     assert run_program('work', lambda: lambda: interrupt(number), ends_process=False) == 130
     assert capsys.readouterr() == ('', 'work: interrupted\n')
     assert signal.getsignal(number) is before
-
-
-def test_a_second_signal_ends_what_is_being_kept(capsys):
-    def work():
-        try:
-            interrupt(signal.SIGINT)
-        except Interrupted:
-            interrupt(signal.SIGINT)
-
-    assert run_program('work', lambda: work, ends_process=False) == 130
-    assert capsys.readouterr().err == 'work: interrupted\n'
-
-
-def test_a_library_that_makes_another_error_of_the_signal_is_interrupted_too(capsys):
-    def work():
-        try:
-            interrupt(signal.SIGINT)
-        except KeyboardInterrupt:
-            raise ImportError('numpy.core.multiarray failed to import') from None
-
-    assert run_program('work', lambda: work, ends_process=False) == 130
-    assert capsys.readouterr().err == 'work: interrupted\n'
 
 
 def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
@@ -146,7 +116,3 @@ def test_a_full_output_is_told_in_one_line(capsys):
     assert run_program('work', lambda: work, ends_process=False) == 1
     assert capsys.readouterr().err == (
         'work: error: standard output: cannot be written: No space left on device\n')
-
-
-def test_control_characters_make_no_lines():
-    assert one_line('a\nb\x1b[2J\tc ° é') == 'a\\nb\\x1b[2J\\tc ° é'

@@ -14,8 +14,3 @@ DRIVE = ['plan', '--vehicle', 'reference', '--route', 'reference', '--temperatur
 def test_a_bad_prospect_is_refused_in_one_line(said, option, value, named):
     status, output, errors = said(*DRIVE, option, value)
     assert (status, output) == (2, '') and f'{named} is not allowed' in errors
-
-
-def test_heating_waits_at_a_small_chance(said):
-    status, output, _ = said(*DRIVE, '--charging-probability', '0.1')
-    assert status == 0 and 'Heating waits: 10 % chance of charging; it starts after ' in output

@@ -2,7 +2,6 @@
 """`preheat route`: from descriptions and from drive logs to files, tables and plots."""
 
 from dataclasses import fields
-import os
 import subprocess
 import sys
 
@@ -54,12 +53,6 @@ def preheat_route(tmp_path, capsys):
     return run
 
 
-def row(text, what):
-    """Return a value from the printed table."""
-    (line,) = [line for line in text.splitlines() if line.startswith(f'│ {what} ')]
-    return line.strip('│ ').removeprefix(what).strip('│ ')
-
-
 def test_a_shipped_description_by_name_makes_the_shipped_route(preheat_route):
     status, _, _, output = preheat_route('--legs', 'winter_commute', '--vehicle', 'reference')
     assert status == 0
@@ -67,44 +60,6 @@ def test_a_shipped_description_by_name_makes_the_shipped_route(preheat_route):
     for field in fields(Route):
         np.testing.assert_allclose(getattr(made, field.name), getattr(shipped, field.name),
                                    atol=0.0011 if field.name.endswith('_w') else 1.1e-6)
-
-
-def test_the_table_sums_up_the_file(preheat_route, legs):
-    status, out, _, output = preheat_route('--legs', legs, '--vehicle', 'small_car')
-    assert status == 0
-    route = load_route(output, None)
-    duration_s, power_w = route.duration_s, route.propulsion_power_w
-    total_s = duration_s.sum()
-    assert 'Route to_the_shop' in out
-    assert row(out, 'segments') == str(len(route))
-    assert row(out, 'duration') == f'{total_s / 60:.1f} min'
-    assert row(out, 'distance') == '3.50 km'
-    assert row(out, 'mean speed') == f'{3.5 / (total_s / 3600):.1f} km/h'
-    assert row(out, 'propulsion power, mean') == f'{power_w @ duration_s / total_s / 1e3:.2f} kW'
-    mean_square_w2 = sum(route.propulsion_power_rms_w**2 * duration_s) / total_s
-    assert row(out, 'propulsion power, root mean square') == f'{mean_square_w2**0.5 / 1e3:.2f} kW'
-    assert row(out, 'propulsion power, segments from') == f'{min(power_w) / 1e3:.1f} kW'
-    assert row(out, 'propulsion power, segments to') == f'{max(power_w) / 1e3:.1f} kW'
-    driven = sum(w * s / 3600 for w, s in zip(power_w, duration_s) if w > 0)
-    regenerated = sum(w * s / 3600 for w, s in zip(power_w, duration_s) if w < 0)
-    assert regenerated < -0.5
-    assert row(out, 'energy of driving segments') == f'{driven:.0f} Wh'
-    assert row(out, 'energy of regenerating segments') == f'{regenerated:.0f} Wh'
-    assert row(out, 'cabin heating') == f'{1200 * total_s / 3600:.0f} Wh'
-    # The vehicle's defaults, because the description has none.
-    assert row(out, 'auxiliaries') == f'{350 * total_s / 3600:.0f} Wh'
-    coldest, warmest = min(route.ambient_temperature_c), max(route.ambient_temperature_c)
-    assert row(out, 'ambient temperature') == f'{coldest:.1f} ... {warmest:.1f} degC'
-    assert f'written: {output}' in out
-
-
-def test_the_file_says_how_to_make_it_again(preheat_route, legs):
-    _, _, _, output = preheat_route('--legs', legs, '--vehicle', 'small_car')
-    with open(output, encoding='utf-8') as file:
-        assert file.readline() == '# Route to_the_shop, made by:\n'
-        assert file.readline() == (
-            f'#     preheat route --legs {legs} --vehicle small_car --output {output}\n')
-        assert file.readline() == '# vehicle: small_car\n'
 
 
 def test_a_drive_log_becomes_a_route(preheat_route, log):
@@ -117,13 +72,6 @@ def test_a_drive_log_becomes_a_route(preheat_route, log):
     assert 'Route drive\n' in out
     assert (f'note: {log}: speed_mps and power_w: 3 s without a valid sample, from 39 s to 42 s, are bridged'
             in out)
-
-
-def test_logs_are_joined(preheat_route, log):
-    status, out, _, output = preheat_route('--log', log, log, '--vehicle', 'small_car')
-    assert status == 0
-    assert load_route(output, None).duration_s.tolist() == [30.0] * 6
-    assert 'Route drive + drive\n' in out
 
 
 @pytest.mark.costly
@@ -155,34 +103,6 @@ def test_input_that_is_refused_is_explained(preheat_route, tmp_path, arguments, 
     assert problem in err
     assert out == ''
     assert not (tmp_path / 'made.csv').exists()
-
-
-@pytest.mark.parametrize('source', [['--legs', 'reference'], ['--log', 'drive.csv']])
-def test_a_route_is_made_for_a_vehicle(preheat_route, capsys, source):
-    with pytest.raises(SystemExit) as caught:
-        preheat_route(*source)
-    assert caught.value.code == 2
-    assert ': --vehicle' in capsys.readouterr().err
-
-
-def test_an_output_that_cannot_be_written_is_explained(preheat_route, tmp_path):
-    folder = os.path.realpath(tmp_path / 'no_such_folder')
-    output = f'{folder}/made.csv'
-    status, _, err, _ = preheat_route('--legs', 'winter_commute', '--vehicle',
-                                      'reference', output=output)
-    assert status == 2
-    assert err == (f'preheat: error: --output: {output}: cannot be written: {folder} does not '
-                   'exist\n')
-
-
-@pytest.mark.parametrize('arguments', [
-    ['--vehicle', 'reference'],
-    ['--vehicle', 'reference', '--legs', 'reference', '--log', 'drive.csv']])
-def test_there_is_exactly_one_source(preheat_route, capsys, arguments):
-    with pytest.raises(SystemExit) as caught:
-        preheat_route(*arguments)
-    assert caught.value.code == 2
-    assert '--legs' in capsys.readouterr().err
 
 
 @pytest.mark.costly

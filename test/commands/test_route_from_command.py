@@ -5,10 +5,8 @@ import json
 
 import pytest
 import route_examples as examples
-import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.vehicle import load_vehicle
@@ -83,16 +81,3 @@ def test_mistakes_have_one_line(preheat, arguments, problem):
     preheat('route', '--from', 'cycle.csv', '--ambient', '-5', '--output', 'made.csv')
     status, _, errors = preheat(*arguments)
     assert status == 2 and problem in errors and errors.count('\n') == 1
-
-
-def test_an_itinerary_takes_a_cycle_and_its_ambient_temperature(tmp_path):
-    (tmp_path / 'cycle.csv').write_text(examples.speed_table())
-    description = {'name': 'errand', 'legs': [{'route': 'cycle.csv', 'ambient_temperature_c': -7}]}
-    path = tmp_path / 'errand.yaml'
-    path.write_text(yaml.safe_dump(description))
-    leg, = load_itinerary(path, CAR).mission.legs
-    assert (leg.route.ambient_temperature_c == -7.0).all()
-    del description['legs'][0]['ambient_temperature_c']
-    path.write_text(yaml.safe_dump(description))
-    with pytest.raises(InvalidInput, match='ambient_temperature_c: -5 beside route'):
-        load_itinerary(path, CAR)

@@ -40,14 +40,6 @@ def test_figures_keep_every_name_whole(width):
         assert any(name in line for line in lines), name
 
 
-def test_items_that_do_not_fit_come_below():
-    assert [figures(width).count('Heating starts after') for width in (110, 80, 60)] == [1, 2, 3]
-
-
-def test_a_row_that_is_empty_in_a_part_is_left_out_there():
-    assert figures(60).count('Solve time') == 1
-
-
 @pytest.mark.parametrize('width', [200, 100, 80, 60, 40])
 def test_records_keep_every_word_whole(width):
     text = printed(print_records, width, 'Scenarios',
@@ -56,15 +48,6 @@ def test_records_keep_every_word_whole(width):
     for record in RECORDS:
         for word in ' '.join(record).split():
             assert word in words, word
-
-
-def test_records_that_do_not_fit_are_lists():
-    text = printed(print_records, 40, 'Scenarios',
-                   ('scenario', 'what', 'expected', 'seen', ''), RECORDS[:1])
-    assert [line.rstrip() for line in text.splitlines()] == [
-        'Scenarios', 'scenario: battery_state_drop_out', '  what: statuses',
-        '  expected: TARGET_UNREACHABLE,', 'SOC_LIMITED', '  seen: all but TARGET_UNREACHABLE',
-        '  BAD']
 
 
 def test_a_path_longer_than_the_terminal_is_folded_not_cut():

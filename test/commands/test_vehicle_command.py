@@ -6,7 +6,6 @@ from pathlib import Path
 
 from matplotlib.image import imread
 import pytest
-import yaml
 
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.vehicle import load_vehicle
@@ -39,37 +38,10 @@ def test_one_command_makes_a_car_that_is_usual_and_plans(said):
         load_vehicle('./id4.yaml').assumed)
 
 
-def test_a_plan_for_a_measured_car_warns_of_nothing(said):
-    assert said('plan', '--vehicle', 'reference', '--route', 'reference', *STATE)[2] == ''
-
-
-def test_an_itinerary_warns_too(said, id4):
-    status, _, errors = said('plan', '--vehicle', 'id4.yaml', '--itinerary', 'winter_holiday',
-                             *STATE, '--json', 'plans.json')
-    assert status == 0
-    assert errors.count('values are assumed, not measured; preheat vehicle check id4.yaml lists them') == 1
-    assert 'battery.resistance' in json.loads(Path('plans.json').read_text())['vehicle_assumed']
-
-
-def test_the_file_keeps_the_command_and_the_name(id4):
-    text = Path('id4.yaml').read_text()
-    assert text.startswith('# Vehicle id4, made by\n#     preheat vehicle new --output id4.yaml '
-                           '--chemistry nmc')
-    assert yaml.safe_load(text)['name'] == 'id4'
-
-
 @pytest.mark.parametrize('name', ['#: {[', "'", 'ID.4 "Pro"', 'Ä ß 漢', '$name ${x}', 'null', '1'])
 def test_any_name_survives(said, name):
     assert said(*ID4, '--output', 'car.yaml', '--name', name)[0] == 0
     assert load_vehicle('./car.yaml').name == name
-
-
-@pytest.mark.deep
-@pytest.mark.costly
-def test_a_name_with_dollar_signs_is_drawn(said):
-    assert said(*ID4, '--output', 'car.yaml', '--name', '$x_{ $')[0] == 0
-    assert said('vehicle', 'check', './car.yaml', '--plot', 'car.svg')[0] == 0
-    assert '$x_{ $' in Path('car.svg').read_text().replace('&#x24;', '$')
 
 
 @pytest.mark.parametrize('text', ['a\nbattery: {}', '# x', '${name}', '100 % "yes"'])
@@ -118,15 +90,6 @@ def test_check_draws_the_curves(said):
     assert said('vehicle', 'check', 'mid_size_lfp', '--plot', 'car.png')[0] == 0
     picture = imread('car.png')
     assert picture.shape[0] > 800 and picture.std() > 0.05
-
-
-def test_check_says_what_is_unusual_and_still_ends_with_0(said, id4):
-    contents = yaml.safe_load(Path('id4.yaml').read_text())
-    contents['battery']['heat_capacity_j_per_k'] = 100000
-    Path('car.yaml').write_text(yaml.safe_dump(contents))
-    status, output, _ = said('vehicle', 'check', 'car.yaml')
-    assert status == 0
-    assert 'warning: heat capacity: 1.3 kJ/K for each kWh; the usual range is 3 ... 13' in output
 
 
 def test_check_refuses_what_no_vehicle_file_is(said):

@@ -132,16 +132,6 @@ def test_several_chargers_refused_in_lines(said, arguments, problem):
     assert problem in errors.splitlines()[0] and errors.startswith('preheat: error: ')
 
 
-@pytest.mark.parametrize('arguments, problem', [
-    (DRIVE[:9], '--charger-power: needed without --chargers'),
-    ([*DRIVE, '--end-soc', '0.5'], '--end-soc: only with --chargers'),
-    ([*DRIVE, '--only', 'a'], '--only: only with --chargers'),
-    (ALONG[:-2], '--end-soc: needed with --chargers')])
-def test_what_belongs_to_one_charger_and_what_to_several(said, arguments, problem):
-    status, _, errors = said(*arguments)
-    assert status == 2 and errors.splitlines()[0] == f'preheat: error: {problem}'
-
-
 def test_without_a_charge_to_leave_with_it_is_80_percent_as_in_the_planner(said):
     *words, option, _ = DRIVE
     written = []

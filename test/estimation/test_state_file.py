@@ -279,6 +279,17 @@ def test_a_damaged_file_of_ours_is_kept_aside_and_a_new_one_begun(tmp_path, cont
     assert sorted(os.listdir(tmp_path)) == ['state.json', 'state.json.damaged']
 
 
+def test_files_that_were_kept_aside_before_stay(tmp_path):
+    path = tmp_path / 'state.json'
+    for number in range(3):
+        path.write_text(WHOLE[:50 + number])
+        save_state(path, CAR, learned())
+    kept = {name: (tmp_path / name).read_text() for name in os.listdir(tmp_path)}
+    del kept['state.json']
+    assert kept == {'state.json.damaged': WHOLE[:50], 'state.json.damaged.2': WHOLE[:51],
+                    'state.json.damaged.3': WHOLE[:52]}
+
+
 def test_what_is_sound_in_a_damaged_file_goes_on(tmp_path):
     path = tmp_path / 'state.json'
     path.write_text(json.dumps({'bev_preheat_state_file': 2, 'cars': {

@@ -105,15 +105,3 @@ def test_only_a_log_at_stand_may_lack_charge_and_power(changes, line):
     changed = {name: value for name, value in {**signals, **changes}.items() if value is not None}
     with pytest.raises(InvalidInput, match=line):
         trip_of(Recording('heated', changed), VEHICLE)
-
-
-def test_between_distant_samples_nothing_is_read():
-    signals = {'battery_temperature_c': series((0, 60, 1800, 1860), (0.0, 0.0, 20.0, 20.0)),
-               'ambient_c': series((0, 1860), (0, 0)), 'battery_heater_w': series((0, 1860), (5e3, 5e3))}
-    trip = trip_of(Recording('heated', signals), VEHICLE)
-    assert (trip.weights[61:1800] == 0.0).all() and (trip.weights[:60] > 0.0).all()
-    assert (trip.weights[1800:] > 0.0).all()
-    assert trip.battery_temperature_c[930] == pytest.approx(10.0)
-    # A signal that is sent on a change says that it did not change by more than a step.
-    steady = {**signals, 'battery_temperature_c': series((0, 900, 1860), (4.0, 5.0, 6.0))}
-    assert (trip_of(Recording('heated', steady), VEHICLE).weights > 0.0).all()

@@ -10,13 +10,12 @@ from recorded import night, recording
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.coverage import refuse_poor
 from bev_preheat.identification.recording_checks import refuse_doubted
-from bev_preheat.identification.trips import common_remarks, trip_of, trips_of
+from bev_preheat.identification.trips import trip_of, trips_of
 from bev_preheat.logs.recording import Series
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('small_car')
 TIME_S = np.arange(1200.0)
-GAP_S = np.where(TIME_S < 600.0, TIME_S, TIME_S + 120.0)
 
 
 @pytest.mark.parametrize('changes, line', [
@@ -59,14 +58,6 @@ def test_a_stuck_or_jumping_signal_is_named(changes, line):
     with pytest.raises(InvalidInput) as caught:
         trip_of(recording('B', **changes), VEHICLE)
     assert [problem[:len(line) + 3] for problem in caught.value.problems] == [f'B: {line}']
-
-
-def test_what_logs_have_in_common_is_said_once():
-    same = [replace(recording(name), remarks=(f'logs/{name}.csv: current_a: repaired',)) for name in 'ABCD']
-    trips = [trip_of(each, VEHICLE) for each in same]
-    assert common_remarks(trips) == ('4 logs: current_a: repaired',)
-    other = trip_of(replace(recording('A'), remarks=('no path: stays',)), VEHICLE)
-    assert common_remarks([other]) == ('A: no path: stays',)
 
 
 def test_the_longest_part_of_a_log_with_a_hole_is_used():
@@ -116,19 +107,6 @@ def test_a_recording_named_twice_is_refused():
         trips_of([recording('A'), recording('B')], VEHICLE)
 
 
-def test_every_refused_recording_is_named():
-    with pytest.raises(InvalidInput) as caught:
-        trips_of([recording('A', soc=None), recording('B'), recording('C', ambient_c=None)], VEHICLE)
-    assert [problem[:2] for problem in caught.value.problems] == ['A:', 'C:']
-
-
-def test_charge_against_current_is_refused_although_the_current_is_steady():
-    steady = recording('B', current_a=lambda a: np.full_like(a, 40.0), soc=lambda s: 0.5 + TIME_S / 1e4,
-                       voltage_v=lambda v: np.full_like(v, 376.0))
-    with pytest.raises(InvalidInput, match='B: current_a: it grows while the state of charge rises'):
-        trip_of(steady, VEHICLE)
-
-
 @pytest.mark.parametrize('recordings, line', [
     ([recording('A')], '1 usable log; at least 3 are needed'),
     ([recording(str(number), 1200 + number, battery_temperature_c=lambda c: 0.0 * c + 7.0) for number in range(3)],
@@ -141,11 +119,6 @@ def test_trips_that_tell_too_little_are_refused_with_what_to_record(recordings, 
         refuse_poor(trips_of(recordings, VEHICLE))
     assert line in caught.value.problems[0]
     assert 'record' in caught.value.problems[0]
-
-
-def test_slightly_negative_heater_power_is_noise():
-    trip = trip_of(recording(cabin_heater_w=lambda w: w - 1100.0), VEHICLE)
-    assert trip.cabin_heating_power_w.max() == 0.0
 
 
 def test_standing_has_no_propulsion_whatever_is_charged():

@@ -53,13 +53,6 @@ def test_deviations_are_those_of_the_lognormal_intervals():
                                          'resistance': 0.03, 'heater_efficiency': 0.02}, rel=2e-3)
 
 
-def test_a_resistance_that_is_extrapolated_into_the_cold_is_less_certain_than_where_logs_are():
-    found = uncertainty_of(Uncertainty(), estimates(), resistance(
-        lambda at_c: np.where(at_c < 0.0, 0.2, 0.02)), 10.0)
-    # Ten of the 31 whole degrees from -10 to 20.
-    assert found.resistance == pytest.approx(math.sqrt((10 * 0.04 + 21 * 0.0004) / 31), rel=3e-3)
-
-
 def test_values_that_the_logs_do_not_tell_keep_the_uncertainty_of_the_start_file():
     untold = {item.name: replace(item, is_identified=False) for item in estimates()}
     assert uncertainty_of(Uncertainty(), untold.values(), None, 10.0) == Uncertainty()

@@ -39,7 +39,6 @@ START = replace(
 # The shortest ones; daily.
 THREE = ('B29', 'B30', 'B32')
 WITH_COLD = ('B29', 'B32', 'B38')
-SIX = ('B17', 'B22', 'B25', 'B29', 'B31', 'B38')
 
 
 @cache
@@ -118,14 +117,3 @@ def test_resistance_and_capacity_agree_with_fits_of_other_drives(names):
     # 0.142 ohm at 10 degC by another definition (with slow relaxation), 61.84 Ah: README of the drives.
     assert result.resistance.estimate_ohm[at] == pytest.approx(0.142, rel=0.10)
     assert result.vehicle.battery.capacity_ah == pytest.approx(61.84, rel=0.01)
-
-
-@pytest.mark.parametrize('names', [WITH_COLD, pytest.param(SIX, marks=pytest.mark.deep)], ids=['three', 'six'])
-def test_few_drives_say_that_the_cold_is_extrapolated_and_bear_the_cold_drive(names):
-    result = identified(names)
-    assert result.coverage.resistance_from_c >= 2.0
-    assert result.coverage.coldest_trip == 'TripB38'
-    assert any(sentence.startswith('Resistance below') and 'extrapolated' in sentence
-               for sentence in result.verdict)
-    coldest = next(trip for trip in result.left_out if trip.name == 'TripB38')
-    assert coldest.is_within

@@ -43,14 +43,6 @@ def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolut
     assert slope == pytest.approx((ahead - residual) / 1e-6, rel=1e-3, abs=1e-3)
 
 
-def test_a_spike_pulls_linearly_and_stays_finite():
-    from bev_preheat.identification.readings import ReadingResiduals, Readings
-    residuals = ReadingResiduals(Readings(np.full((3, 1), 5.0), np.ones((3, 1)), 1.0))
-    residual, slope = residuals(np.array([-1e4, 60.0, 1e4]))
-    assert np.isfinite(residual).all() and np.isfinite(slope).all()
-    assert residual[0] < 0.0 < residual[1] <= residual[2]
-
-
 def test_readings_that_flicker_tell_where_between_two_values_the_temperature_is():
     from bev_preheat.identification.readings import ReadingResiduals, Readings
     # 7 of 10 readings of 4.4 + noise of 0.2 K are 4: 4.5 K is 0.524 standard deviations above.
@@ -78,16 +70,6 @@ def test_the_noise_is_found_from_the_readings(resolution_k):
         read_c = np.round(read_c)
     readings = Readings(read_c[:, np.newaxis], np.ones((4000, 1)), resolution_k)
     assert likely_noise_k([readings], [true_c]) == pytest.approx(0.2, rel=0.05)
-
-
-def test_readings_count_as_often_as_the_sensor_was_read():
-    from bev_preheat.identification.thermal import course_of
-    drive = course_of(trip_of(recording(), VEHICLE), VEHICLE)
-    # A whole-degree signal once a second, steps of 15 s.
-    assert drive.readings.total.tolist() == [15.0] * 80
-    at_stand = course_of(trip_of(night(), VEHICLE), VEHICLE)
-    # One reading a minute, steps of 5 min.
-    assert at_stand.readings.total[2:-1] == pytest.approx(5.0)
 
 
 def test_the_fit_has_the_joule_heat_of_the_current_although_the_power_varies():

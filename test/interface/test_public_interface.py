@@ -134,6 +134,17 @@ def test_all_methods_beside_the_optimum(vehicle, route):
 
 
 @pytest.mark.needs('pandas')
+def test_the_frame_of_a_session(vehicle):
+    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
+    frame = session.to_frame()
+    assert frame.index[-1] == pytest.approx(session.charging_time_s)
+    assert frame['soc'].iloc[0] == 0.2 and frame['soc'].iloc[-1] == pytest.approx(0.8, abs=1e-6)
+    assert np.isnan(frame['charging_power_w'].iloc[-1]) and not frame.iloc[:-1].isna().to_numpy().any()
+    with pytest.raises(KeyError):
+        frame['power']
+
+
+@pytest.mark.needs('pandas')
 def test_the_frame_of_targets(worth):
     frame = worth.to_frame()
     assert frame['cost'].idxmin() == worth.best_target_c

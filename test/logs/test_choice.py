@@ -103,14 +103,3 @@ def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, l
     path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps', [(at, high if at == 9 else low, 9)
                                                                     for at in range(40)])
     assert len(read_recording(path).signals[column].value) == 40
-
-
-def test_trips_whose_clock_begins_anew_are_refused(tmp_path):
-    path = write(tmp_path / 'a.csv', 'Trip,time_s,speed_kmh',
-                 [(trip, at, 30 * trip) for trip in (1, 2) for at in range(100)])
-    with pytest.raises(InvalidInput, match='line 102: the time goes back by 99 s, and 99 of 200 readings'):
-        read_recording(path)
-    # A reading that came late is no other trip.
-    rows = [(1, at, 30) for at in range(100)]
-    rows[50], rows[51] = rows[51], rows[50]
-    assert len(read_recording(write(path, 'Trip,time_s,speed_kmh', rows)).signals['speed_mps'].value) == 100

@@ -8,9 +8,7 @@ from logs_written import drive, write_wide
 import numpy as np
 import pytest
 
-from bev_preheat.logs.doubts import find_doubts
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.recording import Series
 
 FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
     Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
@@ -57,23 +55,6 @@ def test_power_is_compared_with_voltage_times_current(tmp_path):
     log['power_w'] = log['voltage_v'] * log['current_a'] / 1000.0
     repaired = read_recording(write_wide(tmp_path / 'a.csv', log), repair=True)
     np.testing.assert_allclose(repaired.signals['power_w'].value, 1000.0 * log['power_w'], rtol=1e-4)
-
-
-def test_a_charging_session_has_a_negative_current(tmp_path):
-    # 80 A into 110 Ah for 15 min.
-    time_s = np.arange(0.0, 900.0)
-    log = {'time_s': time_s, 'soc': 0.2 + 80.0 * time_s / 3600.0 / 110.0, 'voltage_v': 380.0 + 0.0 * time_s,
-           'current_a': -80.0 + 0.0 * time_s, 'speed_mps': 0.0 * time_s}
-    assert read_recording(write_wide(tmp_path / 'a.csv', log)).remarks == ()
-    log['current_a'] = -log['current_a']
-    assert 'positive must mean discharging' in read_recording(write_wide(tmp_path / 'a.csv', log)).remarks[0]
-
-
-def test_a_drive_is_not_doubted():
-    log = drive(1800.0)
-    signals = {name: Series(log['time_s'], value) for name, value in log.items() if name != 'time_s'}
-    signals['power_w'] = Series(log['time_s'], log['voltage_v'] * log['current_a'])
-    assert find_doubts(signals) == ()
 
 
 def in_miles(folder, names, left_out=()):

@@ -48,13 +48,6 @@ def test_a_battery_that_only_the_drive_warms_does_not(step_k):
         assert heater_response(drive(heater_w, 0.0, step_k)) is None
 
 
-def test_a_steady_heater_is_left_open_and_a_known_one_is_not_asked_for():
-    assert heater_response(drive(switched(0.0, 3000.0), 0.87)) is None
-    signals = drive(switched(600.0, 2400.0), 0.87)
-    assert heater_response({**signals, 'battery_heater_w': signals['heater_w']}) is None
-    assert heater_response({name: series for name, series in signals.items() if name != 'heater_w'}) is None
-
-
 @pytest.fixture
 def log(tmp_path):
     signals = drive(switched(600.0, 2400.0), 0.87, 0.5)

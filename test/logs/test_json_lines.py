@@ -44,13 +44,6 @@ def test_each_form_has_the_same_readings(tmp_path, text):
     np.testing.assert_allclose(temperature.time_s + recording.start_s, TIMES_S)
 
 
-def test_objects_with_one_reading_each_are_channels_by_name(tmp_path):
-    _, recording = read(tmp_path, '\n'.join(
-        json.dumps({'ts': time_s, 'name': 'battery_temperature_c', 'value': temperature_c, 'unit': 'degC'})
-        for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C)))
-    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, TEMPERATURES_C)
-
-
 def test_lines_that_are_no_object_or_have_no_time_are_dropped_with_one_remark_a_cause(tmp_path):
     lines = list(map(json.dumps, OBJECTS))
     lines[10:12] = ['{"timestamp": 17', '"text"']
@@ -68,13 +61,6 @@ def test_nested_values_have_dotted_names_and_what_is_no_reading_is_empty():
         'a.b': '1.0', 'a.c.0': 'True', 'a.c.2': 'x', 'far': '', 'nan': ''}
 
 
-def test_an_object_without_end_has_the_fields_of_its_outer_levels():
-    deep = {'speed_mps': 1.0}
-    for _ in range(100):
-        deep = {'speed_mps': 1.0, 'inner': deep}
-    assert set(flat(deep).values()) == {'1.0'} and 10 < len(flat(deep)) < 30
-
-
 @pytest.mark.parametrize('text, problem', [
     ('[\n1,\n2\n]', 'has no JSON object with fields'), ('[1, 2', 'is not JSON: ')])
 def test_a_file_without_objects_is_named(tmp_path, text, problem):
@@ -83,11 +69,6 @@ def test_a_file_without_objects_is_named(tmp_path, text, problem):
     with pytest.raises(InvalidInput, match=problem) as refused:
         JsonRows(path, 'utf-8')
     assert str(path) in str(refused.value)
-
-
-def test_objects_without_a_time_are_refused_with_their_fields(tmp_path):
-    with pytest.raises(InvalidInput, match="no field holds the time; the fields are 'battery_temperature_c, soc'"):
-        read(tmp_path, json.dumps([{'battery_temperature_c': at, 'soc': 0.5} for at in range(3)], indent=1))
 
 
 def test_an_object_with_thousands_of_fields_is_no_log(tmp_path):

@@ -105,14 +105,6 @@ def test_a_log_of_leafspy(tmp_path):
     np.testing.assert_allclose(recording.signals['power_w'].value, log['voltage_v'] * log['current_a'], rtol=1e-4)
 
 
-def test_a_log_of_leafspy_in_miles_is_doubted_and_repaired(tmp_path):
-    log = drive(1700.0, 17.0)
-    path = write_leafspy(tmp_path / 'Log.csv', {**log, 'speed_mps': log['speed_mps'] / 1.609344})
-    remark, = read_recording(path).remarks
-    assert 'speed_mps: its integral is' in remark and 'by position' in remark and 'mph taken as km/h?' in remark
-    assert_is(read_recording(path, repair=True), log, ('speed_mps',), rtol=1e-3)
-
-
 def test_a_reading_a_line_in_russian(tmp_path):
     log = drive(700.0)
     names = {'speed_mps': ('Скорость автомобиля', 'км/ч', 3.6), 'soc': ('[BMS] Уровень заряда батареи '
@@ -235,10 +227,3 @@ def test_files_that_are_no_logs(tmp_path, contents, problem):
     with pytest.raises(InvalidInput, match='log.mcap(:|,) .*') as caught:
         read_recording(path)
     assert problem in caught.value.problems[0]
-
-
-def test_missing_files_and_folders(tmp_path):
-    with pytest.raises(InvalidInput, match='no such file'):
-        read_recording(tmp_path / 'nowhere.csv')
-    with pytest.raises(InvalidInput, match='is a folder; a file is needed'):
-        read_recording(tmp_path)

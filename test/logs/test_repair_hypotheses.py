@@ -62,12 +62,6 @@ def test_all_bits_set_is_no_reading(tmp_path, nothing):
         assert f'{nothing:g} has all bits set' in said or f'{nothing:.2f}' in said
 
 
-@pytest.mark.parametrize('nothing', [255.0, 65535.0, 65.535])
-def test_a_log_that_is_all_of_it_has_no_reading(tmp_path, nothing):
-    values, said = temperature(write_wide(tmp_path / 'a.csv', log_of(np.full(301, nothing))), repair=True)
-    assert not values.size and 'has all bits set' in said and 'repaired' not in said
-
-
 def test_a_signal_that_passes_through_such_a_value_keeps_it(tmp_path):
     log = drive(60.0)
     log |= {'odometer_m': 65505.0 + log['time_s'], 'battery_temperature_c': 24.0 + 0.05 * log['time_s'],

@@ -6,8 +6,7 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.recording import SIGNALS
-from bev_preheat.logs.signal_map import load_signal_map, matches, PLAUSIBLE, recognised_map, shipped_maps
+from bev_preheat.logs.signal_map import load_signal_map, recognised_map, shipped_maps
 
 
 def map_file(tmp_path, text):
@@ -54,12 +53,6 @@ def test_several_temperatures_become_one(tmp_path, combine, expected):
                                  'no_reading: [-40]}}')
     log = log_file(tmp_path, 'time_s,T1,T2,T3', '0,2,5,8', '1,-40,4,none')
     assert values(read_recording(log, signals), 'battery_temperature_c') == pytest.approx(expected)
-
-
-def test_a_named_temperature_alone(tmp_path):
-    signals = map_file(tmp_path, 'signals: {battery_temperature_c: [T9, T2]}')
-    log = log_file(tmp_path, 'time_s,T1,T2,T3', '0,2,5,8', '1,3,4,9')
-    assert values(read_recording(log, signals), 'battery_temperature_c') == [5.0, 4.0]
 
 
 def test_readings_that_mean_none_are_counted(tmp_path):
@@ -109,17 +102,6 @@ def test_the_maps_that_ship_are_valid_and_the_common_one_is_last():
     assert sorted(names) == sorted(path.stem for path in configuration_folder('signals').glob('*.yaml'))
     assert names[-1] == 'common'
     assert recognised_map(['a', 'b']).name == 'common'
-
-
-def test_every_signal_has_a_plausible_range_and_a_common_name():
-    assert PLAUSIBLE.keys() == set(SIGNALS) == load_signal_map('common').sources.keys()
-
-
-@pytest.mark.parametrize('entry, name, expected', [
-    ('Pack Volts', 'pack_volts', True), ('speed', 'Speed [km/h]', True), ('soc', 'telemetry.soc', True),
-    ('current', 'StateOfCharge.Current', False), ('/^T\\d/', 'T1 C', True), ('soc', 'socket', False)])
-def test_names_are_compared_without_case_blanks_and_units(entry, name, expected):
-    assert matches(entry, name) is expected
 
 
 def test_a_damaged_name_does_not_hold_the_reader_up(tmp_path):

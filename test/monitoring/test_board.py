@@ -29,6 +29,11 @@ def test_the_view_has_the_values_of_the_messages():
     assert view['ages']['battery'] == 0.5
 
 
+@pytest.mark.parametrize('later, reserve', [(0, 0.25), (1, 0.15), (2, 0.1), (5, 0.25)])
+def test_the_reserve_is_that_of_the_current_leg(later, reserve):
+    assert RouteSeen((0.1, 0.15), 2, 0.25).reserve_of_leg(later) == reserve
+
+
 def test_unknown_values_are_null_and_the_json_is_valid():
     board = a_board(predicted_c=NAN, deviation_k=math.inf, target_c=-math.inf, arrival_soc=NAN,
                     charging_s=math.inf, heating_start_s=None, arrival_s=NAN, temperatures_c=(NAN, -5.0, 1e300))

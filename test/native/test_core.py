@@ -70,6 +70,12 @@ def test_where_it_is_not_there_the_reason_is_said(tmp_path, monkeypatch, content
     assert words in f'not used: {problem}'
 
 
+def test_a_library_of_another_version_is_not_used(monkeypatch):
+    path = core_in_words().removeprefix('used: ')
+    monkeypatch.setattr(library_module, 'INTERFACE', 0)
+    assert library_module.load_core(path) == (None, f'{path} is of another version')
+
+
 def one_step(inputs):
     """Return the native trip of one step: duration, terminal power, its variance, heat, leakage."""
     given = dict(zip(

@@ -123,6 +123,13 @@ def test_a_name_that_is_built_in_stays_built_in(install, name):
             check_method(name)
 
 
+@pytest.mark.parametrize('name', ['Half', 'half-power', 'half, driven', '7kw', 'h' * 41])
+def test_names_that_tables_and_parameters_cannot_show_are_refused(install, name):
+    install({name: 'own:half'})
+    assert method_names() == tuple(METHODS)
+    assert 'a name must be lower-case letters, digits and underscores' in refused_methods()[0]
+
+
 def test_two_packages_with_one_name_are_both_refused(install):
     install({'half': 'own:half'}, package='first')
     install({'half': 'own:half'}, package='second')

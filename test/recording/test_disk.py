@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real failures of the disk, in processes of their own: a full disk, and a process that is killed."""
 
-import signal
 import subprocess
 import sys
 
@@ -35,13 +34,6 @@ time.sleep(0.2)
 print(writer.report)
 print(writer.dropped)
 """
-KILLED = PROGRAM + """
-for step in range(10**9):
-    writer.put(Entry(STEP_CHANNEL, step, RecordedStep(step)))
-    time.sleep(0.001)
-    if step == 300:
-        print('running', flush=True)
-"""
 
 
 def test_a_file_that_cannot_grow_costs_steps_and_not_the_planner(tmp_path):
@@ -57,15 +49,3 @@ def test_a_file_that_cannot_grow_costs_steps_and_not_the_planner(tmp_path):
     assert flight.gaps and 'were not written' in ' '.join(flight.remarks)
     instants = [given.step.now_ns for given in flight.given]
     assert instants == sorted(set(instants)) and len(instants) + int(dropped) <= 2000
-
-
-def test_a_killed_process_leaves_its_steps(tmp_path):
-    with subprocess.Popen(
-            [sys.executable, '-c', KILLED, str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == 'running\n'
-        process.send_signal(signal.SIGKILL)
-    assert process.returncode == -signal.SIGKILL
-    flight = read_flight(tmp_path)
-    instants = [given.step.now_ns for given in flight.given]
-    # Without gaps from the start, and nearly to the end.
-    assert instants == [*range(len(instants))] and len(instants) > 200

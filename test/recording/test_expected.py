@@ -58,15 +58,6 @@ def test_the_first_deviation_is_told(written, tmp_path, capsys):
     assert 'not as expected: switch_ons: 1, expected 7, tolerance 0; 2 of 18 figures deviate' in output
 
 
-def test_a_change_deviates(written, tmp_path, capsys):
-    """A what-if has no commands to compare, and its figures are those of the changed drive."""
-    folder, contents = written
-    wanted = {'heating_begins_s': contents['expected']['heating_begins_s']}
-    assert expect(folder, tmp_path / 'e.json', {'format': 1, 'expected': wanted}, '--set', 'estimation=false') == 1
-    # By the table of the replay, 1:01 min.
-    assert 'heating_begins_s: 61, expected 0, tolerance 30' in capsys.readouterr().out
-
-
 @pytest.mark.parametrize('contents, told', [
     ('{', 'is not JSON'), ('[]', "format 'None'"),
     pytest.param({'format': 2}, "format '2'", marks=pytest.mark.deep),
@@ -90,16 +81,6 @@ def test_a_wrong_period_or_change_is_one_line(recorded, capsys, words, told):
     assert main(['replay', str(recorded[1]), *words]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert told in line
-
-
-def test_only_the_period_is_compared(recorded, capsys):
-    """Its planner has the earlier inputs too."""
-    drive, folder = recorded
-    assert main(['replay', str(folder), '--from', '60', '--to', '120', '--json', '-']) == 0
-    result = json.loads(capsys.readouterr().out)
-    from recorded_drive import START_NS
-    inside = [output for now_ns, output in drive.outputs if 60 * 10**9 <= now_ns - START_NS <= 120 * 10**9]
-    assert result['reproduced'] and result['commands'] == len(inside) == 122
 
 
 @pytest.mark.deep

@@ -48,13 +48,6 @@ def test_answers_tell_what_was_delivered_and_that_the_heater_had_no_command():
     assert account.without_command == [Span(ns(3.0), ns(5.0))]
 
 
-def test_a_clock_that_is_set_is_no_span():
-    account = HeaterAccount()
-    for second in (0.0, 1.0, 1e9, 2.0):
-        account.command(ns(second), 3600.0, ns(second + 2.5))
-    assert account.without_command == [] and account.commanded_wh == pytest.approx(3.5)
-
-
 PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8)
 COMMAND = SimpleNamespace(battery_heating_power_w=3600.0, valid_until_ns=ns(1e6))
 OBEYS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
@@ -85,12 +78,3 @@ def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
     arrival, energy = trip.sentences()
     assert told in arrival
     assert energy == 'The heater was commanded 300 Wh; the delivered energy is not recorded (hvch_status).'
-
-
-def test_a_recording_that_ends_on_the_way_says_so():
-    results = TripResults()
-    results.add(step(0, Status.HEATING, 8.0))
-    results.add(step(60, Status.HEATING, 9.0))
-    assert results.trips[0].sentences()[0] == (
-        'The recording ends without an arrival after 1:00 min; the last plan predicted 24.8 degC, target 25.0 '
-        'degC.')

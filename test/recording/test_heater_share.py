@@ -21,7 +21,6 @@ pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 2.0, 1.0, None))
 WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)
-COLDER = Changes(signals=(SignalChange('target', 1.0, -2.0),))
 
 
 def shares_of(*states, heated_from=1, seconds=1):
@@ -80,16 +79,6 @@ def test_answers_are_those_to_the_changed_command(recorded, command_w, share, ex
         measured_power_known=measured_w is not None, refusal=int(refusal))
     alter_status(message, command_w, share)
     assert (message.requested_power, message.active_power, message.measured_power, message.refusal) == expected
-
-
-def test_a_heater_without_heat_makes_no_other_battery(recorded):
-    flight = read_flight(recorded[1])
-    as_it_was = replay(flight)
-    assert as_it_was.heater.sentence == ''
-    dead = SimpleNamespace(at=lambda number: 0.0)
-    changed = replay_changed(flight, COLDER, heater=dead)
-    assert changed.energy_wh < 0.8 * as_it_was.course.energy_wh
-    assert changed.arrival.measured_c == as_it_was.course.arrival.measured_c
 
 
 @pytest.mark.deep

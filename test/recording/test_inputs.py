@@ -33,10 +33,6 @@ def sentences(steps, delay_s=0.0, offset_k=0.0):
     return remarks.sentences
 
 
-def test_usual_inputs_are_not_mentioned():
-    assert sentences([(second, second - 0.01) for second in range(600)]) == []
-
-
 @pytest.mark.parametrize('steps, words', [
     ([(0, None), (1, None), (-19, None)], ['went back by 20.0 s at 2026-01-12 06:00:01 UTC']),
     ([(0, None), (21, None)], ['0:21 min from 2026-01-12 06:00:00 UTC on']),
@@ -47,11 +43,6 @@ def test_usual_inputs_are_not_mentioned():
 def test_unusual_inputs_are_named(steps, words):
     [sentence] = sentences(steps)
     assert all(word in sentence for word in words), sentence
-
-
-def test_repeated_jumps_are_counted():
-    [sentence] = sentences([(second % 10, None) for second in range(100)])
-    assert sentence.endswith('and 6 more times')
 
 
 @pytest.mark.parametrize('delay_s, words', [(240.0, '4:00 min behind'), (-90.0, '1:30 min ahead of')])

@@ -7,7 +7,6 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.changes import Changes
@@ -62,19 +61,9 @@ def test_each_reading_is_a_battery_state_and_the_heaters_power_stands_for_the_co
     assert 'no commands to reproduce' in found.remarks[-1]
 
 
-def test_a_log_without_the_heater_has_no_command_and_says_that_it_counts_as_off(flight):
-    found = flight(COLUMNS[:5], [(START_S + second, 5.0, 0.8, 350.0, 20.0) for second in range(5)])
-    assert commands_of(found) == [] and 'counts as 0 W' in found.remarks[-1]
-
-
 def test_of_several_readings_a_second_the_first_counts(flight):
     found = flight(COLUMNS[:3], [(START_S + tenth / 10, 5.0 + tenth / 10, 0.8) for tenth in range(31)])
     assert [state.temperature for state in states_of(found)] == pytest.approx([5.0, 6.0, 7.0, 8.0])
-
-
-def test_the_current_is_that_of_power_and_voltage_where_no_current_was_logged(flight):
-    found = flight((*COLUMNS[:4], 'power_w'), [(START_S + second, 5.0, 0.8, 350.0, 7000.0) for second in range(3)])
-    assert [state.current for state in states_of(found)] == pytest.approx([-20.0] * 3)
 
 
 def test_a_value_that_is_older_than_a_minute_is_unknown(flight):
@@ -87,13 +76,3 @@ def test_a_log_without_a_date_has_one_in_its_remarks(flight):
     found = flight(('time_s', *COLUMNS[1:3]), [(second, 5.0, 0.8) for second in range(5)])
     assert 'the log has no date; its start counts as 2023-11-14 22:13:20 UTC' in found.remarks
     assert found.given[0].step.now_ns == 1_700_000_000 * 10**9
-
-
-@pytest.mark.parametrize('left_out, words', [
-    (1, 'has no signal for the battery temperature; name it'),
-    (2, 'has no signal for the state of charge; name it')])
-def test_a_signal_that_lacks_is_named(flight, left_out, words):
-    rows = [(START_S + second, 5.0, 0.8, 350.0) for second in range(5)]
-    with pytest.raises(InvalidInput, match=words):
-        flight(COLUMNS[:left_out] + COLUMNS[left_out + 1:4],
-               [row[:left_out] + row[left_out + 1:] for row in rows])

@@ -26,13 +26,6 @@ def test_no_event_is_left_out():
     assert all(sum(event.source == topic for event in of_messages) >= 2 for topic in MESSAGE_KINDS)
 
 
-@pytest.mark.parametrize('event', [
-    events.PreheatingSwitched(False), events.RivalsChanged('/other'), events.DeparturesSkipped(5),
-    events.DeparturesSkipped(None), events.ActivationChanged(False, 'The node is inactive.')])
-def test_a_plain_event_comes_back(event):
-    assert event_of(event_values(event, GoalNumbers(), has_message=False), GoalNumbers()) == event
-
-
 def test_goals_are_told_apart_by_number():
     """Two goals with the same wishes are two goals, and an end names one of them."""
     written, read = GoalNumbers(), GoalNumbers()

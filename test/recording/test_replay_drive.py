@@ -22,8 +22,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.changes import Changes
-from bev_preheat.recording.explanation import explain
-from bev_preheat.recording.flight import Period, read_flight
+from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry
 
@@ -83,16 +82,6 @@ def test_what_if_agrees_with_a_drive_that_was_so(long_folder, tmp_path):
     assert other.outputs
 
 
-def test_the_reason_names_inputs_estimate_and_plan(recorded):
-    _, folder = recorded
-    why = explain(read_flight(folder), START_NS + 30 * NS_PER_S)
-    assert 'degC' in why.answer
-    headings = [section.heading for section in why.sections]
-    assert headings[0] == 'inputs' and {'plan', 'what would have to change', 'estimation'} <= set(headings)
-    with pytest.raises(InvalidInput, match='long'):
-        explain(read_flight(folder), START_NS - NS_PER_S)
-
-
 def test_the_command_says_reproduced_and_compares(recorded, capsys):
     _, folder = recorded
     assert main(['replay', str(folder), '--json', '-']) == 0
@@ -133,18 +122,6 @@ def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
         assert replay(cut).comparison.is_reproduced
 
 
-def test_a_clock_that_jumps_does_not_heat(recorded):
-    """A command ends with its lease, also if the next step is ten years later."""
-    _, folder = recorded
-    flight = read_flight(folder)
-    usual_wh = replay(flight, Period(to_ns=START_NS + 60 * NS_PER_S)).course.energy_wh
-    later = [replace(given, step=replace(given.step, now_ns=given.step.now_ns + 10**17)) if index > 119 else given
-             for index, given in enumerate(flight.given[:122])]
-    jumped_wh = replay(replace(flight, given=tuple(later))).course.energy_wh
-    # Half an hour of the heater would be 2500 Wh.
-    assert 0.0 < usual_wh and jumped_wh == pytest.approx(usual_wh, abs=10.0)
-
-
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
     _, folder = recorded
     flight = read_flight(folder)
@@ -163,11 +140,3 @@ def test_another_format_is_refused_by_name(tmp_path):
     flights.close(10.0)
     with pytest.raises(InvalidInput, match=r"format '99' of version '9\.9\.9'"):
         read_flight(tmp_path)
-
-
-def test_parts_of_a_long_life_are_one_flight(tmp_path):
-    drive = RecordedDrive(a_car(), tmp_path, largest_file_bytes=30_000).drive(150)
-    flight = read_flight(tmp_path)
-    assert len(flight.paths) > 2
-    assert replay(flight).comparison.is_reproduced
-    assert len(flight.given) == len(drive.outputs)

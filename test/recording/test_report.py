@@ -15,10 +15,10 @@ import pytest
 from recorded_drive import LENGTH_S, START_NS, TARGET_C
 
 from bev_preheat.commands.main import main
-from bev_preheat.monitoring.recording_report import history_values, packed, report_text, ReportText
+from bev_preheat.monitoring.recording_report import report_text, ReportText
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.history import History, MOST_ROWS
+from bev_preheat.recording.history import History
 from bev_preheat.recording.player import Played, Player
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
@@ -91,25 +91,6 @@ def test_the_page_needs_no_network_and_escapes_what_recordings_say():
     assert html.escape(evil) in page
     # The address in a comment of uPlot, and the names of namespaces, are not fetched.
     assert not re.search(r'(src|href)\s*=|@import|url\(', page)
-
-
-def test_a_day_has_a_row_a_second_and_a_year_no_more_rows(recorded):
-    flight = read_flight(recorded[1])
-    played = Player(flight).play(flight.given[0])
-    for length_ns, rows in ((86400 * NS_PER_S, 86400), (365 * 86400 * NS_PER_S, MOST_ROWS)):
-        # A thousandth of that length, with ten steps a row.
-        history, steps = History(length_ns), rows // 100
-        for number in range(steps):
-            history.add(Played(played.now_ns + number * length_ns // (1000 * steps), played.output, played.state))
-        assert len(history.columns['time']) == pytest.approx(rows / 1000, rel=0.02)
-
-
-def test_numbers_are_packed_little_endian():
-    assert base64.b64decode(packed([1.0], 'f')) == b'\x00\x00\x80?'
-
-
-def test_an_empty_history_is_written():
-    assert history_values(History(0))['plans'] == []
 
 
 @pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')

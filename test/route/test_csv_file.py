@@ -91,17 +91,6 @@ def test_a_value_beyond_its_limits_is_named_with_its_line(tmp_path):
         ', line 5: speed_mps: 130 is not allowed; it must be 0 ... 100']
 
 
-def test_cells_that_are_no_numbers_are_refused(tmp_path):
-    assert problems_with(tmp_path, f'{HEADER}\n30,ten,5e3,6e3,-7,1500,500\n30,nan,5e3,6e3,-7,1500,500\n'
-                         '30,,5e3,6e3,-7,1500,500\n') == [
-        f', line {line}: speed_mps: {text!r} is not a number' for line, text in ((2, 'ten'), (3, 'nan'), (4, ''))]
-
-
-def test_rows_of_another_length_are_refused(tmp_path):
-    assert problems_with(tmp_path, f'{HEADER}\n30,10,5e3,6e3,-7,1500,500\n30,10,5e3,6e3,-7,1500,500\n'
-                         '30,10,5e3,6e3,-7,1500\n') == [', line 4: has 6 values; the header names 7 columns']
-
-
 @pytest.mark.parametrize('header, problem', [
     ('duration_s,speed_kmh,propulsion_power_w', 'missing columns: ambient_temperature_c'),
     ('duration_min,ambient_temperature_c', 'missing columns: speed_kmh or length_km, propulsion_power_kw'),
@@ -124,31 +113,6 @@ def test_rows_of_another_length_are_refused(tmp_path):
 def test_a_header_that_does_not_make_a_route_is_explained(tmp_path, header, problem):
     row = ','.join('9' * len(header.split(',')))
     assert problems_with(tmp_path, f'# trip\n{header}\n{row}\n') == [f', line 2: {problem}']
-
-
-@pytest.mark.parametrize('name', ['Speed [km/h]', 'v_kmh', 'SPEED_KMH', 'speed (km/h)', 'Geschwindigkeit in km/h'])
-def test_columns_are_known_by_other_names(tmp_path, name):
-    route = load_route(file_of(tmp_path, f'{name},duration (min),P_drive [kW],t_env_c\n36,2,4.5,-7\n'), DEFAULTS)
-    assert (route.speed_mps, route.duration_s, route.propulsion_power_w, route.ambient_temperature_c) == (
-        pytest.approx([10.0]), [120.0], [4500.0], [-7.0])
-
-
-def test_files_that_are_no_tables_are_refused(tmp_path):
-    for text in (f'{HEADER}\n', '30,36,5.5,-7\n30,36,5.5,-7\n', 'duration_s speed_kmh\n', 'speed_kmh\n36\n'):
-        assert problems_with(tmp_path, text)[0].startswith(': is no table; a line with the names of the columns')
-    assert problems_with(tmp_path, ' \n') == [': is empty']
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match=r'nowhere\.csv: no such file$'):
-        load_route(tmp_path / 'nowhere.csv', DEFAULTS)
-
-
-def test_an_unknown_name_gets_the_nearest_and_all_there_are():
-    with pytest.raises(InvalidInput, match=(
-            r"^route 'referense' is unknown; did you mean 'reference'\?; known: "
-            r'alpine_pass, city_stop_and_go, motorway_3h, reference, winter_commute; ')):
-        load_route('referense', DEFAULTS)
 
 
 def test_the_reference_names_every_column():

@@ -104,25 +104,6 @@ def test_power_may_stand_in_for_voltage_and_current(write):
                       load_drive_logs([write(log)], DEFAULTS).route, rtol=1e-12)
 
 
-def test_without_air_conditioning_the_constant_auxiliaries_remain(write):
-    log = samples()
-    with_aircon = load_drive_logs([write(log)], DEFAULTS).route
-    del log['aircon_w']
-    without = load_drive_logs([write(log)], DEFAULTS).route
-    aircon_w = np.array([90.0 + 14.5, 90.0 + 44.5])
-    assert without.auxiliary_power_w == pytest.approx([222.0, 222.0])
-    assert without.propulsion_power_w == pytest.approx(with_aircon.propulsion_power_w + aircon_w)
-
-
-def test_other_columns_and_comments_are_left_alone(write):
-    log = samples()
-    expected = load_drive_logs([write(log)], DEFAULTS).route
-    extra = {'elevation_m': ['high'] * 60, **log, 'soc': np.full(60, 7.0)}
-    path = write(extra, 'extra.csv')
-    path.write_text('# made today\n\n' + path.read_text(encoding='utf-8'), encoding='utf-8')
-    assert_same_route(load_drive_logs([path], DEFAULTS).route, expected)
-
-
 def test_logs_are_joined_in_order(write):
     first, second = samples(40), samples(35, start=500)
     joined = load_drive_logs([write(first, 'a.csv'), write(second, 'b.csv')], DEFAULTS).route
@@ -159,16 +140,6 @@ def test_too_many_gaps_are_refused(write):
         ': speed_mps: 15 s without samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
 
 
-def test_gaps_are_counted_in_one_remark(write):
-    columns = {name: np.concatenate((values, values[-1] + np.arange(1, 61) * (
-        1.0 if name == 'time_s' else 0.0))) for name, values in RAMP.items()}
-    path = write(columns, left_out=range(10, 110, 10))
-    assert load_drive_logs([path], DEFAULTS).remarks == (
-        f'{path}: speed_mps and power_w: 2 s without a valid sample, from 9 s to 11 s, are bridged (and 9 more '
-        'gaps, '
-        '10 s in all)',)
-
-
 @pytest.mark.parametrize('name, value, plausible', [
     ('speed_mps', -0.5, '0 ... 350'), ('speed_mps', 430.0, '0 ... 350'),
     ('voltage_v', 0.0, '20 ... 1500'), ('voltage_v', -370.0, '20 ... 1500'),
@@ -196,29 +167,11 @@ def straight(write, name):
     return load_drive_logs([write(log, 'straight.csv')], DEFAULTS).route
 
 
-@pytest.mark.parametrize('name, value', [('speed_mps', 'nan'), ('voltage_v', ''), ('current_a', 'inf'),
-                                         ('ambient_c', 'none'), ('current_a', 'n/a')])
-def test_a_missing_reading_is_bridged(write, name, value):
-    path = write(with_value(name, 17, value), 'fault.csv')
-    made = load_drive_logs([path], DEFAULTS)
-    assert_same_route(made.route, straight(write, name), rtol=1e-9)
-    gap = {'speed_mps': 'speed_mps', 'current_a': 'power_w'}.get(name)
-    assert made.remarks == (() if gap is None else (
-        f'{path}: {gap}: 2 s without a valid sample, from 16 s to 18 s, are bridged',))
-
-
 def test_speeds_that_no_car_reaches_are_dropped(write):
     path = write(with_value('speed_mps', 17, 130.0), 'fault.csv')
     made = load_drive_logs([path], DEFAULTS)
     assert made.remarks[0] == f'{path}: speed_mps: 130 at 17 s is dropped (plausible: 0 ... 100)'
     assert_same_route(made.route, straight(write, 'speed_mps'), rtol=1e-12)
-
-
-def test_impossible_samples_at_the_ends_shorten_the_log(write):
-    columns = with_value('voltage_v', 0, 0.0)
-    columns['voltage_v'][59] = 0.0
-    route = load_drive_logs([write(columns)], DEFAULTS).route
-    assert route.total_duration_s == pytest.approx(58.0)
 
 
 def test_a_log_of_impossible_samples_is_refused(write):
@@ -229,48 +182,12 @@ def test_a_log_of_impossible_samples_is_refused(write):
         ', line 2: voltage_v: 0 is implausible (plausible: 20 ... 1500); it is dropped (and 59 more samples)']
 
 
-def test_readings_at_the_same_time_count_as_their_mean(write):
-    path = write(with_value('time_s', 17, 16.0))
-    made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks[0].startswith(f'{path}, line 19: has the time of the reading before; their mean counts')
-    assert made.route.total_duration_s == pytest.approx(60.0)
-
-
-def test_a_reading_out_of_order_is_sorted_in(write):
-    path = write(with_value('time_s', 17, 3.5))
-    made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks[0].startswith(f'{path}, line 19: the time goes back by 12.5 s; the readings are sorted')
-    assert made.route.total_duration_s == pytest.approx(60.0)
-
-
 def test_a_log_that_runs_backwards_is_refused(write):
     log = samples()
     log['time_s'] = log['time_s'][::-1]
     problem, = problems_with(write(log))
     assert problem == (', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a '
                        'log must be one drive: split it, or name the channel of the time in a signal map')
-
-
-def test_a_line_without_time_is_dropped(write):
-    path = write(with_value('time_s', 17, ''))
-    assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f"{path}, line 19: '' is not a time; the line is dropped")
-
-
-def test_text_in_place_of_a_number_is_dropped(write):
-    path = write(with_value('current_a', 4, 'high'))
-    assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f"{path}, line 6: current_a: 'high' is not a number; it is dropped")
-
-
-def test_rows_of_another_length_are_dropped(write):
-    path = write(samples())
-    expected = load_drive_logs([path], DEFAULTS).route
-    with path.open('a', encoding='utf-8') as file:
-        file.write('60,1,2\n')
-    made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks == (f'{path}, line 62: has 3 values; the header names 7 columns; the line is dropped',)
-    assert_same_route(made.route, expected)
 
 
 def test_missing_signals_are_named_with_those_found(write):
@@ -280,17 +197,6 @@ def test_missing_signals_are_named_with_those_found(write):
         ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, '
         'power_w; '
         'name its channel in a signal map (--signals), or rename the column']
-
-
-def test_without_a_cabin_heater_the_default_is_used_and_named(write):
-    log = samples()
-    del log['cabin_heater_w']
-    path = write(log)
-    made = load_drive_logs([path], DEFAULTS)
-    assert made.route.cabin_heating_power_w == pytest.approx([1111.0, 1111.0])
-    assert made.remarks == (f'{path}: has no cabin_heater_w; cabin heating (1111 W) and auxiliaries (222 W) are '
-                            'those '
-                            'of the vehicle',)
 
 
 @pytest.mark.parametrize('interval_s', [0.1, 2.0, 7.0, 17.0, 30.0])
@@ -323,15 +229,6 @@ def test_a_sample_a_minute_is_too_slow(write):
     assert problems_with(write(log)) == [': has a sample every 60 s; at most 40 s are allowed']
 
 
-def test_a_column_named_twice_counts_once(tmp_path):
-    path = tmp_path / 'twice.csv'
-    path.write_text(f'# log\n{HEADER},speed_mps\n' + ''.join(f'{at},1,200,30,400,5,600,7\n' for at in range(9)),
-                    encoding='utf-8')
-    made = load_drive_logs([path], DEFAULTS)
-    assert made.remarks == (f'{path}: speed_mps is named more than once; the first counts',)
-    assert made.route.speed_mps == pytest.approx([1.0])
-
-
 @pytest.mark.parametrize('rows, problem', [
     (0, ': is text, but no log: a CSV log has a header that names its columns and lines of values below it, JSON '
      'lines have an object a line, candump has (time) channel frame'),
@@ -340,10 +237,6 @@ def test_logs_of_less_than_two_samples_are_refused(tmp_path, rows, problem):
     path = tmp_path / 'short.csv'
     path.write_text(f'{HEADER}\n' + '0,1,200,3,4,5,6\n' * rows, encoding='utf-8')
     assert problems_with(path) == [problem]
-
-
-def test_a_log_that_is_not_there_is_named(tmp_path):
-    assert problems_with(tmp_path / 'nowhere.csv') == [': no such file']
 
 
 @pytest.mark.parametrize('step_s', [0.0, -30.0, 4000.0, float('nan')])

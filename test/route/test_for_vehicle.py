@@ -10,7 +10,7 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route import Route, route_for, route_source, save_route
+from bev_preheat.route import Route, route_for, route_source
 from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.vehicle import load_vehicle
@@ -22,8 +22,6 @@ SEGMENT = '600,20,17000,-6'
 LEGS = {'name': 'errand', 'ambient_temperature_c': -4,
         'legs': [{'length_m': 4000, 'speed_limit_kmh': 70, 'slope_percent': 2}]}
 STATE = ('--temperature', '-10', '--soc', '0.9')
-# Options for which the errand is long enough.
-NEAR_TARGET = ('--target', '-8')
 
 
 def file_of(folder, text, name='trip.csv'):
@@ -63,20 +61,6 @@ def test_two_vehicles_in_one_file_are_refused(tmp_path):
         load_file_route(path, REFERENCE.defaults)
     assert caught.value.problems == [
         f"{path}, line 2: vehicle: 'b', but 'a' in line 1; a route has the powers of one vehicle"]
-
-
-def test_a_name_of_several_lines_is_one_comment(tmp_path):
-    car = replace(SMALL_CAR, name='my\nsmall # 1 car')
-    route = route_for(legs_file_of(tmp_path), car).route
-    save_route(tmp_path / 'made.csv', route, ['first\nsecond'], made_for=car.name)
-    made = route_for(tmp_path / 'made.csv', car)
-    assert (made.made_for, made.warning) == ('my small # 1 car', None)
-    assert same(made.route, route)
-
-
-def test_the_vehicle_that_the_powers_are_for_gets_no_warning():
-    made = route_for('alpine_pass', REFERENCE)
-    assert (made.made_for, made.warning) == ('reference', None)
 
 
 def test_another_vehicle_gets_a_warning_that_says_what_to_do(tmp_path):
@@ -154,46 +138,6 @@ def test_a_plan_of_legs_is_that_of_the_file_made_from_them(preheat, tmp_path, ve
     assert of_legs == of_file
     assert of_legs['route_made_for'] == vehicle
     assert errors_of_file == errors_of_legs == []
-
-
-def test_a_plan_warns_in_one_line(preheat, tmp_path):
-    written, errors = plan_of(preheat, tmp_path, 'plan', 'small_car', 'winter_commute')
-    assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
-    assert written['route_made_for'] == 'reference'
-
-
-@pytest.mark.costly
-@pytest.mark.needs('casadi')
-@pytest.mark.parametrize('command', ['optimum', 'compare'])
-def test_commands_with_a_program_warn_in_one_line(preheat, tmp_path, command):
-    made = tmp_path / 'errand.csv'
-    assert preheat('route', '--legs', legs_file_of(tmp_path), '--vehicle', 'reference', '--output', made)[0] == 0
-    written, errors = plan_of(preheat, tmp_path, command, 'small_car', made, *NEAR_TARGET)
-    assert errors == ['preheat: warning: route errand has the powers of vehicle reference; for small_car: make it '
-                      'again from its legs or logs, with preheat route']
-    assert written['route_made_for'] == 'reference'
-
-
-@pytest.mark.costly
-@pytest.mark.needs('casadi')
-def test_commands_read_legs(preheat, tmp_path):
-    legs = legs_file_of(tmp_path)
-    plans = [plan_of(preheat, tmp_path, command, 'small_car', legs, *NEAR_TARGET)
-             for command in ('optimum', 'compare')]
-    assert [errors for _, errors in plans] == [[], []]
-    optimum, compared = (written for written, _ in plans)
-    assert optimum['energy_wh']['drivetrain_heat'] == pytest.approx(
-        compared['optimum']['energy_wh']['drivetrain_heat'], rel=1e-6)
-
-
-def test_a_drive_log_says_whose_it_is(preheat, tmp_path):
-    log = file_of(tmp_path, 'time_s,speed_mps,power_w,cabin_heater_w,ambient_c\n' + ''.join(
-        f'{second},20,15000,900,-3\n' for second in range(120)), 'log.csv')
-    made = tmp_path / 'made.csv'
-    assert preheat('route', '--log', log, '--vehicle', 'small_car', '--output', made)[0] == 0
-    assert preheat('plan', '--vehicle', 'reference', '--route', made, *STATE)[2] == [
-        'preheat: warning: route made has the powers of vehicle small_car; for reference: make it '
-        'again from its legs or logs, with preheat route']
 
 
 def test_legs_of_an_itinerary(preheat, tmp_path):

@@ -51,10 +51,3 @@ def test_distance_is_the_integral_of_speed(legs, one, other):
     distance_m, speed_mps = drive.at(instants_s)
     integral_m = 0.5 * (speed_mps[1:] + speed_mps[:-1]) @ np.diff(instants_s)
     assert distance_m[-1] - distance_m[0] == pytest.approx(integral_m, abs=1e-6)
-
-
-def test_the_end_of_a_drive_is_on_it():
-    drive = drive_along(lay_track([RoadLeg(length_m=300.0, speed_limit_mps=13.0)], 1), 1.1, 1.7)
-    distance_m, speed_mps = drive.at(drive.time_s[-1])
-    assert distance_m == pytest.approx(300.0)
-    assert speed_mps == pytest.approx(0.0, abs=1e-9)

@@ -48,12 +48,6 @@ def test_the_nearest_point_is_that_of_a_search_over_all(along, aside_m):
     assert near.distance_m == pytest.approx(np.hypot(near.east_m, near.north_m))
 
 
-def test_the_direction_is_that_of_the_road():
-    road = MapLine(Road.through([(0, 0), (300, 400), (300, 900)]).line())
-    assert road.direction(50) == pytest.approx((0.6, 0.8), abs=1e-3)
-    assert road.direction(len(road.along_m) - 1) == pytest.approx((0.0, 1.0), abs=1e-3)
-
-
 def test_a_line_across_the_date_line_is_in_one_piece():
     road = Road.through([(-3e3, 0), (3e3, 0)], origin=(-17.0, 180.0))
     line = road.line()

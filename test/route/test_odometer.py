@@ -51,10 +51,6 @@ def test_the_place_is_the_distance_since_the_first_reading():
     assert match.deviation_m == pytest.approx(45.0)
 
 
-def test_with_a_reading_at_the_start_a_restart_finds_its_place():
-    assert OdometerPlace(8000.0, 70_000.0).take(1 * NS, 73_250.0).distance_m == 3250.0
-
-
 @pytest.mark.parametrize('start_m, reading_m, cause', [
     (70_000.0, 69_000.0, Cause.UNCERTAIN), (70_000.0, 78_500.0, Cause.ARRIVED)])
 def test_off_the_route_there_is_no_place(start_m, reading_m, cause):

@@ -23,26 +23,11 @@ def a_route(durations_s, speeds_mps):
 PLACES = Places.of_route(a_route([10.0, 10.0, 30.0, 20.0, 5.0], [10.0, 20.0, 0.0, 3.0, 0.0]))
 
 
-@pytest.mark.parametrize('time_s, distance_m', [
-    (-5.0, 0.0), (0.0, 0.0), (4.0, 40.0), (15.0, 200.0), (20.0, 300.0), (49.0, 300.0),
-    (60.0, 330.0), (72.0, 360.0), (900.0, 360.0)])
-def test_a_time_has_one_place(time_s, distance_m):
-    assert PLACES.distance_at_m(time_s) == pytest.approx(distance_m)
-
-
 @pytest.mark.parametrize('distance_m, earliest_s, latest_s', [
     (-1.0, -math.inf, 0.0), (0.0, -math.inf, 0.0), (40.0, 4.0, 4.0), (200.0, 15.0, 15.0),
     (300.0, 20.0, 50.0), (330.0, 60.0, 60.0), (360.0, 70.0, math.inf), (361.0, 75.0, math.inf)])
 def test_a_place_has_the_times_at_which_the_vehicle_is_there(distance_m, earliest_s, latest_s):
     assert (PLACES.earliest_s(distance_m), PLACES.latest_s(distance_m)) == pytest.approx((earliest_s, latest_s))
-
-
-def test_a_stop_between_two_routes_is_a_place():
-    parts = [(0.0, Places.of_route(a_route([10.0], [10.0]))), (70.0, Places.of_route(a_route([20.0], [5.0])))]
-    places = Places.joined(parts)
-    assert places.length_m == 200.0
-    assert (places.earliest_s(100.0), places.latest_s(100.0)) == (10.0, 70.0)
-    assert (places.distance_at_m(40.0), places.distance_at_m(80.0)) == (100.0, 150.0)
 
 
 SEGMENTS = st.lists(st.tuples(

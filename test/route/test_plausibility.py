@@ -49,17 +49,3 @@ def test_no_route_that_comes_with_the_package_is_warned_of(route, vehicle):
 def test_a_wrong_unit_is_named(route, field):
     (warning,) = unit_warnings([ROUTE, route], VEHICLE)
     assert warning.startswith(f'{field}: ') and warning.endswith('; check the unit')
-
-
-def test_the_sentence_has_value_place_and_limit():
-    cabin_w = ROUTE.cabin_heating_power_w.copy()
-    cabin_w[3] = 50e3
-    route = replace(ROUTE, cabin_heating_power_w=cabin_w)
-    assert unit_warnings([route], VEHICLE, with_units=True) == [
-        f'cabin_heating_power_w: 50000 W at min {ROUTE.duration_s[:3].sum() / 60:.1f}; the heater has '
-        '7000 W; check the unit']
-
-
-def test_a_cabin_that_asks_for_a_little_more_than_the_heater_has_is_usual():
-    route = replace(ROUTE, cabin_heating_power_w=0.0 * ROUTE.duration_s + 10e3)
-    assert unit_warnings([route], VEHICLE) == []

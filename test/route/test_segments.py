@@ -3,16 +3,15 @@
 
 from dataclasses import fields
 
-from hypothesis import assume, example, given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from varying_power import magnitude_w
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
-from bev_preheat.route.variation import CYCLES, with_cycles
+from bev_preheat.route.variation import with_cycles
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
@@ -73,19 +72,6 @@ def test_the_lowest_ambient_temperature_is_that_of_what_is_ahead(route, share):
     assert route.lowest_ambient_temperature_c == min(route.ambient_temperature_c)
 
 
-def test_after_an_end_starts_with_the_next_segment():
-    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
-    rest = route.after(7.0)
-    assert rest.duration_s.tolist() == [11.0]
-    assert rest.propulsion_power_w.tolist() == [3.0]
-
-
-def test_after_leaves_the_route_as_it_was():
-    route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)])
-    route.after(3.0)
-    assert route.duration_s.tolist() == [7.0]
-
-
 @pytest.mark.parametrize('count', [8, 100, 1000])
 def test_after_the_last_instant_there_is(count):
     # Added in another order than in time_s, these durations give another sum.
@@ -100,13 +86,6 @@ def test_after_refuses_instants_that_are_not_on_the_route(instant_s):
     route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
     with pytest.raises(ValueError, match=f'instant {instant_s} s is not on this route of 18.0 s'):
         route.after(instant_s)
-
-
-@given(ROUTES, STEPS_S)
-@example(route_of([(30.0, 10.0, 2e4, 0.0, -7.0, 1e3, 5e2)] * 4), 30.0)
-def test_resampling_keeps_the_totals(route, step_s):
-    assume(route.total_duration_s / step_s < 3000)
-    assert np.all(np.abs(integrals(route.resampled(step_s)) - integrals(route)) <= tolerance(route))
 
 
 @given(ROUTES, STEPS_S, SHARES)
@@ -146,15 +125,6 @@ def test_resampling_refuses_steps_that_are_none(step_s):
         route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)]).resampled(step_s)
 
 
-def test_totals_and_instants():
-    route = route_of([(7.0, 3.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
-    assert len(route) == 2
-    assert route.time_s.tolist() == [0.0, 7.0, 18.0]
-    assert route.total_duration_s == 18.0
-    assert route.distance_m == 43.0
-    assert route.propulsion_power_variance_w2 == pytest.approx([9.0, 16.0])
-
-
 # Accepted and refused input of make_route ------------------------------------------------------
 
 def columns(**changes):
@@ -177,18 +147,6 @@ def problems_with(**changes):
     with pytest.raises(InvalidInput) as caught:
         make_route(columns(**changes), DEFAULTS)
     return caught.value.problems
-
-
-def test_columns_arrive_in_their_fields():
-    route = make_route(columns(), None)
-    for name, values in columns().items():
-        assert getattr(route, name).tolist() == values
-
-
-def test_one_value_holds_in_each_segment():
-    route = make_route(columns(ambient_temperature_c=[-3.0], auxiliary_power_w=[250.0]), DEFAULTS)
-    assert route.ambient_temperature_c.tolist() == [-3.0] * 3
-    assert route.auxiliary_power_w.tolist() == [250.0] * 3
 
 
 @pytest.mark.parametrize('missing', [None, []])
@@ -218,22 +176,6 @@ def test_values_that_are_not_finite_are_refused(field, value):
     values = columns()[field]
     values[2] = value
     assert problems_with(**{field: values})[0].startswith(f'{field}[2]: {value:g} is not allowed; it must be ')
-
-
-def test_a_value_just_beyond_the_limits_has_the_digits_that_show_it():
-    assert problems_with(propulsion_power_w=[0.0, -2000001.0, 0.0]) == [
-        'propulsion_power_w[1]: -2000001 is not allowed; it must be -2000000 ... 2000000']
-
-
-def test_further_values_beyond_the_limits_are_counted():
-    assert problems_with(speed_mps=[10.0, 120.0, 130.0]) == [
-        'speed_mps[1]: 120 is not allowed; it must be 0 ... 100 (and 1 more)']
-
-
-def test_each_field_has_its_own_problem():
-    assert problems_with(speed_mps=[-1.0, 2.0, 3.0], ambient_temperature_c=[266.0]) == [
-        'speed_mps[0]: -1 is not allowed; it must be 0 ... 100',
-        'ambient_temperature_c[0]: 266 is not allowed; it must be -60 ... 60']
 
 
 def test_missing_columns_are_named():
@@ -269,12 +211,6 @@ def test_a_mean_magnitude_that_cannot_be_is_refused(magnitude_w, problem):
     assert problems_with(propulsion_power_magnitude_w=magnitude_w) == [problem]
 
 
-def test_a_mean_magnitude_that_is_not_given_is_that_of_a_normal_power():
-    route = make_route(columns(propulsion_power_magnitude_w=None), DEFAULTS)
-    assert route.propulsion_power_magnitude_w.tolist() == pytest.approx(
-        [magnitude_w(5e3, 6e3), magnitude_w(-4e3, 5e3), magnitude_w(3e3, 4e3)], rel=1e-12)
-
-
 def test_too_many_segments_are_refused():
     assert problems_with(duration_s=np.full(MOST_SEGMENTS + 1, 0.1), speed_mps=[1.0],
                          propulsion_power_w=[1.0], propulsion_power_rms_w=None,
@@ -289,15 +225,7 @@ def test_a_route_of_more_than_a_day_is_refused():
         'duration_s: the route lasts 86401 s; at most 86400 s are planned']
 
 
-def test_messages_use_the_names_of_the_source():
-    with pytest.raises(InvalidInput, match=r'^segment_speed\[0\]: 400 is not allowed'):
-        make_route(columns(speed_mps=[400.0]), DEFAULTS, {'speed_mps': 'segment_speed'})
-
-
 # Cycles within segments
-
-
-CITY = load_route('city_stop_and_go', None)
 
 
 @pytest.mark.parametrize('name', ['city_stop_and_go', 'alpine_pass', 'motorway_3h'])
@@ -313,16 +241,3 @@ def test_each_segment_keeps_its_mean_its_square_and_its_magnitude(name):
         assert sums / route.duration_s == pytest.approx(expected_w, rel=1e-9, abs=1e-6)
     assert driven.total_duration_s == pytest.approx(route.total_duration_s, rel=1e-12)
     assert driven.distance_m == pytest.approx(route.distance_m, rel=1e-12)
-
-
-def test_within_a_piece_nothing_varies():
-    driven = with_cycles(CITY)
-    assert (driven.propulsion_power_variance_w2 == 0.0).all()
-    assert len(driven) > 2 * CYCLES * len(CITY)
-
-
-def test_what_does_not_vary_stays_as_it_is():
-    route = CITY.without_variation()
-    driven = with_cycles(route)
-    assert driven.duration_s.tolist() == route.duration_s.tolist()
-    assert driven.propulsion_power_w == pytest.approx(route.propulsion_power_w)

@@ -101,15 +101,6 @@ def test_waypoints_of_graphhopper_may_be_charging_stops(tmp_path):
     assert found.line is not None
 
 
-def test_times_along_the_way_count_more_than_the_mean_speed_of_a_leg(tmp_path):
-    """The first quarter of the way takes 0.15 of the time, the second 0.35."""
-    found = loaded(tmp_path, examples.tomtom(progress=True)).route
-    driven_m = np.concatenate(([0.0], np.cumsum(found.duration_s * found.speed_mps)))
-    at_s = np.interp(np.array((0.25, 0.5)) * examples.LENGTH_M, driven_m, found.time_s)
-    # A segment of 30 s is 3 % of the drive.
-    assert at_s / found.total_duration_s == pytest.approx([0.15, 0.5], abs=0.02)
-
-
 def test_elevations_in_lines_of_navigation_are_used(tmp_path):
     """The energy of the net rise, against the same way without elevation."""
     level, *hilly = (loaded(tmp_path, text).route for text in (
@@ -153,14 +144,6 @@ def test_power_is_at_least_that_of_constant_speed_and_includes_the_hills(tmp_pat
     assert hilly_w - mean_w == pytest.approx(rise_w, abs=0.1 * plain_w)
 
 
-def test_noise_of_the_elevation_is_no_climb(tmp_path):
-    clean = loaded(tmp_path, examples.gpx()).route
-    noisy = loaded(tmp_path, examples.gpx(noise_m=4.0))
-    energies = [route.propulsion_power_w @ route.duration_s for route in (clean, noisy.route)]
-    assert energies[1] == pytest.approx(energies[0], rel=0.02)
-    assert noisy.remarks[0].startswith('elevation smoothed over ')
-
-
 @pytest.mark.parametrize('spacing_m, noise_m', [(5.0, 3.0), (50.0, 5.0), (300.0, 4.0), (15.0, 10.0)])
 def test_smoothed_elevations_are_near_the_truth(spacing_m, noise_m):
     at_m = np.arange(0.0, 40e3, spacing_m)
@@ -172,20 +155,6 @@ def test_smoothed_elevations_are_near_the_truth(spacing_m, noise_m):
     assert climbs[1] == pytest.approx(climbs[0], rel=0.15)
     assert np.abs(np.diff(smooth_m)).max() / spacing_m < 0.1
     assert float(remark.split('about ')[1].split()[0]) == pytest.approx(noise_m, rel=0.15)
-
-
-def test_smoothing_keeps_a_clean_profile_and_removes_outliers():
-    at_m = np.arange(0.0, 20e3, 50.0)
-    truth_m = 0.04 * at_m
-    spiky_m = truth_m.copy()
-    spiky_m[100] += 500.0
-    for values in (truth_m, spiky_m):
-        # The median that replaces an outlier on a slope is one point off, 2 m.
-        assert smooth_elevation(at_m, values)[0] == pytest.approx(truth_m, abs=1.0)
-    # Whole metres of a logger.
-    held_m = np.round(truth_m)
-    slopes = np.diff(smooth_elevation(at_m, held_m)[0]) / 50.0
-    assert slopes == pytest.approx(0.04, abs=0.012)
 
 
 def test_a_stop_stays_a_stop(tmp_path):
@@ -291,14 +260,6 @@ def test_waypoints_are_passed_or_are_charging_stops(tmp_path):
     assert [stop.duration_s for stop in stops.stops] == [900.0, 900.0]
 
 
-def test_durations_of_the_edges_are_scaled_to_the_leg(tmp_path):
-    """If they cannot belong to it, the steps count."""
-    for penalty in (1.25, 5.0):
-        found = loaded(tmp_path, examples.osrm(penalty=penalty)).route
-        assert found.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
-        assert found.speed_mps == pytest.approx(examples.SPEED_MPS, rel=1e-3)
-
-
 def test_edges_with_speeds_in_place_of_durations_and_elevations_of_valhalla_are_used(tmp_path):
     contents = json.loads(examples.osrm())
     for leg in contents['routes'][0]['legs']:
@@ -352,15 +313,6 @@ def test_options_that_do_not_fit(tmp_path, options, problem):
     assert refusal(tmp_path, examples.speed_table(), options).endswith(problem)
 
 
-@pytest.mark.parametrize('change', [
-    lambda text: b'\xef\xbb\xbf' + text, lambda text: text.replace(b'\n', b'\r\n')])
-@pytest.mark.parametrize('name', ['osrm', 'speed_table', 'segments_csv', 'geojson', 'fastsim', 'gpx'])
-def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
-    text = getattr(examples, name)().encode()
-    one, other = (loaded(tmp_path, each).route for each in (text, change(text)))
-    assert (one.propulsion_power_w == other.propulsion_power_w).all()
-
-
 @pytest.mark.parametrize('header', [
     'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 't_s,v_kmh',
     'Zeit [s],Geschwindigkeit [km/h]', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh',
@@ -383,13 +335,6 @@ def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
         f'{moment(second)},{row.split(",")[1]}' for second, row in enumerate(rows[1:]))])
     assert loaded(tmp_path, text).route.distance_m == pytest.approx(
         loaded(tmp_path, examples.speed_table()).route.distance_m)
-
-
-def test_fastsim_cycles_climb_by_their_grade(tmp_path):
-    level, steep = (loaded(tmp_path, examples.fastsim(grade)).route for grade in (0.0, 0.02))
-    rise_j = CAR.road_load.mass_kg * 9.80665 * 0.02 * level.distance_m
-    extra_j = (steep.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
-    assert rise_j * CAR.drivetrain.efficiency < extra_j < rise_j / CAR.drivetrain.efficiency
 
 
 def test_a_drive_that_never_moves_is_refused(tmp_path):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route.kinematics import drive_along, lay_track, RoadLeg
 from bev_preheat.route.road_load import (
     compare_averages,
@@ -52,14 +51,6 @@ def test_samples_have_the_power_of_each_second():
     assert figures(motion)[0] * 10.0 == pytest.approx(at_wheels_j / 0.8, rel=1e-9)
 
 
-def test_a_standstill_has_no_power():
-    zeros = np.zeros(4)
-    assert figures(Motion(np.full(4, 30.0), zeros, np.zeros(5))) == (0.0, 0.0, 0.0)
-    changes = speed_changes(np.full(3, 30.0), np.array([10.0, 0.0, 12.0]))
-    assert changes.boundary_speed_mps.tolist() == [10.0, 0.0, 0.0, 12.0]
-    assert changes.kinetic_power_variance[1] == changes.speed_variance_m2ps2[1] == 0.0
-
-
 def test_the_share_within_segments_is_that_of_a_simulated_process():
     """An Ornstein-Uhlenbeck process of unit variance, sampled each tenth of a second, divided into segments."""
     random, step_s, count = np.random.default_rng(11), 0.1, 2_000_000
@@ -99,14 +90,6 @@ def test_mean_magnitude_and_rms_are_ordered_and_kinetic_energy_is_conserved(segm
     assert (mean_w[speed_mps == 0.0] == 0.0).all()
 
 
-def test_short_segments_are_a_drive_not_a_map():
-    """Edges of 2 s whose limits alternate between 14 and 28 m/s: no car accelerates with 7 m/s^2 in between."""
-    speeds = np.tile([14.0, 28.0], 150)
-    joined = figures(Motion(np.full(10, 60.0), np.full(10, 21.0), np.zeros(11)))
-    edges = figures(Motion(np.full(300, 2.0), speeds, np.zeros(301)))
-    assert edges[0] == pytest.approx(joined[0], rel=0.15)
-
-
 def test_mean_speeds_of_a_road_with_stops_have_nearly_its_energy():
     """A drive along legs with 1 m/s^2, sampled each second, against its mean speeds over 30 s."""
     legs = [RoadLeg(4000.0, 14.0, stops=9, stop_duration_s=20.0), RoadLeg(8000.0, 22.0, traffic_slowdown=0.4),
@@ -134,14 +117,3 @@ def test_mean_speeds_of_measured_drives_have_their_energy(name):
     assert estimated.magnitude_w == pytest.approx(exact.magnitude_w, rel=0.2)
     assert estimated.rms_w == pytest.approx(exact.rms_w, rel=0.3)
     assert plain.energy_wh < 0.95 * exact.energy_wh
-
-
-def test_averages_need_samples():
-    motion = Motion(np.full(3, 30.0), np.full(3, 10.0), np.zeros(4))
-    with pytest.raises(InvalidInput, match='needs a drive cycle with a sample every 2 s or more often'):
-        compare_averages(motion, VEHICLE, np.zeros(3), 30.0)
-
-
-def test_a_road_into_the_sky_is_refused():
-    with pytest.raises(InvalidInput, match='rises by 18570 m in total; at most 6000 m'):
-        elevation_of_slope(np.array([1000.0]), np.array([50.0]), np.array([0.4]))

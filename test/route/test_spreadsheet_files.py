@@ -106,11 +106,6 @@ def test_a_german_spreadsheet(tmp_path):
     assert route.cabin_heating_power_w.tolist() == [1111.0, 1111.0]
 
 
-def test_an_empty_last_column_is_no_shorter_row(tmp_path):
-    assert problem_with(tmp_path, HEADER.replace(';', '\t') + '\n30\t36\t5.25\t\n') == (
-        ", line 2: ambient_temperature_c: '' is not a number")
-
-
 @pytest.mark.parametrize('row, problem', [
     ('30;36;1.234,5;-7', "propulsion_power_kw: '1.234,5' has a thousands separator; write 1234,5"),
     ('30;36;1,234.5;-7', "propulsion_power_kw: '1,234.5' has a thousands separator; write 1234.5"),
@@ -155,11 +150,6 @@ def test_commas_separate_or_are_decimal(tmp_path, row, problem):
     assert problem_with(tmp_path, f'{header}\n{row}\n') == f', line 2: {problem}'
 
 
-def test_one_clear_number_decides_for_the_others(tmp_path):
-    route = load_route(file_of(tmp_path, f'{HEADER}\n30;36;1,500;-7,25\n'), DEFAULTS)
-    assert route.propulsion_power_w.tolist() == [1500.0]
-
-
 def test_values_made_of_others_are_named_after_them(tmp_path):
     assert problem_with(
         tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
@@ -186,20 +176,3 @@ def test_a_drive_log_of_a_spreadsheet(tmp_path):
     assert route.speed_mps == pytest.approx(20.0, rel=1e-12)
     assert route.cabin_heating_power_w == pytest.approx(900.0, rel=1e-12)
     assert route.propulsion_power_w == pytest.approx(12500.0 - 900.0 - 222.0, rel=1e-12)
-
-
-def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
-    path = file_of(tmp_path, LOG.replace('\n30;72;', '\n30;1720;'))
-    remark = load_drive_logs([path], DEFAULTS).remarks[0]
-    assert remark == f'{path}, line 32: speed_kmh: 1720 is implausible (plausible: 0 ... 1260); it is dropped'
-
-
-@pytest.mark.parametrize('change, remarks', [
-    (('speed_kmh', 'Speed'), (': Speed: has no unit; its readings are taken as km/h',)),
-    (('\n7;72;12,5', '\n7;72;1.012,5'), (
-        ", line 9: power_kw: '1.012,5' is not a number; it is dropped",
-        ': power_w: 2 s without a valid sample, from 6 s to 8 s, are bridged')),
-])
-def test_a_drive_log_with_doubtful_cells(tmp_path, change, remarks):
-    path = file_of(tmp_path, LOG.replace(*change))
-    assert load_drive_logs([path], DEFAULTS).remarks == tuple(f'{path}{remark}' for remark in remarks)

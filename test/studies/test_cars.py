@@ -10,12 +10,9 @@ from short_drives import made_drive, made_result, short_conditions
 
 from bev_preheat.commands.main import main
 from bev_preheat.control.settings import Settings
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.scenario_drive import DriveRecord
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.robustness.cars import drive_car, summarise_drives
 from bev_preheat_studies.robustness.drawn_cars import draw_car, FAULTS
 from bev_preheat_studies.robustness.driven import (
@@ -23,7 +20,6 @@ from bev_preheat_studies.robustness.driven import (
     drive_informed,
     drive_with_planner,
     fault_times,
-    settings_of_compared,
 )
 from bev_preheat_studies.robustness.figure import make_robustness_figure
 
@@ -50,23 +46,6 @@ def test_a_perfect_car_arrives_at_its_target_and_its_energies_add_up():
     assert drive.battery_energy_wh == pytest.approx(driving_wh + drive.heating_energy_wh + joule_wh, rel=0.01)
 
 
-class CarWithBadReadings(ImperfectCar):
-    """Reports an impossible state of charge from 100 s on, until 200 s."""
-
-    def readings(self):
-        return [replace(reading, soc=1.5) if 100.0 <= reading.instant_s < 200.0 else reading
-                for reading in super().readings()]
-
-
-def test_refused_readings_are_noticed():
-    assert drive_with_planner(make_car(make=CarWithBadReadings), CONDITIONS.goal, EVERY_TWO_SECONDS).refused
-
-
-def test_a_drive_ends_where_the_battery_is_empty():
-    conditions = short_conditions(state=BatteryState(15.0, 0.01))
-    assert drive_with_planner(make_car(conditions), conditions.goal, EVERY_TWO_SECONDS).ran_empty
-
-
 @pytest.mark.needs('casadi')
 def test_the_informed_drive_is_the_optimum_of_the_true_car():
     from bev_preheat.nonlinear_program.solve import solve_optimum
@@ -79,17 +58,6 @@ def test_the_informed_drive_is_the_optimum_of_the_true_car():
     assert drive.switch_ons == 1
 
 
-def test_the_informed_drive_knows_the_true_car_and_its_heat_path():
-    believed = drive_informed(make_car(), CONDITIONS.goal)
-    weak = drive_informed(make_car(mismatch=Mismatch(heat_capacity=1.1, heater=0.95)), CONDITIONS.goal)
-    assert weak.heating_energy_wh > 1.1 * believed.heating_energy_wh
-    slow = short_conditions(vehicle=replace(CONDITIONS.vehicle, heat_path=HeatPath(30.0, 12e3, 400.0)))
-    late = drive_informed(make_car(slow), slow.goal)
-    # The coolant gets 3 K warmer, too.
-    assert late.heating_energy_wh > believed.heating_energy_wh + 12e3 * 3.0 / 0.87 / 3600.0
-    assert max(abs(weak.arrival_error_k), abs(late.arrival_error_k)) < 0.01
-
-
 @pytest.mark.costly
 def test_a_trip_has_the_same_result_each_time_with_plain_values():
     first, second = (drive_car(replace(CONDITIONS, period_s=10.0), 7, tuple(COMPARED), 3) for _ in range(2))
@@ -99,33 +67,7 @@ def test_a_trip_has_the_same_result_each_time_with_plain_values():
     assert {type(value) for value in values} <= {bool, int, float, type(None), tuple}
 
 
-@pytest.mark.parametrize('period_s, lease_s, timeout_s', [
-    (0.1, 2.5, 5.0), (1.0, 2.5, 5.0), (4.0, 10.0, 20.0)])
-def test_long_periods_have_long_leases(period_s, lease_s, timeout_s):
-    settings = settings_of_compared('planner', period_s)
-    assert (settings.command_period_s, settings.lease_s, settings.battery_state_timeout_s) == (
-        period_s, lease_s, timeout_s)
-
-
 # --- Heaters that fail ---
-
-@pytest.mark.costly
-def test_a_slow_heater_is_not_accused():
-    conditions = short_conditions(plant='all', goal=Goal(30.0), period_s=4.0)
-    drive = drive_car(conditions, 3, ('planner',), 0).methods['planner']
-    assert (drive.verdicts, drive.fault_shown_s) == ((), None)
-
-
-@pytest.mark.costly
-@pytest.mark.parametrize('fault, verdict, target_c', [
-    pytest.param('dead', 'dead', 20.0, marks=pytest.mark.deep), ('stuck_on', 'stuck on', -4.0)])
-def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c):
-    conditions = short_conditions(
-        routes=(load_route('reference', None).before(1500.0),), plant='all', fault=fault,
-        state=BatteryState(-7.0, 0.9), goal=Goal(target_c), period_s=4.0)
-    drive = drive_car(conditions, 5, ('planner',), 1).methods['planner']
-    assert 0.0 < drive.fault_shown_s <= drive.fault_found_after_s and verdict in drive.verdicts
-    assert 30.0 < drive.fault_found_after_s < 720.0
 
 
 @pytest.mark.parametrize('fault, commands, found_at_s, drives_s, shown_s, found_s', [
@@ -144,14 +86,6 @@ def test_how_long_a_fault_showed(fault, commands, found_at_s, drives_s, shown_s,
     assert fault_times(record, [], drives_s) == (None, None)
 
 
-def test_faults_of_a_study():
-    shown = [(400.0, 400.0), (150.0, None), (90.0, None), (None, None)]
-    results = [made_result(number, planner=made_drive(fault_shown_s=shown_s, fault_found_after_s=found_s))
-               for number, (shown_s, found_s) in enumerate(shown)]
-    assert summarise_drives(results, ['planner'])['planner']['fault'] == {
-        'shown': 3, 'found': pytest.approx(1.0 / 3.0), 'median_s': 400.0, 'most_s': 400.0}
-
-
 # --- Figures and requirements ---
 
 @pytest.fixture
@@ -167,18 +101,6 @@ def results():
                        refused=number % 2 == 1, ran_empty=number % 10 == 0)) for number in range(41)]
 
 
-def test_summary_of_errors_and_counts(results):
-    figures = summarise_drives(results, ['one'])['one']
-    drives = [result.methods['one'] for result in results]
-    errors_k = sorted(drive.arrival_error_k for drive in drives)
-    # With 41 trips the percentiles are trips themselves.
-    assert figures['arrival_error_k'] == pytest.approx({
-        '5 %': errors_k[2], 'median': errors_k[20], '95 %': errors_k[38], 'worst': errors_k[-1]})
-    switch_ons = [drive.switch_ons for drive in drives]
-    assert figures['switch_ons'] == {'mean': sum(switch_ons) / 41, 'most': max(switch_ons)}
-    assert (figures['refused'], figures['ran_empty']) == (20, 5)
-
-
 @pytest.mark.parametrize('key, field', [('heating_excess', 'heating_energy_wh'),
                                         ('battery_excess', 'battery_energy_wh')])
 def test_summary_of_energies(results, key, field):
@@ -192,39 +114,6 @@ def test_summary_of_energies(results, key, field):
     assert figures['one'][key] == pytest.approx({
         'trips': alike.sum(), 'mean': own[alike].sum() / best[alike].sum() - 1.0,
         '95 %': np.quantile(own[alike] / best[alike] - 1.0, 0.95)})
-
-
-def met(**changes):
-    """Names of the requirements that a study of one drive (informed: 200 Wh) meets."""
-    summary = summarise_drives([made_result(0, one=made_drive(**changes))], ['one'])
-    return {item['name'] for item in summary['one']['requirements'] if item['met']}
-
-
-ALL = {'arrival error, 5 %', 'arrival error, 95 %', 'switch-ons in any run',
-       'heating energy above plan with true car, mean', 'drives with a refused input'}
-
-
-@pytest.mark.parametrize('good, bad, missed', [
-    ({'arrival_error_k': 1.0}, {'arrival_error_k': 1.01}, 'arrival error, 95 %'),
-    ({'switch_ons': 3}, {'switch_ons': 4}, 'switch-ons in any run'),
-    ({'heating_energy_wh': 207.9}, {'heating_energy_wh': 208.1}, 'heating energy above plan with true car, mean'),
-    ({'refused': False}, {'refused': True}, 'drives with a refused input')])
-def test_requirements(good, bad, missed):
-    assert met(**good) == ALL
-    assert met(**bad) == ALL - {missed}
-
-
-def test_a_cold_arrival_is_bounded_and_proves_no_economy():
-    economy = {'heating energy above plan with true car, mean'}
-    assert met(arrival_error_k=-0.5) == ALL - economy
-    assert met(arrival_error_k=-0.51) == ALL - economy - {'arrival error, 5 %'}
-
-
-@pytest.mark.parametrize('heating_wh, is_met', [(0.0, True), (5.0, False)])
-def test_where_nothing_is_to_be_heated_nothing_may_be(heating_wh, is_met):
-    result = made_result(0, made_drive(heating_energy_wh=0.0), one=made_drive(heating_energy_wh=heating_wh))
-    requirement = summarise_drives([result], ['one'])['one']['requirements'][3]
-    assert (requirement['name'], requirement['met']) == ('heating energy where none is needed', is_met)
 
 
 @pytest.mark.costly

@@ -23,13 +23,6 @@ def test_at_least_eight_cars_with_a_source_for_each_time(times):
     assert all(time.source for time in times)
 
 
-def test_fitted_cars_take_their_published_time(times):
-    fitted = [time for time in times if time.is_fitted]
-    assert len(fitted) >= 6
-    for time in fitted:
-        assert time.fitted_min == pytest.approx(time.published_min, rel=1e-3), time
-
-
 def test_shipped_cars_charge_in_their_published_time_within_a_tenth(times):
     shipped = [time for time in times if time.shipped_min is not None and (
         time.start_soc <= 0.1 and time.end_soc == 0.8)]
@@ -46,21 +39,6 @@ def test_published_curves_and_times_up_to_80_percent_belong_together(times):
         assert time.curve_min == pytest.approx(time.published_min, rel=0.13), time
     ratios = [time.curve_min / time.published_min for time in from_curves]
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.07)
-
-
-def test_a_large_deviation_up_to_80_percent_has_its_reason(times):
-    large = [time for time in times if time.end_soc <= 0.8 and any(
-        minutes is not None and abs(minutes / time.published_min - 1.0) > 0.12
-        for minutes in (time.curve_min, time.fitted_min, time.shipped_min))]
-    assert {time.car for time in large} == {'Polestar 2 Long Range'}
-    assert all(time.remark for time in large)
-
-
-def test_a_data_sheet_alone_gives_times_of_the_right_size(times):
-    """It was half of the published time where a plateau was assumed (Model 3 LFP: 16:27 against 32:25 min)."""
-    for time in times:
-        if time.start_soc <= 0.2 and time.end_soc == 0.8:
-            assert 0.75 * time.published_min < time.data_sheet_min < 1.25 * time.published_min, time
 
 
 def test_a_file_of_times_with_a_wrong_car_is_refused_with_its_name(tmp_path):

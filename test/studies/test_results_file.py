@@ -8,7 +8,7 @@ import pytest
 from short_drives import made_drive, made_result
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat_studies.results_file import ResultsFile, sources, value_of
+from bev_preheat_studies.results_file import ResultsFile, value_of
 from bev_preheat_studies.robustness.cars import CarResult
 
 STUDY = {'study': 'sweep', 'seed': 1, 'vehicle': 'reference (17ab)', 'methods': ['a', 'b']}
@@ -40,16 +40,6 @@ def read(path, study=STUDY):
         return list(file.results(Made))
 
 
-def test_results_are_read_back_to_the_last_bit_in_their_order(path):
-    assert read(path) == RESULTS
-
-
-def test_a_study_goes_on_at_the_end_of_its_file(path):
-    with ResultsFile(path, STUDY) as file:
-        file.append({'number': 3, 'value': 2.0})
-    assert read(path) == [*RESULTS, Made(3, 2.0)]
-
-
 def test_a_half_written_line_is_dropped_wherever_it_was_cut(path):
     whole = path.read_bytes()
     begins = whole.rindex(b'\n', 0, -1) + 1
@@ -59,12 +49,6 @@ def test_a_half_written_line_is_dropped_wherever_it_was_cut(path):
             assert list(file.results(Made)) == RESULTS[:2]
             file.append(asdict(RESULTS[2]))
         assert path.read_bytes() == whole
-
-
-def test_a_file_with_half_a_first_line_is_started_again(path):
-    path.write_bytes(path.read_bytes()[:20])
-    assert read(path) == []
-    assert json.loads(path.read_text()) == {'bev_preheat_study': {**STUDY, 'program': sources()}}
 
 
 @pytest.mark.parametrize('change, message', [

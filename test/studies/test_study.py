@@ -14,7 +14,7 @@ import pytest
 
 from bev_preheat.commands.program import Interrupted, WorkerLost
 from bev_preheat.errors import InvalidInput
-from bev_preheat_studies.study import add_study_arguments, at_least, at_most, check_study_arguments, Study, text_of
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,6 @@ def test_results_come_in_order_and_are_the_same_in_several_processes():
     assert os.getpid() not in workers and 1 <= len(workers) <= 2
     processes = [psutil.Process(pid) for pid in workers if psutil.pid_exists(pid)]
     assert psutil.wait_procs(processes, 10.0)[1] == []
-
-
-def test_situations_are_drawn_until_enough_count():
-    results = list(study(wanted=3, counts=lambda result: result.number % 2 == 1).run(1))
-    assert [result.number for result in results] == [0, 1, 2, 3, 4, 5]
 
 
 def test_a_stopped_study_goes_on_from_its_file(tmp_path):
@@ -143,11 +138,3 @@ def test_an_interrupted_study_shows_what_is_finished(tmp_path, capsys):
 def test_bad_arguments_are_refused_before_anything_runs(given, message):
     with pytest.raises(InvalidInput, match=message):
         arguments(*given)
-
-
-def test_requirements_are_met_at_their_bounds():
-    assert at_most('most', 3, 3, form='g').judged.plain == '3 met'
-    assert at_most('most', 0, 1).judged.plain == '1 not met' and at_most('most', 0, 1).bound == 'none'
-    assert at_least('least', -0.5, -0.51, 'K').judged.plain == '-0.51 K not met'
-    assert at_least('least', -0.5, None, 'K').judged.plain == 'no trip to compare'
-    assert (text_of(None, 'd'), text_of(3, 'd'), text_of(0.25, '.0f', 100.0)) == ('–', '3', '25')

@@ -12,11 +12,6 @@ def named(name):
     return next(each for each in study.tunables() if each.name == name)
 
 
-def test_numbers_come_with_unit_and_reason():
-    waits = named('FIRST_WAIT_S')
-    assert (waits.value, waits.unit) == (table.FIRST_WAIT_S, 's') and 'interrupted' in waits.reason
-
-
 @pytest.mark.parametrize('value, factor, moved', [
     (10.0, 0.7, 7.0), (10, 1.3, 13), (1, 0.7, 0), (1, 1.3, 2), (2, 1.3, 3)])
 def test_whole_numbers_stay_whole_and_move_by_one_at_least(value, factor, moved):

@@ -6,14 +6,14 @@ import pytest
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.methods import value_table
-from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.__main__ import main
-from bev_preheat_studies.value_picture import make_value_figure, worth_over_cost
+from bev_preheat_studies.value_picture import worth_over_cost
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('alpine_pass', VEHICLE.defaults)
@@ -29,13 +29,6 @@ def table():
 @pytest.fixture(scope='module')
 def plan():
     return plan_preheating(VEHICLE, ROUTE, STATE, GOAL)
-
-
-def test_a_kelvin_is_worth_nothing_above_the_target_and_more_than_it_costs_below(table):
-    arrival = worth_over_cost(table)[-1]
-    middle_c = 0.5 * (table.temperature_c[:-1] + table.temperature_c[1:])
-    assert (arrival[middle_c > GOAL.target_temperature_c + 0.1] == 0.0).all()
-    assert (arrival[middle_c < GOAL.target_temperature_c - 0.1] > 10.0).all()
 
 
 def test_the_value_at_the_start_is_the_cost_of_the_plan(table, plan):
@@ -55,17 +48,6 @@ def test_the_plan_heats_where_a_kelvin_is_worth_its_cost(table, plan):
     share = plan.hvch_battery_power_w / make_trip(VEHICLE, ROUTE).heater_limit_w
     assert (on_path[is_driven & (share > 0.99)] > 0.95).all()
     assert (on_path[is_driven & (share == 0.0)] < 1.05).all()
-
-
-def test_the_figure_shows_the_path_in_the_table(table, plan):
-    trip = make_trip(VEHICLE, ROUTE)
-    unheated = plan_unheated(VEHICLE, ROUTE, STATE, GOAL)
-    temperature = make_value_figure(trip, table, plan, unheated, 'title').axes[0]
-    path = temperature.get_lines()[0]
-    np.testing.assert_allclose(path.get_ydata(), plan.battery_temperature_c)
-    assert temperature.get_ylim()[0] < -10.0 < 25.0 < temperature.get_ylim()[1]
-    assert [text.get_text() for text in temperature.get_legend().get_texts()] == [
-        'value_function (default)', 'without preheating', 'target']
 
 
 def test_the_command_makes_a_picture(tmp_path, capsys):
