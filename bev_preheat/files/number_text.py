@@ -45,7 +45,8 @@ def unit_in_cells(texts: Iterable[str]) -> str:
     """Return the unit written behind the numbers of cells, '' without a unit."""
     for text in texts:
         match = NUMBER.fullmatch(text.strip().replace(',', '.'))
-        if match and match[2]:
+        # OVMS has m for metres and M for miles.
+        if match and match[2] and match[2] != 'M':
             return unit_named(match[2])
     return ''
 

@@ -18,7 +18,7 @@ QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
     'volt': (('volt', 1.0, 0.0, 'v volts'), ('millivolt', 1e-3, 0.0, 'mv'), ('kilovolt', 1e3, 0.0, 'kv')),
     'ampere': (('ampere', 1.0, 0.0, 'a amp amps amper'), ('milliampere', 1e-3, 0.0, 'ma')),
     'watt': (('watt', 1.0, 0.0, 'w watts'), ('kilowatt', 1e3, 0.0, 'kw'), ('milliwatt', 1e-3, 0.0, 'mw'),
-             ('horsepower', 745.69987158227022, 0.0, 'hp')),
+             ('horsepower', 745.69987158227022, 0.0, 'hp'), ('metric_horsepower', 735.49875, 0.0, 'ps cv')),
     'meter/second': (
         ('meter/second', 1.0, 0.0, 'm/s mps ms-1 m/sec meters/second metres/second meterspersecond'),
         ('kilometer/hour', 1.0 / 3.6, 0.0,

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Collection, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import datetime, UTC
+from itertools import chain, islice
 import logging
 from pathlib import Path
 import re
@@ -37,7 +39,7 @@ LINES = {
         rf'(?:\((?P<time>[0-9:. -]+)\)\s+)?\S+\s+(?:[RT]X [-BE\s]*)?(?P<id>{HEX}{{3}}|{HEX}{{8}})\s+\[\d+\]\s*'
         rf'(?:{BYTES}|(?P<remote>remote request))(?:\'.*\'|ERRORFRAME)?'),
     'SavvyCAN GVRET': re.compile(
-        rf'(?P<time>\d{{1,20}}),(?P<id>{HEX}{{1,8}}),(?P<extended>true|false|[01]),(?:[RT]x,)?\d+,\d+,{BYTES}',
+        rf'(?P<time>\d{{1,20}}),(?:0x)?(?P<id>{HEX}{{1,8}}),(?P<extended>true|false|[01]),(?:[RT]x,)?\d+,\d+,{BYTES}',
         re.IGNORECASE),
     'CRTD': re.compile(rf'(?P<time>\d+(?:\.\d+)?)\s+\d?[RT](?P<extended>11|29)\s+(?P<id>{HEX}{{1,8}})\s*{BYTES}'),
     'python-can CSV': re.compile(
@@ -45,6 +47,8 @@ LINES = {
         r'(?P<coded>[A-Za-z0-9+/=]*)')}
 # Lines that have no frame, such as a header and the comments of CRTD.
 NO_FRAME = re.compile(r'Time Stamp,ID,.*|timestamp,arbitration_id,.*|\d+(\.\d+)?\s+C[A-Z]{2}\b.*', re.IGNORECASE)
+# Headings of other tools: BUSMASTER, Microchip, Kvaser, Vehicle Spy.
+OTHER_FRAMES = re.compile(rb'BUSMASTER|CAN BUS Analyzer|\bDLC\b|\bArb(itration)?[ _]?ID\b', re.IGNORECASE)
 # GVRET counts microseconds.
 SCALES = {'SavvyCAN GVRET': 1e-6}
 
@@ -117,24 +121,20 @@ def load_dbc(file: str | Path) -> Any:
     import cantools
     check_input(file)
     try:
-        try:
-            return cantools.database.load_file(str(file), strict=False)
-        except Exception:
-            mended = _with_nodes(Path(file).read_text(encoding='cp1252'))
-            if mended is None:
-                raise
-            return cantools.database.load_string(mended, 'dbc', strict=False)
+        data = Path(file).read_bytes()
+        text = data.decode('utf-8-sig' if encoding_of(data) == 'utf-8-sig' else 'cp1252', 'replace')
+        return cantools.database.load_string(_with_nodes(text), 'dbc', strict=False)
     except Exception as error:
         # cantools raises errors of its parser, of files and of encodings.
         raise InvalidInput(f'{file}: cannot be read as a DBC: {quoted(" ".join(str(error).split()))}') from error
 
 
-def _with_nodes(text: str) -> str | None:
-    """Return a DBC with the sections BS_ and BU_, which some tools leave out; None if it has both."""
+def _with_nodes(text: str) -> str:
+    """Return a DBC with the sections BS_ and BU_, which some tools leave out."""
     missing = [key for key in ('BS_:', 'BU_:') if not re.search(rf'^\s*{key[:-1]}\s*:', text, re.MULTILINE)]
     first = re.search(r'^\s*BO_\s', text, re.MULTILINE)
     if not missing or first is None:
-        return None
+        return text
     return f'{text[:first.start()]}\n{" ".join(missing)}\n{text[first.start():]}'
 
 
@@ -162,6 +162,8 @@ ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative)
                  re.MULTILINE | re.IGNORECASE)
 # Of BLF: signature, lengths of header and object, type.
 OBJECT_HEADER_BYTES = 16
+# Frames that show whether times are intervals, and the share of times of a clock that go back.
+SAMPLE, MOST_BACK = 50, 0.2
 
 
 class CanFrames:
@@ -231,21 +233,39 @@ def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | Non
     # It logs each object that it does not know.
     logging.getLogger('can').setLevel(logging.CRITICAL)
     try:
-        if kind in LINES:
-            yield from text_frames(path, kind, encoding, remarks)
-            return
-        reader = (can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.TRCReader(path)
-                  if kind == 'PCAN TRC' else _blf_reader(path))
-        try:
-            yield from reader
-        finally:
-            reader.stop()
+        reader: Any = nullcontext(text_frames(path, kind, encoding, remarks)) if kind in LINES else (
+            can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.TRCReader(path)
+            if kind == 'PCAN TRC' else _blf_reader(path))
+        with reader as source:
+            frames = iter(source)
+            head = list(islice(frames, SAMPLE))
+            frames = chain(head, frames)
+            if getattr(reader, 'timestamps_format', '') == 'relative':
+                frames = _summed(frames, reader.start_time)
+            elif kind == 'candump on a screen' and _are_intervals(head):
+                frames = _summed(frames, 0.0)
+            yield from frames
     except (GeneratorExit, InvalidInput):
         raise
     except Exception as error:
         # python-can raises errors of several kinds for damaged files.
         if remarks is not None:
             remarks.add('frames', f'{path}: is damaged ({quoted(str(error))}); the frames before are used')
+
+
+def _are_intervals(frames: list[Any]) -> bool:
+    """Return whether times are those since the frame before, which rise and fall, or stay."""
+    steps_s = np.diff([frame.timestamp for frame in frames])
+    return len(steps_s) > 1 and bool(np.mean(steps_s < 0.0) > MOST_BACK or not steps_s[1:].any())
+
+
+def _summed(frames: Iterator[Any], start_s: float) -> Iterator[Any]:
+    """Yield frames with times from the start on, instead of those since the frame before."""
+    time_s = start_s
+    for frame in frames:
+        time_s += frame.timestamp - start_s
+        frame.timestamp = time_s
+        yield frame
 
 
 def _blf_reader(path: str | Path) -> Any:
@@ -273,20 +293,32 @@ def _sound_length(data: bytes) -> int | None:
     return None
 
 
+def dbc_files(path: str | Path, databases: Collection[str | Path]) -> list[str | Path]:
+    """Return the DBC files of a recording: those given, or the one beside it."""
+    beside = Path(path).with_suffix('.dbc')
+    return list(databases) or ([beside] if beside.is_file() else [])
+
+
+def needs_dbc(path: str | Path, kind: str) -> InvalidInput:
+    """Return the refusal of frames without a DBC."""
+    return InvalidInput(f'{path}: CAN frames ({kind}) need a DBC: name it in a signal map (dbc: FILE), or put it '
+                        f'beside the log as {Path(path).with_suffix(".dbc").name}')
+
+
 def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) -> dict[int, Any]:
     """Return the messages of DBC files by their identifiers."""
-    beside = Path(path).with_suffix('.dbc')
-    files = list(databases) or ([beside] if beside.is_file() else [])
+    files = dbc_files(path, databases)
     if not files:
-        raise InvalidInput(f'{path}: CAN frames ({kind}) need a DBC: name it in a signal map (dbc: FILE), or '
-                           'put it '
-                           f'beside the log as {beside.name}')
+        raise needs_dbc(path, kind)
     return {message.frame_id: message for file in files for message in load_dbc(file).messages}
 
 
 def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | Path]) -> CanFrames | None:
     """Return the open recording if a file begins as recordings of CAN frames do, else None."""
     kind, encoding = _kind_of(head)
+    if not kind and encoding_of(head) and OTHER_FRAMES.search(head[:2000]):
+        raise InvalidInput(f'{path}: seems to hold CAN frames in a form that is not read; save them as candump, '
+                           'ASC, BLF, PCAN TRC, GVRET or CRTD')
     return CanFrames(path, kind, encoding, databases) if kind else None
 
 

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 # Words of names that check, qualify, limit or request a reading, and those that do so at the end of a name.
 WORDS = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_]+')
 NO_READING = frozenset((
-    'alive', 'checksum', 'chk', 'cks', 'cnt', 'cntr', 'count', 'counter', 'crc', 'ctr', 'rolling', 'bz', 'zaehler',
-    'qbit', 'qf', 'qual', 'quality', 'qualifier', 'valid', 'validity', 'invalid', 'plausible', 'index', 'idx',
-    'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning', 'warn', 'alarm', 'status', 'timeout',
-    'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll', 'request', 'req', 'cmd', 'enable', 'mode',
-    'derating'))
-NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active'))
+    'alive', 'checksum', 'chksum', 'chk', 'cks', 'cs', 'cnt', 'cntr', 'count', 'counter', 'crc', 'ctr', 'rolling',
+    'bz', 'zaehler', 'qbit', 'qf', 'qual', 'quality', 'qualifier', 'valid', 'validity', 'invalid', 'plausible',
+    'index', 'idx', 'position', 'pos', 'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning',
+    'warn', 'alarm', 'alert', 'status', 'timeout', 'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll',
+    'request', 'req', 'cmd', 'enable', 'mode', 'derating'))
+NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active', 'q'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'
                        r'low(est)?|high(est)?|hot(test)?|warm(est)?|cold(est)?|front|rear|'

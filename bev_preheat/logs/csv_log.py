@@ -29,8 +29,8 @@ NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)
 INFLUX_NAME, MEASUREMENT = re.compile('_field'), re.compile('_measurement')
 VALUE = re.compile(r'^(_?value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
                    re.IGNORECASE)
-UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|unit_of_measurement)$',
-                  re.IGNORECASE)
+UNIT = re.compile(r'^(.*\.)?(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|'
+                  r'unit_of_measurement)$', re.IGNORECASE)
 OWN = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?|vin|(car|veh(icle)?)[ _]?(id|no|nr|num(ber)?|name)?)$',
                  re.IGNORECASE)
 # More channels are texts, not names.

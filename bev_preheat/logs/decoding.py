@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.number_text import read_numbers, unit_in_cells
-from bev_preheat.files.units import check_unit, conversion, own_unit, split_unit, unit_named
+from bev_preheat.files.units import check_unit, conversion, is_stated, own_unit, split_unit, unit_named
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
 
 if TYPE_CHECKING:
@@ -61,17 +61,23 @@ class Decoder:
     """
     Decodes one channel for one Source.
 
-    The unit is the map's, else the channel's, else the one behind the first readings, else the signal's own; the
-    scale is chosen by the first readings. `given` is the Hypothesis with which it decodes. `hypotheses` are others
+    The unit is the map's, else the channel's, else the one behind the first readings, else the signal's own. With
+    `is_guess` the map was recognised and not given, so a unit that the log states comes first. The scale is chosen
+    by the first readings. `given` is the Hypothesis with which it decodes. `hypotheses` are others
     that make implausible readings plausible, or those of a map that leaves the unit open; from then on nothing is
     dropped, because the car's other signals decide between them.
     """
 
     def __init__(self, source: Source, channel: str, channel_unit: str, decimal: str = '.',
-                 full: tuple[float, ...] = ()) -> None:
+                 full: tuple[float, ...] = (), is_guess: bool = False) -> None:
         """Take the unit that the log names ('': none), and the values of all ones if the log has them."""
         self.source, self.channel, self._full = source, channel, full
-        self.given = Hypothesis(source.unit or _fitting(channel_unit, source.signal), source.scales[0])
+        named = _fitting(channel_unit, source.signal)
+        # From here on, '' if the log may still say it.
+        self._unit = '' if is_guess else source.unit
+        if not self._unit and (not source.unit or is_stated(channel, channel_unit)):
+            self._unit = named
+        self.given = Hypothesis(self._unit or source.unit, source.scales[0])
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self._decimal, self._is_chosen = decimal, False
 
@@ -90,9 +96,9 @@ class Decoder:
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
                 self._dropped(remarks, 'text', f'{first} is not a number', wrong, places, where)
-            if not self._is_chosen and not self.given.unit:
-                unit = _fitting(unit_in_cells(values[:100]), self.source.signal)
-                self.given = self.given._replace(unit=unit)
+            if not self._is_chosen and not self._unit:
+                self._unit = _fitting(unit_in_cells(values[:100]), self.source.signal)
+                self.given = self.given._replace(unit=self._unit or self.given.unit)
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
         for nothing in self.source.no_reading:
             none = np.abs(numbers - nothing) <= 1e-9 * max(abs(nothing), 1.0)
@@ -141,7 +147,7 @@ class Decoder:
             if (unit or signal.endswith('_c')) and split_unit(self.channel).unit != shown:
                 remarks.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
                             f'{shown}', noun='channel')
-        if self.source.other_units:
+        if self.source.other_units and self._unit in ('', self.source.unit):
             self.hypotheses = (self.given, *(self.given._replace(unit=unit_named(unit) or unit)
                                              for unit in self.source.other_units))
         low, high = self.source.plausible

@@ -311,23 +311,27 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
 
 
 def _temperature(signals: Signals) -> Iterator[Doubt]:
-    """Doubt temperatures far from each other at the start, as degrees Fahrenheit are."""
+    """
+    Doubt temperatures far from each other at the start, as degrees Fahrenheit are.
+
+    Whole readings may as well be tenths, or a byte without its offset, so they are not repaired.
+    """
     if not {'battery_temperature_c', 'ambient_c'} <= signals.keys():
         return
-    battery = float(np.median(signals['battery_temperature_c'].value[:20]))
-    ambient = float(np.median(signals['ambient_c'].value[:20]))
-    for signal, value, name, other, least in (
+    begins = {signal: float(np.median(signals[signal].value[:20]))
+              for signal in ('battery_temperature_c', 'ambient_c')}
+    for signal, other, least in (
             # A battery may be warm from a garage or from charging, but hardly so warm.
-            ('battery_temperature_c', battery, 'ambient_c', ambient, HOTTEST_PARKED_C),
-            ('ambient_c', ambient, 'battery_temperature_c', battery, -np.inf)):
-        if value > least and value - other > CELSIUS_K and abs((value - 32.0) / 1.8 - other) < FAHRENHEIT_K:
-            yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {name} at {figure(other, 4)}; is it '
-                                'in degF?',
-                        1.0 / 1.8, -32.0 / 1.8)
-    if battery > HOTTEST_C:
-        yield Doubt('battery_temperature_c', f'battery_temperature_c: begins at {figure(battery, 4)}, which no '
-                                             'battery '
-                    'in use reaches; is it in degF?', 1.0 / 1.8, -32.0 / 1.8)
+            ('battery_temperature_c', 'ambient_c', HOTTEST_PARKED_C),
+            ('ambient_c', 'battery_temperature_c', -np.inf)):
+        value, near = begins[signal], begins[other]
+        is_far = value > least and value - near > CELSIUS_K and abs((value - 32.0) / 1.8 - near) < FAHRENHEIT_K
+        if is_far or (value > HOTTEST_C and least > 0.0):
+            halves = 2.0 * signals[signal].value
+            is_clear = bool((halves != np.round(halves)).any())
+            yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {other} at {figure(near, 4)}; is it in '
+                                f'degF{"" if is_clear else ", in tenths, or a byte without its offset"}?',
+                        1.0 / 1.8, -32.0 / 1.8, is_clear)
 
 
 def _at(time_s: FloatArray, series: Series) -> FloatArray:

@@ -59,9 +59,9 @@ class Hypothesis(NamedTuple):
         """Return the difference from the given way."""
         if self.modulus:
             return f'with values from {0.5 * self.modulus:g} on as negative ones (minus {self.modulus:g})'
-        if self.scale != given.scale:
-            return f'with a factor of {self.scale / given.scale:g}'
-        return f'with the unit {self.unit}'
+        words = [f'the unit {self.unit}'] if self.unit != given.unit else []
+        words += [f'a factor of {self.scale / given.scale:g}'] if self.scale != given.scale else []
+        return f'with {" and ".join(words)}'
 
     def own(self, numbers: FloatArray, source: Source) -> FloatArray:
         """Return raw values in the signal's own unit."""
@@ -92,6 +92,8 @@ def hypotheses(numbers: FloatArray, given: Hypothesis, source: Source) -> tuple[
     if not given.fits(numbers, source, 0.5):
         found += [Hypothesis(unit, given.scale) for unit in ALIKE[own_unit(source.signal)]
                   if unit != (given.unit or own_unit(source.signal))]
+        # Smart batteries count tenths of a kelvin.
+        found += [Hypothesis('kelvin', 0.1 * given.scale)] * source.signal.endswith('_c')
         # Of the smaller and of the larger ones, the first that fits; those beyond it fit for nothing.
         for scales in OTHER_SCALES:
             scaled = (given._replace(scale=given.scale * scale) for scale in scales)
@@ -128,7 +130,7 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
         leaps = {each: _leaps(own[each]) for each in kept}
         kept = [each for each in kept if leaps[each] == min(leaps.values())]
         steps_in = _unit_by_steps(raw.value)
-        kept = [each for each in kept if each.unit == steps_in] or kept
+        kept = [each for each in kept if steps_in in ('', each.unit or own_unit(source.signal))] or kept
     if (raw.value != np.round(raw.value)).any():
         # Values without a scale are whole numbers.
         kept = [each for each in kept if each.scale == found[0].scale] or kept

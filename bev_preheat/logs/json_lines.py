@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
+from itertools import chain, islice
 import json
 import math
 from pathlib import Path
@@ -32,17 +32,49 @@ TIME = re.compile(r'(^|[_ ]|[a-z](?=[TD]))(time(_?stamp)?|date|utc|ts|epoch|t|'
 
 
 def records(value: Any) -> Iterator[dict[str, str]]:
-    """Yield the records of a JSON value: the items of its longest list of objects with a time, else the value."""
-    if isinstance(value, list):
+    """
+    Yield the records of a JSON value: the rows of its tables, else the items of its longest list of objects.
+
+    The objects must have a time; without them the value is a record itself. Raises InvalidInput if it has several
+    lists of the same fields.
+    """
+    tables = list(_tables(value))
+    if tables:
+        for each in chain.from_iterable(tables):
+            yield flat(each)
+    elif isinstance(value, list):
+        # Home Assistant names the entity in the first of its states.
+        first = value[0] if value and isinstance(value[0], dict) else {}
+        shared = {key: each for key, each in first.items() if NAME.match(key)}
         for each in value:
-            yield from records(each)
+            yield from records(shared | each if isinstance(each, dict) else each)
+    elif isinstance(value, dict):
+        columns = _columns(value)
+        lists = sorted(_lists(value, 0), key=len, reverse=True) if columns is None else []
+        if len(lists) > 1 and lists[0][0].keys() == lists[1][0].keys():
+            raise InvalidInput(f'has several lists of {quoted(", ".join(lists[0][0]))}; a log must be one drive '
+                               'of one car: split it')
+        for each in columns or (lists[0] if lists else [value]):
+            yield flat(each)
+
+
+def _tables(value: Any, depth: int = 0) -> Iterator[list[dict[str, Any]]]:
+    """Yield the rows of tables: a list of names, a time among them, and lists of as many values."""
+    if depth > DEEPEST or not isinstance(value, dict | list):
         return
-    if not isinstance(value, dict):
+    inside = list(value.values()) if isinstance(value, dict) else value
+    names = next((each for each in inside if isinstance(each, list) and len(each) > 1
+                  and all(isinstance(name, str) for name in each) and any(map(TIME.search, each))), None)
+    rows = [] if names is None else inside if isinstance(value, list) else next(
+        (each for each in inside if isinstance(each, list) and each and isinstance(each[0], list)), [])
+    rows = [row for row in rows if isinstance(row, list) and row is not names and len(row) == len(names or ())]
+    if names is None or not rows:
+        for each in inside:
+            yield from _tables(each, depth + 1)
         return
-    columns = _columns(value)
-    found = max(_lists(value, 0), key=len, default=[]) if columns is None else []
-    for each in columns or found or [value]:
-        yield flat(each)
+    # InfluxDB gives a table of two columns the name of its values.
+    title = value.get('name') if isinstance(value, dict) and len(names) == 2 else None
+    yield [dict(zip([names[0], title] if isinstance(title, str) else names, row)) for row in rows]
 
 
 def _lists(value: Any, depth: int) -> Iterator[list[dict[str, Any]]]:
@@ -69,7 +101,10 @@ def _columns(value: Any, depth: int = 0) -> list[dict[str, Any]] | None:
     """Return records of an object with a list for each channel, the time among them; None for another."""
     if not isinstance(value, dict) or depth > DEEPEST:
         return None
-    lists = {key: each for key, each in value.items() if isinstance(each, list) and len(each) > 1}
+    # Pandas writes the values of a column with their index.
+    lists = {key: each for key, item in value.items() if isinstance(
+        each := list(item.values()) if isinstance(item, dict) and all(map(str.isdigit, item)) else item, list)
+        and len(each) > 1}
     time = next((each for key, each in lists.items() if TIME.search(key) and not isinstance(each[0], dict | list)),
                 None)
     if time is not None and len(lists) > 1:
@@ -173,7 +208,7 @@ class JsonRows:
                 except (ValueError, RecursionError):
                     value = None
                 if isinstance(value, dict):
-                    for record in records(value):
+                    for record in self._records(value):
                         yield number, record
                 else:
                     drop(number, f'{quoted(text)} is not a JSON object')
@@ -186,7 +221,13 @@ class JsonRows:
             values = json.loads(Path(self.path).read_text(encoding=self._encoding))
         except (ValueError, RecursionError) as error:
             raise InvalidInput(f'{self.path}: is not JSON: {error}') from error
-        yield from enumerate(records(values), start=1)
+        yield from enumerate(self._records(values), start=1)
+
+    def _records(self, value: Any) -> Iterator[Item]:
+        try:
+            yield from records(value)
+        except InvalidInput as error:
+            raise InvalidInput(f'{self.path}: {error}') from error
 
 
 def _is_array(path: str | Path, encoding: str) -> bool:
@@ -213,7 +254,7 @@ def _is_object(text: str) -> bool:
 def open_json_lines(path: str | Path, head: bytes) -> TextLog | None:
     """Return the open log if a file begins with a JSON object or array, else None."""
     encoding = encoding_of(head)
-    if encoding is None or not re.match(r'\[\s*\{|\{\s*"|\{\s*$', head.decode(encoding, 'replace').lstrip()):
+    if encoding is None or not re.match(r'\[\s*[\[{]|\{\s*"|\{\s*$', head.decode(encoding, 'replace').lstrip()):
         return None
     rows = JsonRows(path, encoding)
     return TextLog(rows, rows.roles, 'JSON lines', 'field')

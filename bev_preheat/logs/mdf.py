@@ -8,12 +8,14 @@ from contextlib import suppress
 import logging
 import multiprocessing
 from pathlib import Path
+import re
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.units import split_unit, unit_named
+from bev_preheat.logs.can_frames import dbc_files, needs_dbc
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.optional_packages import require
 
@@ -78,6 +80,8 @@ def _run(there: Any, reader: Callable[..., Iterator[Any]], arguments: tuple[Any,
                     else RuntimeError(str(error) or type(error).__name__)))
 
 
+# Names of the channels of bus logging.
+FRAMES = re.compile(r'^CAN_(Data|Remote|Error)')
 MAGIC = (b'MDF     ', b'UnFinMF ')
 # Records that are read at once.
 RECORDS_AT_ONCE = 200_000
@@ -94,7 +98,7 @@ class Mdf:
     def __init__(self, path: str | Path, databases: Collection[str | Path]) -> None:
         """Read the list of channels; raises InvalidInput if the file is damaged."""
         require('asammdf')
-        self._path, self._databases = path, tuple(map(str, databases))
+        self._path, self._databases = path, tuple(map(str, dbc_files(path, databases)))
         try:
             start_s, found = next(in_child(_described, path, self._databases))
         except Exception as error:
@@ -107,6 +111,8 @@ class Mdf:
             name = own_name if own_name not in self._at else f'{own_name} #{group}'
             self._at[name] = (group, index)
             channels.append(Channel(name, unit_named(unit) or split_unit(name).unit))
+        if channels and all(FRAMES.search(channel.name) for channel in channels):
+            raise needs_dbc(path, 'MDF')
         self.channels = tuple(channels)
         self._start_s = start_s
         self.absolute = start_s > 0.0

@@ -35,6 +35,17 @@ FORMATS: tuple[Opener, ...] = (
     lambda path, head, databases: open_csv_log(path, head))
 
 
+# The beginnings of files of other kinds, and what to do with them.
+OTHERS = (
+    (rb'PAR1', 'a Parquet file', 'write it as CSV'),
+    (rb'PK\x03\x04|\xd0\xcf\x11\xe0', 'a spreadsheet or an archive', 'save the sheet as CSV, or unpack it'),
+    (rb'\x1f\x8b|7z|BZh|\x28\xb5\x2f\xfd', 'packed', 'unpack it'),
+    (rb'\x89HDF|MATLAB', 'a file of MATLAB or HDF5', 'write it as CSV'),
+    (rb'\s*<', 'XML or HTML', 'a GPX is a route: give it to --route'),
+    (rb'\$[A-Z]{2}(RMC|GGA)', 'a log of a receiver (NMEA)', 'convert it to GPX and give it to --route'),
+    (rb'[^\s,=#]+(,\S+=\S+)* \S+=\S+ \d{10,19}\s', "InfluxDB's line protocol", 'export it as CSV'))
+
+
 def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog:
     """
     Return the open log of a file, or of a rosbag2 folder; `databases` are DBC files for CAN frames.
@@ -44,6 +55,9 @@ def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog
     if is_bag_folder(path):
         return RosBag(path)
     head = read_head(path)
+    for beginning, words, advice in OTHERS:
+        if re.match(beginning, head):
+            raise InvalidInput(f'{path}: is {words}, which is not read; {advice}')
     for open_format in FORMATS:
         log = open_format(path, head, databases)
         if log is not None:
@@ -60,9 +74,9 @@ def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog
 LONGEST_LIST = 400
 HIGHEST_SPEED_MPS = 100.0
 # Jumps of the state of charge and of the odometer [m] within a time [s] that no car makes to and fro; with two
-# cars in a log they turn at least so often, and at such a share of the steps.
+# cars in a log they turn at least so often. Medians leave out single wrong readings.
 LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
-LEAST_TURNS, SHARE_OF_TURNS = 5, 0.05
+LEAST_TURNS, MEDIAN_OF = 5, 5
 # Names of channels that identify the car.
 CAR = re.compile(r'(.*\.)?((car|veh(icle)?)( ?(id|no|nr|num(ber)?|name))?|vin)')
 
@@ -96,7 +110,8 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
         remarks.add(f'twice {channel}', f'{path}: {channel} is named more than once; the first counts')
     full = {channel.name: channel.full for channel in log.channels}
     decoders = {
-        (signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal, full[channel])
+        (signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal, full[channel],
+                                   given is None)
         for signal, groups in chosen.items() for group in groups for channel in group}
     samples = {key: Samples() for key in decoders}
     said = {key: Remarks() for key in decoders}
@@ -163,12 +178,14 @@ def _refuse_to_and_fro(path: str | Path, series: dict[str, Series]) -> None:
         if signal not in series:
             continue
         each = series[signal]
-        steps = np.diff(each.value)
-        large = np.flatnonzero((np.abs(steps) > least) & (np.diff(each.time_s) <= LONGEST_JUMP_S))
-        turns = int((np.diff(np.sign(steps[large])) != 0.0).sum())
-        if turns >= LEAST_TURNS and turns > SHARE_OF_TURNS * len(steps):
-            raise InvalidInput(f'{path}: {signal} jumps to and fro between {figure(each.value[large[0]])} and '
-                               f'{figure(each.value[large[0] + 1])}; a log must be of one car: split it')
+        if len(each.value) < MEDIAN_OF:
+            continue
+        values = np.median(np.lib.stride_tricks.sliding_window_view(each.value, MEDIAN_OF), axis=1)
+        steps, at = np.diff(values), MEDIAN_OF // 2
+        large = np.flatnonzero((np.abs(steps) > least) & (np.diff(each.time_s)[at:-at] <= LONGEST_JUMP_S))
+        if int((np.diff(np.sign(steps[large])) != 0.0).sum()) >= LEAST_TURNS:
+            raise InvalidInput(f'{path}: {signal} jumps to and fro between {figure(values[large[0]])} and '
+                               f'{figure(values[large[0] + 1])}; a log must be of one car: split it')
 
 
 def _unused(log: RawLog, used: dict[str, tuple[str, ...]], found: dict[str, Candidates]) -> tuple[str, ...]:

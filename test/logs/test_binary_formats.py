@@ -77,6 +77,20 @@ def test_can_frames(tmp_path, writer, name, kind):
 
 
 @pytest.mark.needs('asammdf')
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+def test_frames_in_mdf_are_decoded_by_the_dbc_beside(tmp_path):
+    import can
+    log = drive(60.0)
+    path = tmp_path / 'a.mf4'
+    write_frames(path, log, can.MF4Writer)
+    with pytest.raises(InvalidInput, match='CAN frames .MDF. need a DBC: name it in a signal map'):
+        read_recording(path)
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    assert_is(read_recording(path), log, SIGNALS, 0.006)
+
+
+@pytest.mark.needs('asammdf')
 def test_mdf(tmp_path):
     from asammdf import MDF, Signal
     log = drive(60.0, 0.1)

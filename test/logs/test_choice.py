@@ -22,6 +22,9 @@ def chosen(signal, **units):
      ('Bat.BatTemp',)),
     ('battery_temperature_c', {'Bat__BatTemp': '', 'Bat__BatTempRollingCounter': '', 'Bat__BatTempQBit': ''},
      ('Bat.BatTemp',)),
+    ('battery_temperature_c', {'Bat__BatTempX': '', 'Bat__BatTempMin': 'degC', 'Bat__BatTempMax': 'degC'},
+     ('Bat.BatTempMin', 'Bat.BatTempMax')),
+    ('battery_temperature_c', {'BatTempQ': '', 'BatTempCS': '', 'BatTempMaxPos': ''}, ()),
     ('battery_temperature_c', {'PackTemps__Fan': '', 'PackTemps__PackTemp': ''}, ('PackTemps.PackTemp',)),
     ('battery_temperature_c', {'Bus__BattCurrent12': 'ampere', 'Bus__BattTemp': 'degC'}, ('Bus.BattTemp',)),
     ('battery_temperature_c', {'Batt_T1': '', 'Batt_T2': '', 'Batt_T10': ''}, ('Batt_T1', 'Batt_T2', 'Batt_T10')),
@@ -34,6 +37,7 @@ def chosen(signal, **units):
      ('Battery temp (min)', 'Battery temp (max)')),
     ('battery_temperature_c', {'battery temp %': 'percent', 'battery temp': ''}, ('battery temp',)),
     ('soc', {'A__BatSOC_cold': 'percent', 'A__BatSOC': 'percent'}, ('A.BatSOC',)),
+    ('soc', {'Battery Temp [%]': 'percent'}, ()), ('soc', {'Battery [%]': 'percent'}, ('Battery [%]',)),
     ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
     ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
@@ -103,3 +107,12 @@ def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, l
     path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps', [(at, high if at == 9 else low, 9)
                                                                     for at in range(40)])
     assert len(read_recording(path).signals[column].value) == 40
+
+
+def test_two_cars_that_alternate_in_blocks_are_refused(tmp_path):
+    path = write(tmp_path / 'a.csv', 'time_s,soc', [(at, (0.5, 0.8)[at // 50 % 2]) for at in range(400)])
+    with pytest.raises(InvalidInput, match='soc jumps to and fro'):
+        read_recording(path)
+    # Wrong for one reading in ten.
+    path = write(tmp_path / 'a.csv', 'time_s,soc', [(at, (0.5, 0.8)[at % 10 > 0]) for at in range(400)])
+    assert len(read_recording(path).signals['soc'].value) == 400

@@ -30,18 +30,43 @@ def read(tmp_path, text):
                            {'start_date': TIMES_S[30], 'details': OBJECTS[30:]}]}),
     '\n'.join(json.dumps({'batch': OBJECTS[first:first + 20]}) for first in (0, 20, 40)),
     json.dumps({'data': {'timestamp': TIMES_S, 'battery_temperature_c': TEMPERATURES_C}}),
+    json.dumps({'timestamp': dict(enumerate(TIMES_S)), 'battery_temperature_c': dict(enumerate(TEMPERATURES_C))}),
+    json.dumps({'columns': ['time', 'battery_temperature_c'], 'index': [0, 1],
+                'data': list(zip(TIMES_S, TEMPERATURES_C))}),
+    json.dumps([['time', 'battery_temperature_c'], *zip(TIMES_S, TEMPERATURES_C)]),
+    json.dumps({'results': [{'series': [
+        {'name': name, 'columns': ['time', 'mean'], 'values': list(zip(TIMES_S, values))} for name, values in (
+            ('battery_temperature_c', TEMPERATURES_C), ('speed_kmh', [50.0] * len(TIMES_S)))]}]}),
     '\n'.join(json.dumps({'createdAt': time_s, 'data': [
         {'key': 'battery_temperature_c', 'value': {'doubleValue': temperature_c}},
         {'key': 'Gear', 'value': {'stringValue': 'D'}}]})
         for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C))],
     ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server',
-         'array under keys', 'several drives', 'an array a line', 'an array a channel', 'names and values'])
+         'array under keys', 'several drives', 'an array a line', 'an array a channel',
+         'a column a channel', 'names and rows', 'a row of names',
+         'a table a channel', 'names and values'])
 def test_each_form_has_the_same_readings(tmp_path, text):
     _, recording = read(tmp_path, text)
     assert recording.format == 'JSON lines'
     temperature = recording.signals['battery_temperature_c']
     np.testing.assert_allclose(temperature.value, TEMPERATURES_C)
     np.testing.assert_allclose(temperature.time_s + recording.start_s, TIMES_S)
+
+
+def test_a_history_of_home_assistant_names_entity_and_unit_once(tmp_path):
+    text = json.dumps([[
+        {'state': f'{1.8 * value + 32.0:.3f}', 'last_changed': time_s} | ({
+            'entity_id': f'sensor.{name}', 'attributes': {'unit_of_measurement': '°F'}} if at == 0 else {})
+        for at, (time_s, value) in enumerate(zip(TIMES_S, TEMPERATURES_C))]
+        for name in ('car_battery_temperature', 'outside_temperature')])
+    _, recording = read(tmp_path, text)
+    for signal in ('battery_temperature_c', 'ambient_c'):
+        np.testing.assert_allclose(recording.signals[signal].value, TEMPERATURES_C, atol=1e-3)
+
+
+def test_lists_of_two_cars_are_refused(tmp_path):
+    with pytest.raises(InvalidInput, match='has several lists of .*; a log must be one drive of one car'):
+        read(tmp_path, json.dumps({'cars': {'a': OBJECTS, 'b': OBJECTS}}))
 
 
 def test_lines_that_are_no_object_or_have_no_time_are_dropped_with_one_remark_a_cause(tmp_path):

@@ -149,6 +149,37 @@ def test_a_history_of_home_assistant(tmp_path):
     assert all('has no unit' in remark for remark in recording.remarks)
 
 
+def test_the_unit_in_the_log_comes_before_that_of_a_recognised_map(tmp_path):
+    log = drive(600.0, 5.0)
+    lines = ['time,v.b.soc,v.b.temp,v.p.speed']
+    lines += [f'{moment},{100.0 * soc:.4f}%,{1.8 * battery_c + 32.0:.4f}°F,{speed_mps / 0.44704:.4f}Mph'
+              for moment, soc, battery_c, speed_mps in zip(iso_times(log), *(
+                  log[name] for name in ('soc', 'battery_temperature_c', 'speed_mps')))]
+    path = tmp_path / 'metrics.csv'
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    recording = read_recording(path)
+    assert recording.signal_map == 'ovms'
+    assert_is(recording, log, ['soc', 'battery_temperature_c', 'speed_mps'], rtol=1e-4, atol=1e-3)
+    # The user's word counts.
+    own = tmp_path / 'own.yaml'
+    own.write_text('signals: {battery_temperature_c: {channels: v.b.temp, unit: degC}}', encoding='utf-8')
+    assert read_recording(path, own).signals['battery_temperature_c'].value[0] == pytest.approx(37.4)
+
+
+def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
+    log = drive(120.0)
+    path = write_wide(
+        tmp_path / 'pos.csv', {'time_s': log['time_s'], 'lat': log['latitude_deg'], 'lng': log['longitude_deg'],
+                               'speed': 3.6 * log['speed_mps'], 'power': np.full(121, 20.0),
+                               'ideal_battery_range_km': log['soc'], 'battery_level': 100.0 * log['soc']},
+        times=moments(log, '%Y-%m-%d %H:%M:%S'), names={'time_s': 'Datum', **{name: name for name in (
+            'lat', 'lng', 'speed', 'power', 'ideal_battery_range_km', 'battery_level')}})
+    recording = read_recording(path)
+    assert recording.signal_map == 'teslalogger'
+    assert set(np.round(recording.signals['power_w'].value, 1)) == {14710.0}
+    assert_is(recording, log, ['speed_mps', 'soc'], rtol=1e-4)
+
+
 @pytest.mark.parametrize('is_home_assistant', [False, True])
 def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
     log = drive(600.0, 5.0)
@@ -217,6 +248,9 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'colour,speed_mps\nred,2\nblue,4\n', 'line 1: no column holds the time'),
     (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
     (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
+    (b'PAR1\0\0', 'a Parquet file, which is not read; write it as CSV'), (b'PK\x03\x04', 'save the sheet as CSV'),
+    (b'car,vin=x soc=1,t=2 1700000000000000000\n', 'line protocol, which is not read; export it as CSV'),
+    (b'<?xml version="1.0"?><gpx/>', 'give it to --route'),
     (b'\x89MCAP0\r\n', 'no message can be read'), (b'MDF     4.10', 'cannot be read as MDF'),
 ])
 @pytest.mark.needs('asammdf')

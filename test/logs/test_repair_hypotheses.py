@@ -45,6 +45,23 @@ def test_a_byte_that_is_all_negative_is_repaired_beside_the_outside_temperature_
     assert 'repaired' not in said
 
 
+@pytest.mark.parametrize('kelvins, words', [(1.0, 'with the unit kelvin they'), (
+    10.0, 'with the unit kelvin and a factor of 0.1 they')])
+def test_kelvin_in_a_column_without_a_unit_is_named_and_repaired(tmp_path, kelvins, words):
+    log = log_of(np.round(kelvins * (TRUE_C + 273.15)))
+    path = write_wide(tmp_path / 'a.csv', log, names={name: name for name in log} | {
+        'battery_temperature_c': 'battery temp'})
+    values, said = temperature(path)
+    assert not values.size and words in said
+    np.testing.assert_allclose(temperature(path, repair=True)[0], TRUE_C, atol=0.2)
+
+
+def test_whole_readings_of_44_may_be_tenths_or_a_byte_and_are_not_repaired(tmp_path):
+    path = write_wide(tmp_path / 'a.csv', log_of(np.full(301, 44.0)))
+    values, said = temperature(path, repair=True)
+    assert set(values) == {44.0} and 'degF, in tenths, or a byte without its offset?' in said
+
+
 def test_a_single_wild_reading_is_dropped_and_explained_by_nothing(tmp_path):
     readings = np.full(301, 20.0)
     readings[100] = 250.0

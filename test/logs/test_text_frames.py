@@ -38,8 +38,15 @@ FORMS = {
     'candump': (lambda at, s: f'({START_S + s:.6f}) can0 155#{hexes(at, "")}', '', 'candump'),
     'printed': (lambda at, s: f' ({START_S + s:.6f})  can0  155   [4]  {hexes(at, " ")}', '',
                 'candump on a screen'),
+    'intervals': (lambda at, s: f' ({0.5 * (at > 0):010.6f})  can0  155   [4]  {hexes(at, " ")}', '',
+                  'candump on a screen'),
     'with letters': (lambda at, s: f" ({s:010.6f})  can0  RX - -  155   [4]  {hexes(at, ' ')}   '....'", '',
                      'candump on a screen'),
+    'asc intervals': (lambda at, s: f'{0.5 * (at > 0):.6f} 1  155  Rx   d 4 {hexes(at, " ")}',
+                      'date Wed Nov 15 07:30:00.000 am 2023\nbase hex  timestamps relative\nBegin Triggerblock\n',
+                      'ASC'),
+    'gvret with 0x': (lambda at, s: f'{1e6 * s:.0f},0x155,0,Rx,0,4,{hexes(at, ",")},',
+                      'Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
     'gvret': (lambda at, s: f'{1e6 * s:.0f},00000155,false,Rx,0,4,{hexes(at, ",")},',
               'Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
     # Its clock of 32 bits begins again after 71 min.
@@ -79,6 +86,24 @@ def test_frames_without_times_are_refused_with_advice(tmp_path):
     path.with_suffix('.dbc').write_text(DBC)
     with pytest.raises(InvalidInput, match='frames.txt, line 1: the frame has no time; record with candump -L'):
         read_recording(path)
+
+
+def test_frames_of_other_tools_are_refused_with_advice(tmp_path):
+    path = tmp_path / 'frames.csv'
+    path.write_text('Time,Identifier,DLC,Data\n' + '\n'.join(f'{s},155,4,{hexes(at, " ")}'
+                                                             for at, s in enumerate(TIMES_S)))
+    with pytest.raises(InvalidInput, match='CAN frames in a form that is not read; save them as candump'):
+        read_recording(path)
+
+
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+def test_the_unit_of_a_dbc_in_utf_8_is_known(tmp_path):
+    line, _, _ = FORMS['candump']
+    path = tmp_path / 'frames.log'
+    path.write_text('\n'.join(line(at, second) for at, second in enumerate(TIMES_S)))
+    path.with_suffix('.dbc').write_text(DBC.replace('degC', '°C'), encoding='utf-8')
+    assert read_recording(path).sources['battery_temperature_c'] == ('BMS_State.BattTempAvg [degC]',)
 
 
 @pytest.mark.parametrize('missing', [('BS_:\n',), ('BU_: BMS\n',), ('BS_:\n', 'BU_: BMS\n')])
