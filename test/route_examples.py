@@ -130,6 +130,8 @@ def tomtom(charging_s=None, progress=False):
         route['progress'] = [
             {'distanceInMeters': share_m * LENGTH_M, 'travelTimeInSeconds': share_s * LENGTH_M / SPEED_MPS}
             for share_m, share_s in ((0.0, 0.0), (0.25, 0.15), (0.5, 0.5), (1.0, 1.0))]
+        for each in route['progress']:
+            each['travelTimeInSeconds'] += (charging_s or 0.0) * (each['distanceInMeters'] > HALF_M[0])
     return json.dumps({'formatVersion': '0.0.12', 'routes': [route]})
 
 
@@ -145,6 +147,15 @@ def here(charging_s=None, of_travel=True):
     section['postActions'] = waits
     after = {'type': 'vehicle', 'summary': {'length': 2000.0, 'duration': 200.0}}
     return json.dumps({'routes': [{'id': 'a', 'sections': [section] if charging_s is None else [section, after]}]})
+
+
+def here_7():
+    """Return an answer of HERE's version 7, with a line of texts."""
+    maneuvers = [{'length': share * LENGTH_M, 'travelTime': share * LENGTH_M / SPEED_MPS}
+                 for share in (0.25, 0.75)]
+    return json.dumps({'response': {'metaInfo': {}, 'route': [{
+        'shape': [f'{latitude},{longitude}' for latitude, longitude in zip(LATITUDE, LONGITUDE)],
+        'leg': [{'length': LENGTH_M, 'travelTime': LENGTH_M / SPEED_MPS, 'maneuver': maneuvers}]}]}})
 
 
 def google(legacy=False):

@@ -26,7 +26,8 @@ TIMED = {
     'feature': examples.geojson, 'collection': lambda: examples.geojson('FeatureCollection'),
     'openrouteservice': examples.openrouteservice,
     'tomtom': examples.tomtom, 'tomtom progress': lambda: examples.tomtom(progress=True),
-    'here': examples.here, 'here with summary alone': lambda: examples.here(of_travel=False),
+    'here': examples.here, 'here 7': examples.here_7,
+    'here with summary alone': lambda: examples.here(of_travel=False),
     'google': examples.google, 'google directions': lambda: examples.google(legacy=True),
     'graphhopper': examples.graphhopper, 'graphhopper plain': lambda: examples.graphhopper('plain'),
     'google without legs': lambda: without_legs(examples.google()),
@@ -73,6 +74,8 @@ def test_one_road_has_one_length_duration_and_line_in_every_format(tmp_path, tex
 
 
 @pytest.mark.parametrize('text, at_s, length_m', [
+    (lambda: examples.tomtom(charging_s=900.0, progress=True), examples.HALF_M[0] / examples.SPEED_MPS,
+     examples.LENGTH_M),
     (lambda: examples.tomtom(charging_s=900.0), examples.HALF_M[0] / examples.SPEED_MPS, examples.LENGTH_M),
     (lambda: examples.here(charging_s=900.0), examples.LENGTH_M / examples.SPEED_MPS, examples.LENGTH_M + 2000.0),
     (lambda: examples.here(charging_s=900.0, of_travel=False), examples.LENGTH_M / examples.SPEED_MPS,

@@ -98,7 +98,8 @@ def read_records(contents: Any) -> Journey:
         lists = [name for name in LISTS if isinstance(contents.get(name), list)]
         if lists:
             records = contents[lists[0]]
-        elif contents and all(isinstance(column, list) for column in contents.values()):
+        elif contents and all(isinstance(column, list) and not any(
+                isinstance(each, dict | list) for each in column) for column in contents.values()):
             records = _rows(contents)
         else:
             raise InvalidInput(_why_no_route(contents))
@@ -129,6 +130,9 @@ def _why_no_route(contents: dict[str, Any]) -> str:
     for name in ('routes', 'matchings', 'paths'):
         if contents.get(name) == []:
             return f'{name}: is empty; the service found no route'
+        if name in contents:
+            return (f'{name}[0]: has no length and duration of its legs; ask the service for them (HERE: '
+                    'return=summary; Google: the field mask routes.legs.distanceMeters,routes.legs.duration)')
     return ('is not a route: it has no routes (OSRM, TomTom, HERE, Google), no paths (GraphHopper), no trip '
             f'(Valhalla), no type (GeoJSON) and no segments; its keys are: {_keys(contents)}')
 

@@ -37,6 +37,7 @@ M_PER_UNIT = {'kilometers': 1000.0, 'km': 1000.0, 'miles': 1609.344, 'mi': 1609.
 ELEVATION_INTERVAL_M = 30.0
 # GraphHopper's sign of an instruction at a waypoint.
 WAYPOINT_REACHED = 5
+LATITUDE_LONGITUDE = re.compile(r'-?[0-9.]{1,20},-?[0-9.]{1,20}(,.*)?')
 # Names of coordinates: a latitude and its longitude.
 COORDINATES = (('latitude', 'longitude'), ('lat', 'lng'), ('lat', 'lon'))
 
@@ -70,6 +71,8 @@ SERVICES = (
             progress=(('progress', 'distanceInMeters'), ('guidance.instructions', 'routeOffsetInMeters'))),
     Service('HERE answer', 'routes', 'sections', ('travelSummary.length', 'summary.length'),
             ('travelSummary.duration', 'summary.duration'), ('polyline',), 'spans', ('duration',)),
+    Service('HERE answer', 'response.route', 'leg', ('length',), ('travelTime',), ('shape',), 'maneuver',
+            ('travelTime',)),
     Service('Google answer', 'routes', 'legs', ('distanceMeters', 'distance.value'),
             ('duration_in_traffic.value', 'duration.value', 'duration'),
             ('polyline', 'overview_polyline'), 'steps', ('staticDuration', 'duration.value')),
@@ -88,7 +91,7 @@ PART_LENGTH = ('distanceMeters', 'distance.value', 'distance', 'length')
 def service_of(contents: Any) -> Service | None:
     """Return the Service whose keys an answer has, None without one."""
     for service in SERVICES:
-        route = _first_route(contents, service)
+        route = _routes(contents, service)[0]
         leg = _first(route.get(service.legs)) if service.legs and isinstance(route, dict) else route
         if all(_found(leg, paths) is not None for paths in (service.length, service.duration)) and (
                 service.routes or _found(leg, service.line) is not None):
@@ -98,7 +101,7 @@ def service_of(contents: Any) -> Service | None:
 
 def read_navigation(contents: Any, service: Service, options: RouteOptions) -> Journey:
     """Return the Journey of the first route of an answer; raise InvalidInput naming the key."""
-    route = _first_route(contents, service)
+    route, *others = _routes(contents, service)
     place = f'{service.routes}[0]' if service.routes else 'route'
     remarks: list[str] = []
     if service.routes == 'trip':
@@ -106,10 +109,8 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
         if not isinstance(units, str) or units not in M_PER_UNIT:
             raise InvalidInput(f'trip.units: {quoted(str(units))} is not known; it must be kilometers or miles')
         service, place = replace(service, metre=M_PER_UNIT[units]), 'trip'
-    routes = contents[service.routes] if service.routes else route
-    count = len(routes) if isinstance(routes, list) else 1
-    if count > 1:
-        remarks.append(f'{count} routes in the answer: the first one is used')
+    if others:
+        remarks.append(f'{1 + len(others)} routes in the answer: the first one is used')
     nodes = [(leg, f'{place}.{service.legs}[{at}]') for at, leg in enumerate(items(route, service.legs, place))] \
         if service.legs else [(route, place)]
     legs = [part for leg, where in nodes for part in leg_of(leg, where, service)]
@@ -125,13 +126,14 @@ def _first(values: Any) -> Any:
     return values[0] if isinstance(values, list) and values else None
 
 
-def _first_route(contents: Any, service: Service) -> Any:
-    """Return the first route of an answer, None without one."""
+def _routes(contents: Any, service: Service) -> list[Any]:
+    """Return the routes of an answer; the first is None without one."""
     if not service.routes:
         # Several objects are a list of segments.
-        return _first(contents) if isinstance(contents, list) and len(contents) == 1 else contents
-    routes = contents.get(service.routes) if isinstance(contents, dict) else None
-    return _first(routes) if isinstance(routes, list) else routes
+        return contents if isinstance(contents, list) and len(contents) == 1 else [contents]
+    found = _found(contents, (service.routes,))
+    routes = None if found is None else found[1]
+    return routes or [None] if isinstance(routes, list) else [routes]
 
 
 def _found(node: Any, paths: tuple[str, ...]) -> tuple[str, Any] | None:
@@ -251,6 +253,10 @@ def _with_progress(legs: list[Pieces], route: Any, service: Service, place: str)
         at_m, at_s = np.array([[_figure(node, (key,), f'{place}.{path}[{at}]', LONGEST_LEG_M)
                                 for key in (distance, 'travelTimeInSeconds')]
                                for at, node in enumerate(found[1])]).T
+        stops_s = np.array([leg.stop_s for leg in legs[:-1]])
+        if abs(at_s[-1] / (ends_s[-1] + stops_s.sum()) - 1.0) <= LEG_ROUNDING:
+            # The times include the charging.
+            at_s = at_s - (at_m[:, np.newaxis] > ends_m[:-1]) @ stops_s
         if (np.diff(at_m) < 0.0).any() or (np.diff(at_s) < 0.0).any() or at_s[-1] <= 0.0 or max(
                 abs(at_m[-1] / ends_m[-1] - 1.0), abs(at_s[-1] / ends_s[-1] - 1.0)) > LEG_ROUNDING:
             continue
@@ -297,6 +303,9 @@ def _points(value: Any, place: str, length_m: float, service: Service) -> FloatA
 
 def _point(point: Any, place: str) -> list[float]:
     """Return latitude, longitude, elevation (NaN: none) of an object, or of [longitude, latitude, elevation]."""
+    if isinstance(point, str) and LATITUDE_LONGITUDE.fullmatch(point):
+        # HERE's version 7.
+        point = dict(zip(COORDINATES[0], map(float, point.split(','))))
     if isinstance(point, dict):
         for names in COORDINATES:
             if all(name in point for name in names):

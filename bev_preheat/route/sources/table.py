@@ -43,7 +43,7 @@ def journey_of_table(table: Table) -> Journey:
         where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
         problems += [*unknown, f'{where}: a route needs time_s and speed_kmh (a drive cycle), or two of '
                      'duration_s, speed_kmh and length_m for each segment; found: '
-                     f'{quoted(", ".join(table.header))}']
+                     + ', '.join(f'{header.name} ({header.quantity})' for header in headers.values())]
     if problems:
         raise InvalidInput(problems)
     if not table.lines:
