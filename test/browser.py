@@ -33,26 +33,6 @@ class Browser:
         """Forget the cookies of all sites."""
         self._driver.execute_cdp_cmd('Network.clearBrowserCookies', {})
 
-    def open_tabs(self, url, count):
-        """Open a page in `count` more tabs, the last one in front; return a function that goes to each in turn."""
-        for _ in range(count):
-            self._driver.switch_to.new_window('tab')
-            self._driver.get(url)
-
-        def each():
-            for handle in self._driver.window_handles:
-                self._driver.switch_to.window(handle)
-                yield
-        return each
-
-    def close_other_tabs(self):
-        """Keep the first tab."""
-        first, *others = self._driver.window_handles
-        for handle in others:
-            self._driver.switch_to.window(handle)
-            self._driver.close()
-        self._driver.switch_to.window(first)
-
     def run(self, script, *arguments):
         """Return the value of a script."""
         return self._driver.execute_script(script, *arguments)

@@ -24,8 +24,6 @@ def road():
 
 
 LATITUDE, LONGITUDE, ELEVATION = road()
-# Of the sine above, without noise.
-CLIMB_M = float(np.maximum(np.diff(ELEVATION), 0.0).sum())
 
 
 def gpx(times=True, element='trkpt', noise_m=0.0, stop_s=0.0, speed_mps=SPEED_MPS):

@@ -167,11 +167,6 @@ def test_a_heater_that_heats_without_a_goal_is_reported_until_its_lease_ends(cab
     assert cabin.state() == (INACTIVE, False, False)
 
 
-def test_what_is_not_given_is_not_in_the_goal(cabin):
-    message = cabin.ask().message
-    assert message == PrepareBattery.Goal()
-
-
 def test_a_request_that_is_withdrawn_cancels_the_goal(cabin):
     goal = cabin.ask()
     goal.accept()
@@ -283,16 +278,6 @@ def test_a_planner_that_says_nothing_for_5_s_has_lost_the_goal(cabin):
     goal.feed()
     goal.end(RESULT.MISSED, 'missed')
     assert cabin.values[MODE] == FAST_CHARGING and not cabin.warning()
-
-
-def test_a_planner_may_be_silent_for_the_longest_lease_of_its_commands(cabin):
-    cabin.command(0.0, 8.0)
-    goal = cabin.ask()
-    goal.accept()
-    cabin.pass_by(7.8)
-    assert len(cabin.planner.goals) == 1
-    cabin.pass_by(0.4)
-    assert len(cabin.planner.goals) == 2
 
 
 def test_a_broker_that_connects_again_gets_every_value(cabin):

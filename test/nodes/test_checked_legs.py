@@ -17,7 +17,6 @@ from bev_preheat.nodes.optimality_report import (
     as_driven,
     case_of_plan,
     case_of_state,
-    says_the_same,
 )
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -78,14 +77,6 @@ def test_a_plan_is_checked_in_its_leg(inputs, elapsed_s, goal):
     assert (case.question.goal, case.start_ns) == (goal, measurement.stamp_ns)
 
 
-def test_what_the_planner_says_at_a_stop_is_no_plan_to_check(inputs):
-    measurement = at(700)
-    inputs.accept_battery(measurement, measurement.stamp_ns)
-    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.state.mission, measurement.stamp_ns,
-                        inputs.later_decisions())
-    assert case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan) is None
-
-
 def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
     supervisor, planned, measurement = Stepwise(VEHICLE, Settings()), inputs.state.mission, at(90)
     supervisor.accept_mission(planned.delayed(60 * NS_PER_S))
@@ -127,14 +118,6 @@ def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, val
     mission, goal_of, measurement, plan = heated
     setattr(plan, field, values)
     assert case_of_plan(mission, goal_of, [measurement], plan) is None
-
-
-@pytest.mark.parametrize('changed, same', [
-    ({}, True), ({'stop_duration': [301.0]}, False), ({'stop_after_segment': [8]}, False),
-    ({'stop_target_battery_temperature': [21.0]}, False)])
-def test_a_repeated_route_is_known_by_its_stops_too(changed, same):
-    unknown = {'stop_target_battery_temperature': [nan]}
-    assert says_the_same(route_message(**unknown), route_message(**{**unknown, **changed})) is same
 
 
 @pytest.mark.parametrize('charger_w', [150e3, 50e3])

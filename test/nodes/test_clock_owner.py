@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Only one node may publish `/clock`: a simulator ends if another does, or drives by that clock."""
 
-import re
-import signal
-from statistics import median
 
 from builtin_interfaces.msg import Time
-from planner_car import LATCHED
 import pytest
-from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat_msgs.msg import RoutePlan
 
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 START_S = 1_000_000
@@ -46,17 +40,6 @@ def test_the_simulator_that_comes_later_ends_and_says_why(rehearsal, errors):
     assert first.exit_status is None
 
 
-@pytest.mark.deep
-def test_an_installed_simulator_that_comes_later_ends_and_says_why(bench, call_main):
-    clock = bench.record(Clock, '/clock', MANY)
-    bench.start('vehicle_simulator')
-    clock.wait_for()
-    second = call_main('vehicle_simulator')
-    assert second.returncode == 2
-    # The graph may not show the name yet.
-    assert re.search('another node( named /vehicle_simulator)? also publishes /clock', second.stderr)
-
-
 def ticking(rehearsal):
     """Publish a clock that stands."""
     clocks = rehearsal.publisher(Clock, '/clock')
@@ -72,14 +55,6 @@ def test_a_running_simulator_ends_if_another_clock_appears_and_stays(rehearsal, 
     assert '/tester also publishes /clock' in line
 
 
-def test_two_of_one_name_are_told_apart(rehearsal, errors):
-    rehearsal.start('vehicle_simulator')
-    rehearsal.advance(3.0)
-    assert rehearsal.start('vehicle_simulator').wait() == 2
-    (line,) = errors()
-    assert 'another node named /vehicle_simulator also publishes /clock' in line
-
-
 def test_a_clock_of_somebody_else_is_left_alone(rehearsal, errors):
     clock = rehearsal.record(Clock, '/clock', MANY)
     with ticking(rehearsal):
@@ -87,45 +62,6 @@ def test_a_clock_of_somebody_else_is_left_alone(rehearsal, errors):
     (line,) = errors()
     assert '/tester also publishes /clock; set publish_clock:=false' in line
     assert {message.clock.sec for message in clock.messages} == {START_S}
-
-
-def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
-    clock = bench.record(Clock, '/clock', MANY)
-    first = start_in(bench, '/car1')
-    clock.wait_for()
-    first.send_signal(signal.SIGKILL)
-    first.wait()
-    clock.clear()
-    second = start_in(bench, '/car2', '-p', f'start_time:={START_S}.0')
-    clock.wait_for(lambda message: message.clock.sec >= START_S)
-    assert second.exit_status is None
-
-
-@pytest.mark.deep
-def test_another_simulator_drives_by_the_clock_of_the_first(bench):
-    states = bench.record(BatteryState, '/car2/battery_state', MANY)
-    second = start_in(bench, '/car2', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
-    start_in(bench, '/car1', '-p', f'start_time:={START_S}.0', '-p', 'speed_up:=5.0')
-    received = states.wait_for_count(20)
-    first, last = received[0], received[-1]
-    assert START_S <= first.header.stamp.sec < last.header.stamp.sec < START_S + 3600
-    # One state a second of the first one's time, and no second clock; a busy computer leaves some out.
-    steps_s = [after.header.stamp.sec - before.header.stamp.sec for before, after in zip(received, received[1:])]
-    assert median(steps_s) == 1 and last.header.stamp.sec - first.header.stamp.sec >= 15
-    assert last.percentage < first.percentage
-
-    def topics_of_second():
-        try:
-            return dict(bench.node.get_publisher_names_and_types_by_node(
-                'vehicle_simulator', '/car2'))
-        except NodeNameNonExistentError:
-            return {}
-
-    bench.wait_until(lambda: '/car2/battery_state' in topics_of_second(), 'the second in the graph')
-    assert '/clock' not in topics_of_second()
-    route = bench.record(RoutePlan, '/car2/route_plan', LATCHED).wait_for()
-    assert START_S <= route.header.stamp.sec <= first.header.stamp.sec
-    assert second.exit_status is None
 
 
 def test_without_a_clock_of_its_own_it_can_drive_in_real_time(rehearsal):

@@ -7,7 +7,6 @@ import signal
 from diagnostic_msgs.msg import DiagnosticStatus
 from planner_car import heats, PlannerCar
 import pytest
-from std_srvs.srv import SetBool
 
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand
@@ -77,19 +76,6 @@ def test_two_planners_stay_off_until_one_ends(rehearsal):
     in_conflict_until_one_is_gone(rehearsal, lambda planner: planner.end())
 
 
-def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
-    with feeding(rehearsal) as car:
-        commands, diagnostics = car.commands, car.diagnostics
-        rehearsal.start('planner', *QUICK)
-        rehearsal.start('planner', *QUICK)
-        diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
-        # One detects the other slightly earlier; together they send 40 commands per second.
-        rehearsal.wait_until(lambda: len(commands.messages) >= 40
-                             and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
-        commands.clear()
-        assert all(map(is_in_conflict, commands.wait_for_count(40)))
-
-
 def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
     with feeding(rehearsal) as car:
         commands, plans = car.commands, car.plans
@@ -115,28 +101,3 @@ def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
         commands.clear()
         commands.wait_for(heats, 'heat again')
         assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
-
-
-def test_a_planner_that_is_switched_off_says_so_too(rehearsal):
-    with feeding(rehearsal) as car:
-        diagnostics = car.diagnostics
-        rehearsal.start('planner', *QUICK, '-r', '__node:=front')
-        assert rehearsal.call(SetBool, '/front/enable', SetBool.Request(data=False)).success
-        rehearsal.start('planner', *QUICK, '-r', '__node:=rear')
-        diagnostics.wait_for(errors_of('rear', 'also published by /front'))
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'front: setup' and status.level == DiagnosticStatus.ERROR
-            and '/rear also publishes hvch_command' in status.message for status in array.status))
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'front: preheating' and status.message.startswith('DISABLED')
-            for status in array.status))
-
-
-def test_planners_of_two_cars_do_not_conflict(rehearsal):
-    with feeding(rehearsal, '/car1') as first, feeding(rehearsal, '/car2') as second:
-        for namespace, car in (('/car1', first), ('/car2', second)):
-            car.start(*QUICK, '-r', f'__ns:={namespace}')
-            car.wait_for_heat()
-        first.clear()
-        second.clear()
-        assert all(map(heats, first.commands.wait_for_count(40) + second.commands.wait_for_count(40)))

@@ -33,7 +33,6 @@ NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'vehicle_simulator': vehicle_simulator_node,
          'bus_gateway': bus_gateway_node,
          'dashboard': dashboard_node}
-EACH_LISTENER = pytest.mark.parametrize('name', ['planner', pytest.param('nlp_checker', marks=pytest.mark.deep)])
 
 
 def run_installed(name, *arguments):
@@ -68,13 +67,6 @@ def test_help_is_printed_and_the_process_ends(call_main, name, option):
     assert f'{name} --ros-args -p ' in done.stdout
     topic = 'hvch_command' if name in ('heater_controller', 'bus_gateway') else 'route_plan'
     assert topic in done.stdout and '/diagnostics' in done.stdout
-
-
-def test_help_tells_units_ranges_and_choices(call_main):
-    text = call_main('planner', '--help').stdout
-    assert 'battery_state_timeout (default: 5.0)\n' in text
-    assert '0.1 ... 60 s.' in text
-    assert 'one of value_function, optimal_switch, paper' in text
 
 
 PROBLEMS = {

@@ -13,7 +13,6 @@ from urllib.request import Request, urlopen
 from node_bench import poll_until, repeating
 from planner_car import LATCHED
 import pytest
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
@@ -21,7 +20,6 @@ from tornado.websocket import websocket_connect
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.route_plan import route_plan_message
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
@@ -149,37 +147,6 @@ def assert_it_answers(host, tab):
         'isAccepted': False, 'text': 'There is no preparation to cancel.'}
     skipped = ask(host, planner='/planner', kind='skip')
     assert not skipped['isAccepted'] and 'no departures' in skipped['text']
-
-
-@pytest.mark.deep
-def test_a_planner_that_is_gone_answers_nothing_and_that_is_said(bench):
-    host = page_of(bench.start('dashboard', '-p', 'port:=0', '-p', 'controls:=true'))
-    planner, tab = bench.start('planner'), Tab(host)
-    tab.watch('/planner', lambda tab: tab.view['at'], 'a planner')
-    planner.end()
-    tab.watch('/planner', lambda tab: tab.view['banner'] and 'gone' in tab.view['banner']['text'], 'gone')
-    assert ask(host, planner='/planner', kind='disable') == {
-        'isAccepted': False, 'text': 'The planner was not found: nothing was asked.'}
-
-
-@pytest.mark.deep
-def test_a_clock_that_stands_is_named(bench):
-    host = page_of(bench.start('dashboard', '-p', 'port:=0'))
-    bench.start('planner', '-p', 'use_sim_time:=true')
-    clock, tab = bench.publisher(Clock, '/clock'), Tab(host)
-    seconds = [1000]
-
-    def tick():
-        seconds[0] += 1
-        clock.publish(Clock(clock=time_message(seconds[0] * NS_PER_S)))
-    with repeating(tick, 0.1):
-        tab.watch('/planner', lambda tab: (tab.view['at'] or 0) > 1010 and not tab.view['banner'], 'it runs')
-    tab.watch('/planner', lambda tab: tab.view['banner'] and 'The clock stands' in tab.view['banner']['text'],
-              'it stands')
-    # A simulation that starts again is another drive.
-    seconds[0] = 500
-    with repeating(tick, 0.1):
-        tab.watch('/planner', lambda tab: not tab.view['banner'] and 500 < tab.view['at'] < 900, 'again')
 
 
 def test_whatever_a_publisher_sends_is_no_end(bench):

@@ -231,21 +231,3 @@ def test_drive_after_drive_at_a_hundred_times_nothing_grows(bench, page, length_
     print(f'grown in {length_s:g} s: process {grown[0]:.1f} MB, page {grown[1]:.1f} MB; from '
           f'{before[0]:.1f}, {before[1]:.1f} MB')
     assert grown[0] < MOST_GROWTH_MB and grown[1] < MOST_HEAP_GROWTH_MB
-
-
-@pytest.mark.deep
-def test_twenty_tabs_show_the_same(bench, page):
-    dashboard = bench.start('dashboard', '-p', 'port:=0')
-    bench.start('planner', *PLANNER)
-    bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=1.0')
-    url = f'http://{page_of(dashboard)}/'
-    page.open(url)
-    page.wait(lambda: page.text('status') == 'Waiting to heat', 'a plan')
-    tabs = page.open_tabs(url, 19)
-    shown = []
-    for _ in tabs():
-        page.wait(lambda: page.texts('link-text', 'status') == ['live', 'Waiting to heat'], 'each tab')
-        shown.append(page.text('temperature'))
-    page.close_other_tabs()
-    assert len(shown) == 20 and '–' not in shown
-    assert dashboard.exit_status is None and 'WARN' not in dashboard.output()

@@ -12,7 +12,7 @@ from stepwise import Stepwise
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
-from bev_preheat.messages.diagnostics import heater_entry, planner_diagnostics, RESET_SHOWN_S
+from bev_preheat.messages.diagnostics import heater_entry, planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.csv_file import load_route
@@ -62,12 +62,6 @@ def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
     assert entry.level == DiagnosticStatus.OK
     assert entry.message.startswith('answers') and entry.message.endswith('; suspected: dead')
     assert values['suspected for [s]'] == '70' and values['times as likely by the power [1]'] == as_likely
-
-
-def test_a_reset_is_said_first():
-    assert RESET_SHOWN_S > 2.0
-    entry, _ = estimation_entry([-2.0, 9.0, 9.0], 36_000.0)
-    assert entry.message.startswith('reset: ')
 
 
 @pytest.mark.parametrize('cabin_w, warning', [

@@ -18,7 +18,7 @@ from bev_preheat.files.configuration import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes import heater_controller_node
 from bev_preheat.nodes.heater_controller_node import GateInputs
-from bev_preheat.nodes.heater_execution import CommandSenders, MOST_SENDERS, RefusalNews
+from bev_preheat.nodes.heater_execution import CommandSenders, RefusalNews
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterAnswer, Instant, Refusal
 from bev_preheat.vehicle.heating_gates import HeatingGates
@@ -26,7 +26,6 @@ from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                      liveliness_lease_duration=Duration(seconds=2.5))
-BEST_EFFORT = QoSProfile(depth=1)
 PERIOD_S = 0.2
 QUICK = ('-p', 'period:=0.02')
 START_NS, GATE_TIMEOUT_S = 1_700_000_000 * NS_PER_S, 5.0
@@ -43,15 +42,6 @@ def test_senders_are_told_apart_by_their_sequence_numbers():
     # A restart begins a sequence of its own; a lost message does not.
     assert senders.sender(1) not in {number for number, _ in found}
     assert CommandSenders().sender(None) == CommandSenders().sender(None)
-
-
-def test_many_restarts_are_forgotten():
-    senders = CommandSenders()
-    first = senders.sender(100)
-    for restarts, is_known in ((MOST_SENDERS - 1, True), (MOST_SENDERS, False)):
-        numbers = {senders.sender(1) for _ in range(restarts)}
-        assert len(numbers) == restarts and first not in numbers
-        assert (senders.sender(101 + restarts) == first) is is_known
 
 
 def command(power_w, now_ns, lease_s=1.0, ahead_s=0.0):
@@ -290,10 +280,3 @@ def test_a_refusal_is_told_when_it_begins_and_when_it_is_over():
         '', '', '', 'COMMAND_CONFLICT: 2 nodes command the heater', '',
         'COMMAND_CONFLICT is over; the command is served', '', '']
     assert [is_refused for is_refused, _ in told][3:6] == [True, True, False]
-
-
-def test_a_refusal_that_follows_another_names_both():
-    news = RefusalNews()
-    news.sentence(CONFLICT)
-    assert news.sentence(SILENT) == (
-        True, 'COMMAND_CONFLICT is over; NO_COMMAND: no valid command is in force')

@@ -79,16 +79,6 @@ def test_a_drive_is_the_same_over_dds_and_without_ros(dds, noisy, tmp_path, load
     assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])
 
 
-@pytest.mark.deep
-def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer(dds, noisy, tmp_path):
-    idle, busy = (tmp_path / f'{name}.mcap' for name in ('idle', 'busy'))
-    seen = drive_with_nodes(*noisy, recording=idle).record
-    with busy_computer():
-        assert drive_with_nodes(*noisy, recording=busy).record.commands == seen.commands
-    for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
-        assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
-
-
 def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench):
     planner = bench.start('planner', '-p', 'use_sim_time:=true')
     simulator = bench.start('vehicle_simulator', *LOCKSTEP)
@@ -127,12 +117,6 @@ def test_a_planner_on_another_clock_is_refused(bench):
 
 # Private ROS domains
 
-def test_reserved_domains_differ(monkeypatch):
-    monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(91, 101))
-    with reserved_domain_id() as first, reserved_domain_id() as second:
-        assert first != second
-        assert {first, second} <= set(range(91, 101))
-
 
 # DDSI-RTPS 9.6.1.1: the first participant's port is 10 above the domain's, each next port 2 higher.
 # Earlier participants of a domain may have ended.
@@ -144,21 +128,6 @@ def test_domain_in_which_somebody_takes_part_is_left_alone(monkeypatch, particip
         monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(taken, taken + 1))
         with pytest.raises(RuntimeError, match='are all in use'), reserved_domain_id():
             pass
-
-
-def test_domain_is_free_again_afterwards(monkeypatch):
-    with reserved_domain_id() as domain_id:
-        monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
-    with reserved_domain_id() as again:
-        assert again == domain_id
-
-
-def test_an_error_of_the_block_is_told_as_it_is(monkeypatch):
-    with pytest.raises(FileNotFoundError, match='route'), reserved_domain_id() as domain_id:
-        raise FileNotFoundError('route')
-    monkeypatch.setattr(installed_drive, 'DOMAIN_IDS', range(domain_id, domain_id + 1))
-    with reserved_domain_id() as again:
-        assert again == domain_id
 
 
 def test_those_who_reserve_by_the_convention_of_ros_are_respected(monkeypatch):

@@ -4,11 +4,9 @@
 import os
 import subprocess
 import sys
-import time
 
 from planner_car import PlannerCar
 import pytest
-from terminal_process import CTRL_C, TerminalProcess
 
 from bev_preheat.commands.main import main
 
@@ -56,28 +54,6 @@ def test_once_shows_temperature_plan_command_and_reserve_also_as_picture(
                  '/car/planner', 'State of charge  80.0 %', 'on; ends in', 'signals', 'diagnostics 0'):
         assert part in text, text
     assert picture.read_text().startswith('<svg')
-
-
-# test/monitoring/test_monitor_terminal.py has a live view and Ctrl-C daily.
-@pytest.mark.deep
-def test_the_live_view_follows_the_planner_until_ctrl_c(heating):
-    command = [sys.executable, '-m', 'bev_preheat', 'monitor', '--namespace', '/car']
-    with TerminalProcess(command, 100, 40) as process:
-        end_s = time.monotonic() + LIMIT_S
-        while not ('TARGET_UNREACHABLE' in process.view and 'on; ends in' in process.view):
-            process.read(0.1)
-            assert process.exit_status is None and time.monotonic() < end_s, process.view
-        process.type(CTRL_C)
-        assert process.wait(LIMIT_S) == 0, process.tail
-        assert process.has_left_terminal_as_it_was and b'Traceback' not in process.tail
-
-
-@pytest.mark.deep
-def test_without_a_planner_it_says_what_is_missing(monitor):
-    done = monitor('--once', '--seconds', '3')
-    text, errors = done.communicate(timeout=LIMIT_S)
-    assert done.returncode == 1, text + errors
-    assert 'Waiting for /planner in ROS domain' in text and 'there is no planner' in text
 
 
 @pytest.mark.parametrize('arguments, problem', [

@@ -1,18 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-`nlp_checker`: its reports, with a real solver process; over DDS, that it disturbs no other node and ends cleanly.
-
-Its decisions are tested in this process, ten times as fast as real time, which the solver needs.
-"""
+"""`nlp_checker` in this process: its reports, with a real solver process, ten times as fast as real time."""
 
 from array import array
 from math import isnan, nan
-import os
-import signal
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_bench import poll_until
+from diagnostic_msgs.msg import DiagnosticArray
 from planner_car import LATCHED, route_at, set_parameters, state_at
 import psutil
 import pytest
@@ -41,7 +34,6 @@ PATIENT = ('-p', 'battery_state_timeout:=60.0')
 SHARING = (*PATIENT, '-p', 'solver_niceness:=0', '-p', 'time_limit:=300.0')
 # No check by itself.
 ONLY_ASKED = (*SHARING, '-p', 'check_period:=0.0')
-QUICK_COMMANDS = ('-p', 'command_period:=0.1')
 REPORT_PATIENCE_S = 2400.0
 REAL_S_PER_S = 0.1
 # Maximum number of checks requested until the planner's plan arrives in time.
@@ -195,20 +187,6 @@ class Surroundings:
                 pass
         self._hanging.clear()
 
-    def expect_commands(self, count):
-        """Wait for this number of further commands, all with heating."""
-        self.commands.clear()
-        assert all(command.battery_heating_power > 0.0
-                   for command in self.commands.wait_for_count(count))
-
-
-@pytest.fixture
-def surroundings(bench):
-    """Start without processes, over DDS."""
-    surroundings = Surroundings(bench)
-    yield surroundings
-    surroundings.end_hanging()
-
 
 @pytest.fixture(scope='module')
 def graph(module_rehearsal):
@@ -261,25 +239,6 @@ def alone(only_checker):
     only_checker.end_hanging()
     assert only_checker.process.exit_status is None
     only_checker.set('nlp_checker', time_limit=300.0)
-
-
-def is_gone(process_id):
-    try:
-        return psutil.Process(process_id).status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
-
-
-def working_solver(checker):
-    """Return a checker's solver process that works, or None."""
-    for solver in psutil.Process(checker.process_id).children():
-        try:
-            if solver.cpu_times().user > 0.0:
-                return solver
-        except psutil.NoSuchProcess:
-            # At its time limit, or killed: the checker starts another.
-            pass
-    return None
 
 
 def of_route(route_id):
@@ -350,18 +309,6 @@ def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
         optimum.arrival_temperature_c, abs=1e-5)
 
 
-def test_a_plan_in_other_steps_is_made_again_for_the_goal_of_the_planner(both):
-    target_c = 11.0
-    assert both.set('planner', planning_step=77.0, target_battery_temperature=target_c).successful
-    both.send_route('to 11 degC', target_battery_temperature=nan)
-    with both.feeding():
-        report = both.report(of_route('to 11 degC'))
-    assert report.optimal
-    assert report.optimal_arrival_temperature == pytest.approx(target_c, abs=1e-3)
-    assert report.method == 'value_function'
-    assert abs(report.energy_gap) < 0.05
-
-
 def test_without_a_planner_the_optimum_stands_alone(alone):
     alone.send_route('near', 60, target_battery_temperature=2.5)
     with alone.feeding():
@@ -374,31 +321,6 @@ def test_without_a_planner_the_optimum_stands_alone(alone):
     assert isnan(report.plan_arrival_temperature)
     assert not report.plan_heating
     assert report.plan_heating_start == Time()
-
-
-def test_says_what_cannot_be_kept(both):
-    both.send_route('short', 600)
-    with both.feeding():
-        report = both.report(of_route('short'))
-    assert not report.optimal
-    assert report.solver_status == 'Infeasible_Problem_Detected'
-    assert 'target temperature' in report.infeasible_constraint
-    # Both can only heat all the way.
-    assert report.plan_arrival_temperature == pytest.approx(
-        report.optimal_arrival_temperature, abs=1e-3)
-
-
-def test_another_vehicle_has_another_optimum(both):
-    both.send_route('either')
-    with both.feeding():
-        before = both.report(of_route('either'))
-        refused = both.set('nlp_checker', vehicle='small_cat')
-        assert not refused.successful
-        assert "did you mean 'small_car'" in refused.reason
-        both.reports.clear()
-        assert both.set('nlp_checker', vehicle='small_car').successful
-        after = both.report(of_route('either'))
-    assert abs(after.optimal_energy - before.optimal_energy) > 100.0
 
 
 # When it checks
@@ -430,18 +352,6 @@ def test_a_cancelled_trip_leaves_nothing_to_check(alone):
         alone.report(of_route('called on again'))
 
 
-def test_a_refused_route_is_forgotten_where_the_one_before_it_comes_again(alone):
-    route = alone.send_route('kept', 60)
-    alone.send_route('bent', speed=[20.0, 30.0])
-    alone.diagnosis(lambda level, text, values: 'speed: has 2 values' in text)
-    with alone.feeding():
-        alone.bench.wait_until(lambda: alone.check().message.startswith('route_plan refused: speed: has 2 '),
-                               'that nothing can be checked')
-        alone.repeat_route(route)
-        alone.diagnosis(lambda level, text, values: 'route_plan refused' not in text)
-        alone.report(of_route('kept'))
-
-
 @pytest.mark.deep
 def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(own):
     own.start('nlp_checker', *SHARING, '-p', 'use_sim_time:=true', '-p',
@@ -467,18 +377,6 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(o
     assert nanoseconds(first.header.stamp) == start_ns
     assert nanoseconds(second.header.stamp) == now_ns - 1
     assert first.optimal and second.optimal
-
-
-@pytest.mark.deep
-def test_a_newer_route_cancels_the_check_under_way(alone):
-    superseded = alone.count('superseded')
-    with alone.feeding():
-        older = alone.start_endless_check('older')
-        alone.send_route('newer', 60)
-        alone.report(of_route('newer'))
-    assert alone.reports_of('older') == []
-    assert is_gone(older)
-    assert alone.count('superseded') == superseded + 1
 
 
 def test_a_forecast_for_the_same_route_does_not_cancel(both):
@@ -526,26 +424,6 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
 
 # Faults
 
-@pytest.mark.deep
-def test_gives_up_at_the_time_limit_and_checks_again(alone):
-    with alone.feeding():
-        alone.hang_solver('endless')
-        assert alone.set('nlp_checker', time_limit=0.7).successful
-        alone.send_route('endless')
-        report = alone.report(of_route('endless'))
-        assert report.solver_status == 'no solution within the time limit of 0.7 s'
-        assert report.solve_time > 0.7
-        assert not report.optimal
-        assert isnan(report.optimal_energy)
-        assert isnan(report.energy_gap)
-        level, text, _ = alone.diagnosis(lambda level, text, values: values['state'] == 'idle')
-        assert (level, text) == (DiagnosticStatus.WARN, f'{report.solver_status}.')
-        assert alone.set('nlp_checker', time_limit=300.0).successful
-        alone.send_route('quick', 60)
-        report = alone.report(of_route('quick'))
-        assert not isnan(report.optimal_energy)
-        alone.diagnosis(lambda level, text, values: level == DiagnosticStatus.OK)
-
 
 def test_bad_inputs_do_no_harm(alone):
     foreign_plans = alone.bench.publisher(PreheatPlan, '/alone/preheat_plan', LATCHED)
@@ -582,26 +460,3 @@ def test_the_solver_is_ready_before_the_first_check(own):
 
 
 # Beside other processes
-
-def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings):
-    surroundings.start('planner', *PATIENT, *QUICK_COMMANDS)
-    # The next check begins after the previous one.
-    checker = surroundings.start('nlp_checker', *SHARING, '-p', 'check_period:=0.01')
-    # Too cold to ever reach the target: it heats from the start.
-    surroundings.send_route('long', ambient_temperature=[-35.0], target_battery_temperature=55.0)
-    with surroundings.feeding():
-        surroundings.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
-        surroundings.diagnosis(lambda level, text, values: values['checked route_id'] == 'long')
-        poll_until(lambda: working_solver(checker), 'work of the solver', REPORT_PATIENCE_S)
-        surroundings.expect_commands(20)
-        checker.send_signal(signal.SIGSTOP)
-        # Without its node no solver ends at a time limit, and no solver is started.
-        solvers = [solver.pid for solver in psutil.Process(checker.process_id).children()]
-        for solver in solvers:
-            # Like a process without computing time: it cannot end by itself.
-            os.kill(solver, signal.SIGSTOP)
-        surroundings.expect_commands(10)
-        checker.send_signal(signal.SIGKILL)
-        assert checker.wait() == -signal.SIGKILL
-        surroundings.expect_commands(10)
-    poll_until(lambda: all(map(is_gone, solvers)), 'the end of the solver without its node')

@@ -2,9 +2,6 @@
 """The planner with departures: heating, skipping, restart, files; over DDS, how `preheat prepare` skips one."""
 
 from datetime import datetime
-import os
-import subprocess
-import sys
 from zoneinfo import ZoneInfo
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,7 +9,6 @@ from planner_car import heats, PlannerCar, values_of
 import pytest
 from std_srvs.srv import SetBool
 
-from bev_preheat.commands.program import FAILED
 from bev_preheat.numerics.factors import NS_PER_S
 
 ZONE = ZoneInfo('Europe/Berlin')
@@ -31,8 +27,6 @@ daily:
   - {from: '05:30', price_per_kwh: 0.03}
   - {from: '06:30', price_per_kwh: 0.30}
 """
-PREPARE = [sys.executable, '-m', 'bev_preheat', 'prepare']
-LIMIT_S = 240.0
 FIRST, SKIPPED_TO = 'work, Thu 2026-11-26 07:30 CET', 'work, Fri 2026-11-27 07:30 CET'
 
 
@@ -115,19 +109,3 @@ def test_a_file_that_cannot_be_used_is_an_error_and_nothing_is_heated(car):
     assert car.heats(is_heating=False)
     response = car.skip()
     assert not response.success and 'no file that can be used' in response.message
-
-
-@pytest.mark.deep
-def test_preheat_prepare_skips_the_next_departure_and_says_that_there_is_none(bench, tmp_path):
-    car = Car(bench, tmp_path)
-    planner = car.start()
-    for week, status, words in ((WEEK, 0, 'Skipped: work, '), (
-            WEEK.split('departures:', maxsplit=1)[0] + 'departures: []\n', FAILED,
-            'There is no departure to skip.\n')):
-        if car.week.read_text() != week:
-            car.week.write_text(week)
-            planner.end()
-            planner = car.start()
-        skipped = subprocess.run([*PREPARE, '--skip-next'], text=True, capture_output=True, timeout=LIMIT_S,
-                                 env={**os.environ, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'})
-        assert (skipped.returncode, skipped.stdout[:len(words)]) == (status, words), skipped

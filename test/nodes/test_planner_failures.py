@@ -99,11 +99,3 @@ def test_the_last_words_are_off_and_all_else_is_done_where_one_of_them_fails(pla
     planner.process.end()
     assert planner.commands.latest.battery_heating_power == 0.0
     assert len(saved) == 1
-
-
-def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(planner, monkeypatch):
-    assert planner.process.output().count("Route 'home': ") == 1
-    monkeypatch.setattr('bev_preheat.control.inbox.check_mission', fail)
-    planner.send_route()
-    assert planner.process.output().count("Route 'home': ") == 1
-    assert planner.commands.latest.reason == Status.INTERNAL_ERROR

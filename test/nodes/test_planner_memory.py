@@ -119,21 +119,6 @@ def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
     assert link.is_symlink()
 
 
-def test_a_file_that_was_replaced_meanwhile_is_left_alone_and_told(start, theirs, tmp_path):
-    path = tmp_path / 'state.json'
-    planner = start('-p', f'state_file:={path}')
-    planner.learn()
-    path.write_bytes(VEHICLE)
-    # A car's factors are saved when another car replaces it; that is not refused.
-    assert planner.change(vehicle='small_car') == ''
-    planner.says(ERROR, f'{path}: {NOT_OURS}')
-    assert planner.change(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
-    planner.learn('small_car')
-    planner.end()
-    assert path.read_bytes() == VEHICLE
-    assert f'state_file: {path}: {NOT_OURS}' in planner.process.output()
-
-
 def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     folder = tmp_path / 'memory'
     path = folder / 'state.json'
@@ -171,10 +156,3 @@ def test_a_damaged_file_is_kept_aside(start, tmp_path):
     # Nothing was learned about the small car.
     assert sum('log_factors' in car for car in json.loads(path.read_text())['cars'].values()) == 1
     assert f'the damaged file was kept as {aside}' in planner.process.output()
-
-
-def test_without_a_state_file_nothing_is_said_of_it(start):
-    planner = start()
-    planner.learn()
-    assert planner.entries == {'planner: preheating', 'planner: heater', 'planner: estimation',
-                               'planner: signals', 'planner: setup'}

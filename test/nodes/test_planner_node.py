@@ -106,16 +106,6 @@ def test_no_heat_before_both_inputs(fresh_car):
     assert heats(car.commands.latest)
 
 
-def test_no_heat_with_a_route_alone(fresh_car):
-    car = fresh_car
-    car.send_route()
-    car.bench.advance(TIMEOUT_S)
-    assert is_off_for(Status.NO_BATTERY_STATE)(car.commands.latest)
-    assert not any(map(heats, car.commands.messages))
-    car.give_state()
-    assert heats(car.commands.latest)
-
-
 def test_before_the_clock_runs_nothing_is_heated(rehearsal):
     car = Car(rehearsal, '-p', 'use_sim_time:=true')
     clock = rehearsal.publisher(Clock, '/clock')
@@ -149,12 +139,6 @@ def test_a_new_route_is_planned_at_once_without_a_new_battery_state(car):
     assert is_off_for(Status.NO_CHARGING_PLANNED)(car.commands.latest)
 
 
-def test_an_empty_array_is_the_vehicles_own_value(car):
-    car.send_route(route_id='short', cabin_heating_power=array('d'))
-    # config/vehicles/reference.yaml: 1978 W for the cabin.
-    assert car.commands.latest.battery_heating_power == pytest.approx(7000.0 - 1978.0)
-
-
 # Position of the vehicle
 
 def told(car, **fields):
@@ -185,19 +169,6 @@ def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone
 
 # Bad battery states
 
-BAD_STATES = {
-    'temperature_kelvin': (lambda car: car.state(temperature=266.0),
-                           'temperature: 266 is not allowed; it must be -40 ... 60'),
-    'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
-}
-
-
-@pytest.mark.parametrize('make_state, text', BAD_STATES.values(), ids=BAD_STATES)
-def test_a_bad_battery_state_switches_off_and_is_named(car, make_state, text):
-    with car.feeding(lambda: make_state(car)):
-        car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
-        car.plans.wait_for(lambda plan: text in plan.explanation, text)
-
 
 def test_a_good_battery_state_after_a_bad_one_heats_again(car):
     with car.feeding(lambda: car.state(temperature=nan)):
@@ -219,19 +190,6 @@ def test_silence_of_the_battery_switches_off_within_the_timeout_and_it_heats_aga
 
 
 # Bad routes
-
-BAD_ROUTES = {
-    'wrong_length': ({'speed': [20.0] * 39}, 'speed: has 39 values; it must have 1 or 40'),
-    'too_long': ({'segment_duration': array('d', [30.0]) * 100_000},
-                 'the route lasts 3000000 s; at most 86400 s are planned'),
-}
-
-
-@pytest.mark.parametrize('fields, text', BAD_ROUTES.values(), ids=BAD_ROUTES)
-def test_a_bad_route_switches_off_and_is_named(car, fields, text):
-    car.send_route(route_id='wrong', **fields)
-    car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
-    car.plans.wait_for(lambda plan: text in plan.explanation, text)
 
 
 @pytest.mark.parametrize('route_id, goes_on', [('home', True), ('work', False)])
@@ -274,14 +232,6 @@ def test_a_cancelled_trip_stays_off_while_states_and_parameters_keep_coming(car)
          'The trip was cancelled: no heating until a new route plan arrives.', '')}
     assert not any(map(heats, car.commands.messages))
     assert entry.level == DiagnosticStatus.OK
-
-
-def test_a_route_that_begins_later_is_told_from_now(car):
-    car.give(car.route(age_s=-600.0, route_id='later'))
-    with car.feeding():
-        plan = car.plans.wait_for(lambda plan: plan.route_id == 'later')
-    assert re.match(r'The route begins in (10:00|9:5\d) min\. Heating all the way is not enough: '
-                    r'arrival in (30:00|29:5\d) min ', plan.explanation)
 
 
 # Huge messages
@@ -399,12 +349,6 @@ def test_a_wrong_parameter_is_refused_with_the_reason(car, values, text):
     assert text in result.reason or 'range' in result.reason
 
 
-def test_a_whole_number_is_taken_for_a_double(car):
-    assert car.set(value_of_time=12).successful
-    assert car.get_parameters('value_of_time') == [12.0]
-    assert 'In effect now: value_of_time = 12.0.' in car.process.output()
-
-
 def test_a_file_that_breaks_the_reader_is_refused(car, tmp_path):
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 1500)
@@ -432,20 +376,7 @@ def test_each_number_is_described_with_its_unit_and_range(car):
         assert descriptor.floating_point_range or ' ... ' in descriptor.additional_constraints
 
 
-def test_a_wrong_parameter_at_the_start_is_one_line_and_2(call_main):
-    done = call_main('planner', '--ros-args', '-p', 'command_lease:=0.5')
-    assert (done.returncode, done.stdout) == (2, '')
-    (line,) = done.stderr.splitlines()
-    assert line.startswith('planner: error: command_lease: 0.5 s must be longer than command_period')
-
-
 # Diagnostics
-
-def test_no_heat_that_is_not_needed_is_no_fault(car):
-    car.send_route(target_battery_temperature=-20.0)
-    with car.feeding():
-        assert car.entry('preheating', lambda entry: entry.message.startswith('NOT_NEEDED')).level == (
-            DiagnosticStatus.OK)
 
 
 def test_diagnostics_tell_the_figures(car):

@@ -3,8 +3,7 @@
 
 from math import nan
 
-from builtin_interfaces.msg import Time
-from planner_car import PlannerCar, values_of
+from planner_car import PlannerCar
 import pytest
 
 from bev_preheat.charging.target_worth import Prices
@@ -14,7 +13,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from bev_preheat_msgs.msg import PreheatPlan
 
 START_S = 1000
 
@@ -86,24 +85,6 @@ def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
         assert trip.command == (pytest.approx(power_w), reason), second
 
 
-@pytest.mark.parametrize('second, arrivals_s', [
-    (START_S, [SECOND_ARRIVAL_S, END_S]), (FIRST_ARRIVAL_S, [SECOND_ARRIVAL_S, END_S]),
-    (SECOND_S, [END_S]), (THIRD_S, [])])
-def test_the_plan_covers_what_lies_beyond_the_next_stop(trip, second, arrivals_s):
-    trip.state_at(second)
-    assert [arrival.sec for arrival in trip.plan.later_arrival] == arrivals_s
-
-
-def test_a_later_leg_starts_from_its_departure(trip):
-    plan = trip.plan
-    assert list(plan.later_status) == [Status.WAITING, Status.NO_CHARGING_PLANNED]
-    # 2 min do not take the battery far from the 28 degC and 0.6 of the departure.
-    assert 26.0 < plan.later_predicted_arrival_temperature[1] < 29.0
-    assert 0.55 < plan.later_predicted_arrival_soc[1] < 0.6
-    assert SECOND_S < plan.later_heating_start[0].sec < SECOND_ARRIVAL_S
-    assert plan.later_heating_start[1] == Time()
-
-
 def test_it_heats_on_while_the_battery_is_charged(trip):
     # Heat at a charger of this power pays if energy costs nothing and the battery is to be charged for long.
     assert trip.set(energy_price=0.0).successful
@@ -114,15 +95,6 @@ def test_it_heats_on_while_the_battery_is_charged(trip):
     assert trip.command == (0.0, Status.CHARGING)
     trip.state_at(FIRST_ARRIVAL_S + 42, percentage=0.3)
     assert trip.command == (0.0, Status.CHARGING)
-
-
-def test_a_stop_is_told_in_the_diagnostics(trip):
-    trip.state_at(SECOND_ARRIVAL_S + 37)
-    trip.diagnostics.clear()
-    trip.repeat()
-    entry = trip.entry('preheating')
-    assert entry.message.startswith('CHARGING: Charging until departure in 0:53 min; ')
-    assert values_of(entry)['legs after this one'] == '1'
 
 
 # Chargers
@@ -160,14 +132,6 @@ def test_it_chooses_what_preheat_worth_calls_best(plan_to):
     assert first.target_reason.startswith('Worth it: heating the battery to ')
     cost = 0.55e-3 * first.bought_energy + 12.0 / 3600.0 * first.charging_time
     assert best.best.cost - 1e-6 <= cost <= 1.005 * best.best.cost
-
-
-def test_a_slow_charger_is_not_heated_for(plan_to):
-    plan, trip = plan_to(50e3)
-    assert plan.status == PreheatPlan.NOT_WORTH_IT
-    assert plan.explanation.startswith('Not worth it: ') and not plan.heating_planned
-    assert plan.charging_time == plan.charging_time_unheated > 0.0
-    assert trip.command == (0.0, HvchCommand.NOT_WORTH_IT)
 
 
 def test_prices_can_be_set_on_the_way(plan_to):

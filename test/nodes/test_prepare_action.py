@@ -76,13 +76,6 @@ def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
     assert preparation_goal.is_soonest and not preparation_goal.is_plugged_in
 
 
-def test_an_instant_is_read_to_the_nanosecond():
-    preparation_goal = preparation_goal_of(
-        PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
-    assert (preparation_goal.ready_at_ns, preparation_goal.is_soonest, preparation_goal.is_plugged_in) == (
-        1_700_000_000_007, False, True)
-
-
 @pytest.mark.parametrize('fields, sentence', [
     ({'target_battery_temperature': inf}, 'target_battery_temperature: inf is not allowed; it must be finite'),
     ({'ambient_temperature': -inf}, 'ambient_temperature: -inf is not allowed'),
@@ -107,13 +100,6 @@ def test_the_results_codes_are_those_of_the_endings():
     ('0:00', datetime(2026, 12, 31, 23, 0), 3600.0)])
 def test_a_clock_time_is_the_next_one(clock, now, expected_s):
     assert seconds_until(clock, now) == expected_s
-
-
-def test_a_goal_in_a_persons_terms_says_what_is_given():
-    sent = Wanted(90.0, 0.0, None, True).goal(1_700_000_000_000_000_000)
-    assert sent == PrepareBattery.Goal(
-        ready_at=Time(sec=1_700_000_090), has_target_battery_temperature=True, plugged_in=True)
-    assert Wanted().goal(5) == PrepareBattery.Goal()
 
 
 def test_a_line_of_feedback_leaves_out_what_is_unknown():
@@ -381,37 +367,6 @@ def test_a_goal_outlasts_its_client_and_anybody_can_cancel_it(driver, prepare):
         CancelGoal, 'car/planner/prepare_battery/_action/cancel_goal', CancelGoal.Request())
     assert answer.return_code == CancelGoal.Response.ERROR_NONE
     driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
-
-
-@pytest.mark.deep
-def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepare):
-    refused = prepare('--in', '40', '--target', '99')
-    reached = prepare('--in', '0.02', '--target', '0', '--ambient', '-5')
-    text, errors = refused.communicate(timeout=LIMIT_S)
-    assert (refused.returncode, text) == (2, '')
-    assert errors.startswith('preheat: error: The goal was refused: target battery temperature: 99 is not')
-    assert errors.count('\n') == 1
-    text, errors = reached.communicate(timeout=LIMIT_S)
-    assert (reached.returncode, errors) == (0, ''), errors
-    # As estimated.
-    assert re.search(r'The battery is warm: [23]\.\d degC, target 0\.0 degC\.\n$', text)
-
-
-@pytest.mark.deep
-def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
-    _, result = driver.send()
-    driver.wait_for_heat()
-    driver.process.send_signal(signal.SIGTERM)
-    answer = driver.done(result)
-    assert (answer.status, answer.result.code) == (
-        GoalStatus.STATUS_ABORTED, PrepareBattery.Result.SHUTTING_DOWN)
-    assert driver.process.wait() == 0 and 'Traceback' not in driver.process.output()
-    driver.commands.clear()
-    driver.begin()
-    # The last command of the planner before may still be on its way.
-    driver.commands.wait_for(lambda command: command.reason == int(Status.NO_ROUTE))
-    driver.commands.clear()
-    assert {command.reason for command in driver.commands.wait_for_count(3)} == {int(Status.NO_ROUTE)}
 
 
 # Without a planner

@@ -134,13 +134,6 @@ def test_a_domain_that_no_participant_can_have_is_refused_in_one_line(name, valu
     assert line.startswith(f'{name}: error: ') and text in line
 
 
-def test_help_is_printed_whatever_the_domain():
-    executable = os.path.join(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', 'planner')
-    done = subprocess.run([executable, '--help'], text=True, capture_output=True, timeout=60,
-                          env={**os.environ, 'ROS_DOMAIN_ID': '9999'})
-    assert (done.returncode, done.stderr) == (0, '')
-
-
 HANGING_LOAD = """
 import sys
 import time

@@ -179,31 +179,6 @@ def kill(process):
     assert process.wait() == -signal.SIGKILL
 
 
-@pytest.mark.deep
-def test_an_opt_out_outlives_a_killed_process(real_car, tmp_path):
-    memory = tmp_path / 'state.json'
-    first = real_car.start('-p', f'state_file:={memory}')
-    real_car.wait_for_heat()
-    real_car.enable(False)
-    real_car.wait_for(HvchCommand.DISABLED)
-    kill(first)
-    real_car.commands.clear()
-    second = real_car.start('-p', f'state_file:={memory}')
-    real_car.wait_for(HvchCommand.DISABLED)
-    assert 'Preheating is switched off, as it was before the restart.' in second.output()
-    assert not any(command.battery_heating_power for command in real_car.commands.messages)
-    real_car.enable(True)
-    real_car.wait_for_heat()
-    kill(second)
-    # The remainder of the lease is all the heat that it leaves.
-    killed_ns = real_car.now_ns
-    assert max(nanoseconds(command.valid_until) for command in real_car.commands.messages) <= (
-        killed_ns + round(LEASE_S * NS_PER_S))
-    real_car.commands.clear()
-    real_car.start('-p', f'state_file:={memory}')
-    real_car.wait_for_heat()
-
-
 def test_a_cancelled_trip_outlives_a_killed_process(rehearsal, car, tmp_path):
     """The navigation latches its route; a button in the car, another node, cancels it."""
     memory = tmp_path / 'state.json'
@@ -274,34 +249,3 @@ def test_a_state_of_other_circumstances_is_not_gone_on_from(car, tmp_path, chang
         assert 'state.json.running: is damaged' in second.output()
     if change == 'other file':
         assert running.read_text() == 'my notes'
-
-
-@pytest.mark.deep
-def test_a_restarted_simulator_is_followed(bench):
-    """Clock and drive restart; the planner's process is the same (daily in test_planner_node.py)."""
-    commands = bench.record(HvchCommand, 'hvch_command', 100)
-    planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
-                          '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')
-
-    def start_simulator():
-        # So cold that it heats from the start.
-        return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-25.0',
-                           '-p', 'start_time:=1000.0', '-p', 'speed_up:=60.0',
-                           # These few states and commands are enough and take little time.
-                           '-p', 'battery_state_period:=5.0',
-                           '-p', 'wait_for_planner:=true')
-
-    def heats_between(from_s, to_s):
-        return lambda command: (command.battery_heating_power > 0.0
-                                and from_s <= command.header.stamp.sec < to_s)
-
-    first = start_simulator()
-    commands.wait_for(heats_between(1400, 10**9), 'heat minutes later')
-    first.send_signal(signal.SIGKILL)
-    assert first.wait() == -signal.SIGKILL
-    commands.clear()
-    start_simulator()
-    # Nodes take some seconds to discover each other, which are minutes of simulated time here.
-    commands.wait_for(heats_between(1000, 1400), 'heat in the new drive')
-    assert planner.exit_status is None
-    assert 'Traceback' not in planner.output()

@@ -45,11 +45,6 @@ def read(message, now_s=START_S):
     return fix_from_message(message, round(now_s * NS), 5.0, 1.0)
 
 
-def test_a_fix_is_read():
-    fix = read(a_fix(0.0, 0.0))
-    assert (fix.stamp_ns, fix.latitude_deg, fix.deviation_m) == (START_S * NS, pytest.approx(48.1), None)
-
-
 @pytest.mark.parametrize('kind, covariance, deviation_m', [
     (0, [9.0] * 9, None), (2, [16.0, 0, 0, 0, 9.0, 0, 0, 0, 900.0], 4.0),
     # Turned by 45 degrees: 25 along one diagonal and 1 along the other.

@@ -10,12 +10,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.messages.fields import time_message
-from bev_preheat.nodes.setup_watch import clock_hint
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-DAY_NS = 86400 * 10**9
-WALL_NS = 1_795_000_000 * 10**9
 
 
 def setup_entry(diagnostics, name, text, level=DiagnosticStatus.WARN):
@@ -131,19 +128,6 @@ def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(rehea
     assert planner.output().count(text) == 1
 
 
-@pytest.mark.parametrize('name, misspelt, nearest', [
-    ('nlp_checker', 'time_limits', 'time_limit'),
-    ('vehicle_simulator', 'initial_socc', 'initial_soc')])
-def test_a_misspelt_parameter_in_a_file_is_told(rehearsal, tmp_path, name, misspelt, nearest):
-    path = tmp_path / 'parameters.yaml'
-    path.write_text(f'{name}:\n  ros__parameters:\n    {misspelt}: 0.5\n    use_sim_time: false\n'
-                    'another_node:\n  ros__parameters:\n    colour: red\n')
-    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
-    rehearsal.start(name, '--params-file', str(path))
-    text = f'parameter {misspelt!r} is unknown and ignored; did you mean {nearest!r}?'
-    assert setup_entry(diagnostics, name, text) == text
-
-
 def test_parameters_that_ros_knows_are_not_unknown(bench):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
     planner = bench.start(
@@ -186,11 +170,3 @@ def test_with_simulated_time_no_clock_and_wall_stamps_are_told(rehearsal, name):
         states.publish(stamped(rehearsal.now_ns))
         rehearsal.wait_until(lambda: any(hint in refusal for refusal in refusals(diagnostics)), 'the hint')
     assert hint in process.output()
-
-
-@pytest.mark.parametrize('now_ns, stamp_ns, is_far', [
-    (WALL_NS, WALL_NS - DAY_NS // 2, False), (WALL_NS, WALL_NS - 2 * DAY_NS, True),
-    (WALL_NS, WALL_NS + 2 * DAY_NS, True), (0, WALL_NS, False), (WALL_NS, 0, False)])
-def test_only_clocks_that_are_days_apart_are_different_clocks(now_ns, stamp_ns, is_far):
-    for uses_sim_time in (False, True):
-        assert bool(clock_hint(uses_sim_time, now_ns, stamp_ns)) == is_far

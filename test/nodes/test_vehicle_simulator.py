@@ -134,7 +134,7 @@ class TestOnTheWay:
                       + 29.0 * np.maximum(real_s - faster_s, 0.0))
 
     def test_battery_states_come_at_their_period(self, drive):
-        stamps_s = [seconds(message.header.stamp) for message in drive.states.wait_for_count(6)]
+        stamps_s = [seconds(message.header.stamp) for message in drive.states.wait_for_count(4)]
         # Instants of the clock, the first after each period.
         late_s = np.array(stamps_s) - 1.5 * np.floor(np.array(stamps_s) / 1.5)
         assert np.all(late_s <= 1.0)
@@ -149,13 +149,6 @@ class TestOnTheWay:
 def leaves_target_to_planner(message):
     return (message.charging_planned, message.has_target_battery_temperature,
             message.target_battery_temperature) == (True, False, 0.0)
-
-
-@pytest.mark.parametrize('given', [{}, {'target_battery_temperature': 0.0}])
-def test_a_target_of_0_is_left_to_the_planner(rehearsal, start_simulator, given):
-    routes = rehearsal.record(RoutePlan, 'route_plan', LATCHED)
-    start_simulator(**given)
-    assert leaves_target_to_planner(routes.wait_for())
 
 
 def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat(
@@ -215,18 +208,6 @@ def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
     assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
     assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
     assert message.present
-
-
-@pytest.mark.parametrize('power_w, until_s, complaint', [
-    (math.nan, 50.0, 'battery_heating_power: nan W'),
-    (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
-    (3000.0, -2.0, 'valid_until: is 2.000 s in the past'),
-])
-def test_bad_command_is_no_command(rehearsal, start_simulator, power_w, until_s, complaint):
-    simulator = start_simulator(wait_for_planner='true')
-    rehearsal.advance(3.0)
-    rehearsal.publisher(HvchCommand, 'hvch_command', 1).publish(command(power_w, until_s))
-    assert any('hvch_command ignored' in line and complaint in line for line in simulator.output().splitlines())
 
 
 def test_it_is_held_until_the_planner_has_route_and_battery(rehearsal, start_simulator):
