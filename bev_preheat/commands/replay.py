@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, VEHICLES
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, quoted
@@ -18,7 +18,7 @@ from bev_preheat.optional_packages import require, require_ros
 from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
+    from argparse import Namespace
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.replay_output import Result
@@ -34,41 +34,40 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'replay', help='put a recording through the planner again, as it was or with changes',
         description='Replay a recording and compare each command: exit status 0 if all are the same, 1 if one '
-        'differs, 2 if the recording is refused. With changes (--vehicle, --method, --set, --change) the changed '
+        'differs, 2 if the recording is refused. With changes (--change, --vehicle, --method, --set) the changed '
         'drive stands beside the recorded one. For ros2 bag and logs, --vehicle, --method and --set describe the '
         'planner, and --change alone is a change.')
     parser.add_argument('recording', metavar='RECORDING',
                         help='a file of the flight recorder; its folder, for the latest drive; a recording of '
                         'ros2 bag (MCAP, SQLite); or a log, with --route')
-    _add_planner_arguments(parser)
+    parser.add_argument('--explain', metavar='T', help='why the planner gave its command at T')
     parser.add_argument('--from', metavar='T', dest='begin',
                         help='compare and show from T on: seconds from the start, or HH:MM:SS (UTC)')
     parser.add_argument('--to', metavar='T', dest='end', help='end at T')
-    parser.add_argument('--explain', metavar='T', help='why the planner gave its command at T')
     parser.add_argument('--report', metavar='OUT.html',
                         help='page to write, one self-contained file with curves to zoom into')
-    parser.add_argument('--expect', metavar='EXPECTED.json',
-                        help='compare with expected figures: exit status 1 if one deviates')
-    parser.add_argument('--write-expected', metavar='EXPECTED.json',
-                        help='write the figures of this replay, with usual tolerances, for --expect')
     add_json_argument(parser)
-    parser.set_defaults(run=run)
-
-
-def _add_planner_arguments(parser: ArgumentParser) -> None:
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', metavar='NAME|FILE', help='change: another vehicle file'))
-    parser.add_argument('--method', metavar='NAME', help='change: another planning method')
-    parser.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
-                        help="change: another value of a planner's parameter; may be repeated")
-    parser.add_argument('--change', metavar='WHAT=VALUE', action='append', default=[], dest='changes',
-                        help='change: a signal (target=30, temperature=+2, soc=*0.98, current=none, '
-                        'ambient_temperature=-5: 5 K colder, ambient_temperature==-5: -5 degC), vehicle=FILE, a '
-                        'key of the vehicle file (hvch.maximum_power_w=5000), or a parameter; may be repeated')
-    parser.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')
-    parser.add_argument('--route', metavar='NAME|FILE', help='route of a log: a file of any format')
-    completed_by(NameCompleter('signals'), parser.add_argument(
+    changes = option_group(parser, 'changes')
+    changes.add_argument('--change', metavar='WHAT=VALUE', action='append', default=[], dest='changes',
+                         help='a signal (target=30, temperature=+2, soc=*0.98, current=none, '
+                         'ambient_temperature=-5: 5 K colder, ambient_temperature==-5: -5 degC), vehicle=FILE, a '
+                         'key of the vehicle file (hvch.maximum_power_w=5000), or a parameter; may be repeated')
+    completed_by(VEHICLES, changes.add_argument(
+        '--vehicle', metavar='NAME|FILE', help='another vehicle file'))
+    changes.add_argument('--method', metavar='NAME', help='another planning method')
+    changes.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
+                         help="another value of a planner's parameter; may be repeated")
+    others = option_group(parser, 'logs and recordings of ros2 bag')
+    others.add_argument('--route', metavar='NAME|FILE', help='route of a log: a file of any format')
+    completed_by(NameCompleter('signals'), others.add_argument(
         '--signals', metavar='NAME|FILE', help='signal map of a log (default: the map that recognises it)'))
+    others.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')
+    expected = option_group(parser, 'expected figures')
+    expected.add_argument('--expect', metavar='EXPECTED.json',
+                          help='compare with these figures: exit status 1 if one deviates')
+    expected.add_argument('--write-expected', metavar='EXPECTED.json',
+                          help='write the figures of this replay, with usual tolerances, for --expect')
+    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, VEHICLES
 from bev_preheat.commands.situation import (
     add_route_options,
     add_signal_arguments,
     in_steps,
+    LESS_COMMON,
     ROUTE_OPTIONS,
     route_options,
 )
@@ -64,13 +65,15 @@ def add_parser(subparsers: Subparsers) -> None:
         '--vehicle', required=True, metavar='NAME|FILE',
         help='the car that drives; with --log: for its auxiliary power; a name in config/vehicles or a YAML file'))
     add_route_options(parser)
-    add_signal_arguments(parser)
-    parser.add_argument('--step', type=float, metavar='SECONDS',
-                        help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
-    parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
-                        help='of a drive cycle: compare its energy with that of mean speeds over these durations')
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
+    of_logs = option_group(parser, 'drive logs')
+    add_signal_arguments(of_logs)
+    of_logs.add_argument('--step', type=float, metavar='SECONDS',
+                         help=f'duration of a segment (default {DEFAULT_STEP_S:g})')
+    option_group(parser, LESS_COMMON).add_argument(
+        '--averages', type=float, nargs='+', metavar='SECONDS',
+        help='of a drive cycle: compare its energy with that of mean speeds over these durations')
     parser.set_defaults(run=run)
 
 

@@ -31,6 +31,7 @@ from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
+    from argparse import _ArgumentGroup as ArgumentGroup
     from argparse import ArgumentParser, Namespace
     from collections.abc import Iterator
     from typing import Any
@@ -252,7 +253,7 @@ def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
     add_signal_arguments(parser)
 
 
-def add_signal_arguments(parser: ArgumentParser) -> None:
+def add_signal_arguments(parser: ArgumentParser | ArgumentGroup) -> None:
     """Add `--signals` and `--repair`."""
     completed_by(NameCompleter('signals'), parser.add_argument(
         '--signals', metavar='NAME|FILE',

@@ -20,7 +20,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.text import Text
 
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.parser import option_group
 from bev_preheat.commands.program import keeping_what_is_finished, WorkerLost
+from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import OutputFile
@@ -128,13 +130,14 @@ class Study(Generic[Result]):
 
 
 def add_study_arguments(parser: ArgumentParser) -> None:
-    """Add `--seed`, `--jobs`, `--results`, `--json` and `--plot`."""
-    parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
-    parser.add_argument('--results', metavar='FILE',
-                        help='append each result to this file (JSON lines); if the file exists, the study '
-                        'resumes from it')
+    """Add `--json`, `--plot`, `--seed`, `--jobs` and `--results`."""
     add_output_arguments(parser)
+    more = option_group(parser, LESS_COMMON)
+    more.add_argument('--seed', type=int, default=1, help='default: %(default)s')
+    more.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    more.add_argument('--results', metavar='FILE',
+                      help='append each result to this file (JSON lines); if the file exists, the study resumes '
+                      'from it')
 
 
 def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath] = (),

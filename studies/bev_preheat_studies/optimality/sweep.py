@@ -113,9 +113,9 @@ def add_parser(subparsers: Subparsers) -> None:
                         help="free: only the heater's limit is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: %(default)s)')
     add_methods_argument(parser, ', '.join(METHODS))
-    add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE', help='vehicle to scale (default: %(default)s)'))
+    add_study_arguments(parser)
     parser.set_defaults(run=run)
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.parser import completed_by, ROUTES, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group, ROUTES, VEHICLES
 from bev_preheat.commands.situation import load_planned_vehicle, MethodNames, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -65,11 +65,6 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--trips', type=int, metavar='N',
                         help='number of trips (default: 300); with --days, of days (200); with --signals, of '
                         'cars for each case (20)')
-    add_study_arguments(parser)
-    compared = MethodNames(*COMPARED)
-    parser.add_argument('--methods', nargs='+', choices=compared, type=compared.checked, default=list(COMPARED),
-                        metavar='METHOD', help='of %(choices)s; a planning method drives as in the planner '
-                        f'(default: {", ".join(COMPARED)})')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle before it is varied (default: %(default)s)'))
@@ -77,28 +72,32 @@ def add_parser(subparsers: Subparsers) -> None:
         '--route', nargs='+', metavar='NAME|FILE',
         help='route before it is varied, or legs/NAME; trips use several routes alternately, days at random '
         '(default: reference; with --days the five of config/routes)'))
-    parser.add_argument('--fault', choices=tuple(FAULTS), default='none',
-                        help='a real heater fault that starts during the drive (default: %(default)s)')
-    parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
-                        help='effects of the true car that the model leaves out: a heater that lags, coolant that '
-                        'must be heated, a sensor that lags, a current ripple that is not measured '
-                        '(default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
                         help='state of charge at the start (default: %(default)s)')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature on arrival [degC] (default: the vehicle's)")
-    parser.add_argument('--period', type=float, default=1.0, metavar='S',
-                        help='period of battery states and of commands [s] '
-                        '(default: %(default)s)')
-    parser.add_argument('--no-power', action='store_true',
-                        help='battery states carry neither voltage nor current')
-    parser.add_argument('--traffic', type=float, default=0.0, metavar='SHARE',
-                        help="largest relative deviation of a trip's duration from its route's, which the trip "
-                        'planner does not report (default: %(default)s)')
-    parser.add_argument('--progress', action='store_true',
-                        help='the car reports its position on the route')
+    compared = MethodNames(*COMPARED)
+    parser.add_argument('--methods', nargs='+', choices=compared, type=compared.checked, default=list(COMPARED),
+                        metavar='METHOD', help='of %(choices)s; a planning method drives as in the planner '
+                        f'(default: {", ".join(COMPARED)})')
+    true_car = option_group(parser, 'the true car and its signals')
+    true_car.add_argument('--fault', choices=tuple(FAULTS), default='none',
+                          help='a real heater fault that starts during the drive (default: %(default)s)')
+    true_car.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
+                          help='effects of the true car that the model leaves out: a heater that lags, coolant '
+                          'that must be heated, a sensor that lags, a current ripple that is not measured '
+                          '(default: %(default)s)')
+    true_car.add_argument('--period', type=float, default=1.0, metavar='S',
+                          help='period of battery states and of commands [s] (default: %(default)s)')
+    true_car.add_argument('--no-power', action='store_true',
+                          help='battery states carry neither voltage nor current')
+    true_car.add_argument('--traffic', type=float, default=0.0, metavar='SHARE',
+                          help="largest relative deviation of a trip's duration from its route's, which the trip "
+                          'planner does not report (default: %(default)s)')
+    true_car.add_argument('--progress', action='store_true', help='the car reports its position on the route')
+    add_study_arguments(parser)
     parser.set_defaults(run=run)
 
 
