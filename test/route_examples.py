@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from bev_preheat.numerics.factors import EARTH_RADIUS_M
+from bev_preheat.numerics import EARTH_RADIUS_M
 
 POINTS, STEP_M, SPEED_MPS = 400, 50.0, 20.0
 LENGTH_M = (POINTS - 1) * STEP_M

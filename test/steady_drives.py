@@ -2,7 +2,7 @@
 """A leg of a steady drive in winter towards a charger, and battery states, for tests of the planner."""
 
 from bev_preheat.control.inputs import Leg, Measurement
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -77,7 +77,7 @@ def test_the_model_can_be_used_where_ros_is_not_installed(tmp_path):
     for package in ROS:
         (tmp_path / f'{package}.py').write_text(f'raise ModuleNotFoundError("No module named {package!r}")\n')
     rooms = [modules_of(room) for room in ROOMS]
-    files = ['bev_preheat.files.configuration', 'bev_preheat.code_generation.ecu_export']
+    files = ['bev_preheat.files.input_files', 'bev_preheat.code_generation.ecu_export']
     assert loaded_by([*rooms, files], ROS, tmp_path) == [[]] * (len(rooms) + 1)
 
 

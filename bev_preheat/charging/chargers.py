@@ -25,8 +25,8 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput, quoted, share_hint
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.files.configuration import find_configuration
-from bev_preheat.numerics.factors import S_PER_H, S_PER_MIN, WH_PER_KWH
+from bev_preheat.files.input_files import find_configuration
+from bev_preheat.numerics import S_PER_H, S_PER_MIN, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, reserve_soc

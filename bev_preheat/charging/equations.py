@@ -7,13 +7,13 @@ from collections.abc import Callable
 import math
 from typing import cast, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import Arithmetic, Number
+from bev_preheat.numerics import Arithmetic, Number
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.model import make_runge_kutta_4, stage_mean
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics.arithmetic import AnyNumber, CurveFunction
+    from bev_preheat.numerics import AnyNumber, CurveFunction
     from bev_preheat.vehicle.description import Cooling, Vehicle
     from bev_preheat.vehicle.model import Rates, Step
 

@@ -30,8 +30,7 @@ from bev_preheat.charging.target_worth import pays_from_per_h
 from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.soak import temperature_after
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState
@@ -41,7 +40,7 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import Prices, TargetWorth
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import Goal

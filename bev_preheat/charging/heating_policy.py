@@ -29,15 +29,14 @@ from bev_preheat.charging.equations import (
     supply_of,
 )
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.numerics import ARRAYS, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
-from bev_preheat.vehicle.heat_path import DIRECT
+from bev_preheat.vehicle.description import DIRECT
 from bev_preheat.vehicle.model import hottest_c, make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 

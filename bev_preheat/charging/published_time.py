@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.session import charge, Session
 from bev_preheat.charging.stop import CHARGER_RANGE_W, ChargingStop
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import S_PER_MIN
+from bev_preheat.numerics import S_PER_MIN
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState

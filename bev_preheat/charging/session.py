@@ -35,8 +35,7 @@ from bev_preheat.charging.equations import (
 )
 from bev_preheat.charging.heating_policy import ALWAYS
 from bev_preheat.charging.stop import check_stop
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
@@ -46,7 +45,7 @@ from bev_preheat.vehicle.model import hottest_c, make_rates
 if TYPE_CHECKING:
     from bev_preheat.charging.heating_policy import HeatingLimit
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
 

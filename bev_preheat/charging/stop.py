@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, share_hint
-from bev_preheat.numerics.factors import WH_PER_KWH
+from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
 from bev_preheat.vehicle.charging import charging_of

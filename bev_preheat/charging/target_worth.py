@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
-from bev_preheat.numerics.factors import S_PER_H, WH_PER_KWH
+from bev_preheat.numerics import S_PER_H, WH_PER_KWH
 
 OF_UNCERTAINTY = 'charged_cost', 'not_charged_cost'
 

@@ -15,8 +15,7 @@ import numpy as np
 from bev_preheat.charging.equations import supply_of
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import chance_text
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.numerics.factors import WH_PER_KWH
+from bev_preheat.numerics import ARRAYS, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.charging import charging_of, falls_from_c

@@ -44,7 +44,7 @@ from bev_preheat.charging.verdict import (
     warmer_than,
 )
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
-from bev_preheat.numerics.factors import WH_PER_KWH
+from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated

@@ -19,11 +19,10 @@ from textwrap import fill
 
 from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.native.interface import constant_lines, constants, read_headers
-from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
+from bev_preheat.numerics import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import model
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
-from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, HeatPath, Hvch, Leakage, Vehicle
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import (
     make_euler,
@@ -32,7 +31,7 @@ from bev_preheat.vehicle.model import (
     make_runge_kutta_4,
     make_terminal_limits,
 )
-from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
+from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
+from bev_preheat.numerics import AnyNumber, Arithmetic
 
 Operand: TypeAlias = 'Symbol | float'
 # A value with a longer text gets a name of its own.

@@ -21,7 +21,7 @@ from bev_preheat.commands.parser import given_options, option_group, option_of
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.commands.terminal import print_figures, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
+from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.commands.program import REFUSED, say, write_output
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 
 if TYPE_CHECKING:
     from argparse import Action, ArgumentParser
@@ -172,7 +172,7 @@ class VersionAction(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: object, option_string: str | None = None) -> None:
         """Print the version and exit."""
-        from bev_preheat.files.configuration import version
+        from bev_preheat.files.input_files import version
         write_output(f'{parser.prog} {version()}\n')
         parser.exit()
 

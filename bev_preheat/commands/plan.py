@@ -28,7 +28,7 @@ from bev_preheat.control.charging_doubt import given_target_pays_from
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity

@@ -20,7 +20,7 @@ from bev_preheat.control.departures_file import load_departures, load_grid_price
 from bev_preheat.control.preparation import prepare_week
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.monitoring.end_signals import end_signals
-from bev_preheat.numerics.factors import WH_PER_KWH
+from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.commands.terminal import print_figures
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.comparison import cause_of
 from bev_preheat.recording.course import lapses_in_words, what_if_sentence

@@ -22,7 +22,7 @@ from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.interface.inputs import route_or_log
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.for_vehicle import ambient_of
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route import Route
     from bev_preheat.route.sources.journey import ChargingStop
     from bev_preheat.vehicle import Vehicle

@@ -16,7 +16,7 @@ from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.situation import warn
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
 from bev_preheat.optional_packages import require, require_ros
 

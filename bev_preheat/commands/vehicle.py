@@ -14,9 +14,9 @@ from bev_preheat.commands.parser import completed_by, option_group, VEHICLES
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
-from bev_preheat.numerics.factors import S_PER_MIN
+from bev_preheat.numerics import S_PER_MIN
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.charging_curve import (

@@ -24,7 +24,7 @@ from bev_preheat.commands.situation import (
 )
 from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
+from bev_preheat.numerics import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity

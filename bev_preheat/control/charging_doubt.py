@@ -18,7 +18,7 @@ from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, sto
 from bev_preheat.charging.target_worth import pays_from_probability
 from bev_preheat.charging.worth import WorthSearch
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import USUAL_PAYS_FROM

@@ -17,7 +17,7 @@ from bev_preheat.control.heater_power import CommandHistory
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg
 from bev_preheat.control.refusals import BATTERY, ROUTE
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W
 from bev_preheat.vehicle.heater_controller import Refusal

@@ -17,7 +17,7 @@ from bev_preheat.control.expected_drive import DriveMemory, drives_between
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import defaults_of
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
     BEGINS_S,

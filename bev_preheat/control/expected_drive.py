@@ -21,7 +21,7 @@ import numpy as np
 from bev_preheat.charging.expectation import FASTEST_PACE
 from bev_preheat.control.regime import PlannedPower
 from bev_preheat.estimation.estimator import DrivenInterval
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.tunables import (
     AROUND_NS,
@@ -33,7 +33,7 @@ from bev_preheat.tunables import (
     STANDING_AFTER_S,
     STANDING_W,
 )
-from bev_preheat.vehicle.uncertain_car import DriveInputs
+from bev_preheat.vehicle.variants import DriveInputs
 
 if TYPE_CHECKING:
     from bev_preheat.control.heater_power import CommandHistory

@@ -20,7 +20,7 @@ from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, HEAT_LAG, PROPULSION
-from bev_preheat.numerics.arithmetic import array_exp
+from bev_preheat.numerics import array_exp
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.heat_run import state_with_heat_under_way
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.terms import Terms
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.kept_values import Kept
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle

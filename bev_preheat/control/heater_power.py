@@ -12,7 +12,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
 from bev_preheat.vehicle.heater_controller import Refusal
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bev_preheat.numerics.factors import NS_PER_S, S_PER_H
+from bev_preheat.numerics import NS_PER_S, S_PER_H
 from bev_preheat.tunables import FIRST_WAIT_S, INTERRUPTIONS_OVER_S, LEAST_LONGEST_WAIT_S, MOST_SWITCH_ONS
 
 

@@ -39,7 +39,7 @@ from bev_preheat.estimation.signal_checks import (
     SignalVerdict,
     STATE_OF_CHARGE,
 )
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S

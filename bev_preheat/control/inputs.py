@@ -14,7 +14,7 @@ from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.terms import OF_ROUTE, Terms
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.signal_checks import SeenState
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route

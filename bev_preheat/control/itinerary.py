@@ -11,7 +11,7 @@ from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import route_for, RouteForVehicle
 from bev_preheat.route.sources.journey import RouteOptions

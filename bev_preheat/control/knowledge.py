@@ -27,7 +27,7 @@ from bev_preheat.estimation.signal_checks import (
     VOLTAGE,
 )
 from bev_preheat.estimation.temperature_check import TemperatureCheck
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     ARRIVES_AFTER_S,
     NEAR_END_S,

@@ -9,7 +9,7 @@ from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.soak import after_soak, Soak
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import CONTRADICTS_BEYOND_K, LONGEST_GAP_S, MOST_NOTED, NOTED_EVERY_S, PARKED_WITHIN_S
 

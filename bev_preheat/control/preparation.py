@@ -29,7 +29,7 @@ from bev_preheat.control.target_choice import TargetChoice, TargetSource
 from bev_preheat.control.terms import Terms
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import cost_of
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_unheated

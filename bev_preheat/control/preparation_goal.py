@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import drives_between
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
     CHARGE_FALLS_BY,

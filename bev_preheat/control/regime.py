@@ -17,7 +17,7 @@ from itertools import dropwhile
 from typing import NamedTuple
 
 from bev_preheat.control.inputs import SupplyStatus
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     BEYOND_REGENERATION,
     BEYOND_REGENERATION_W,

@@ -26,7 +26,7 @@ import numpy as np
 from bev_preheat.control.departures import zone_of
 from bev_preheat.control.forecast_plan import in_words
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.configuration import version
+from bev_preheat.files.input_files import version
 from bev_preheat.planning.explanation import explain
 
 if TYPE_CHECKING:

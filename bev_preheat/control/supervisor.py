@@ -30,7 +30,7 @@ from bev_preheat.control.learning import Learning
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import NO_CHOICES
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:

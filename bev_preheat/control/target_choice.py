@@ -27,7 +27,7 @@ from bev_preheat.charging.stop import CERTAIN, held_prospect, refuse_stranded, s
 from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.tunables import (
     FIRST_LOOK_K,

@@ -10,7 +10,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.departures import in_words
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.planner import plan_preheating

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self, TYPE_CHECKING
 
 from bev_preheat.control.heater_power import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.tunables import CORRECTED_BY_M, END_KNOWN_TO, KNOWN_TO_M, MOVES_WITHIN_NS, PACE_OVER_NS
 

@@ -16,7 +16,7 @@ from bev_preheat.drawing.figure import (
     TimeAxis,
 )
 from bev_preheat.drawing.palette import AMBIENT, look_of, TARGET, WITHOUT_PREHEATING
-from bev_preheat.numerics.factors import W_PER_KW
+from bev_preheat.numerics import W_PER_KW
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:

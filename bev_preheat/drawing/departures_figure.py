@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.drawing.figure import legend_above, stacked_figure
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE
-from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
+from bev_preheat.numerics import NS_PER_S, W_PER_KW
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.preparation import PreparedDeparture
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Matplotlib counts days since 1970.
 S_PER_DAY = 86400.0

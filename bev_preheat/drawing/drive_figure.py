@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.drawing.palette import Style
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
     # Instants [s] and values, shape (N,) each.
     Course = tuple[FloatArray, ...]

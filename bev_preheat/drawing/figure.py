@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
 
     # Axes in rows and columns; NumPy does not know the type of objects in an array.
     AxesGrid = NDArray[np.object_]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.logs.recording import Recording, Series
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route import Route
 
 # Panels: label, factor from the signals' unit, and signals with colour and name.

@@ -32,8 +32,7 @@ from bev_preheat.drawing.palette import (
     TARGET,
     WITHOUT_PREHEATING,
 )
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import ARRAYS, NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import accounts_of, driven_share
 from bev_preheat.planning.planner import plan_unheated
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.inputs import Leg
     from bev_preheat.drawing.palette import Look
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal

@@ -10,8 +10,7 @@ import numpy as np
 
 from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.numerics.factors import S_PER_MIN
+from bev_preheat.numerics import ARRAYS, S_PER_MIN
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C, KMH_100_MPS, warmed_by_k
 
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.description import Battery
 

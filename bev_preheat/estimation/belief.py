@@ -5,7 +5,7 @@ Belief about the battery: one extended Kalman filter per hypothesis, and the hyp
 An interacting multiple-model filter (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8),
 1988). A heater may change from one kind to another, so the heaters' filters are mixed by the transition
 probabilities; the sensor-noise filters run in parallel without mixing. Quantised readings are treated as
-intervals (`truncated_normal`).
+intervals (`truncated_moments`).
 """
 
 from __future__ import annotations
@@ -56,13 +56,10 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
-from bev_preheat.native.calls import vehicle_in_core
+from bev_preheat.native.calls import Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
 from bev_preheat.native.library import operation
 from bev_preheat.native.structs import belief_terms
-from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.numerics.arrays import frozen
-from bev_preheat.numerics.truncated_normal import truncated_moments
+from bev_preheat.numerics import array_exp, frozen, truncated_moments
 from bev_preheat.tunables import (
     CLIPPED_DEVIATIONS,
     JOULE_RISE_NOISE_K_PER_KW,
@@ -81,7 +78,7 @@ from bev_preheat.tunables import (
     SOC_NOISE,
     UNKNOWN_K,
 )
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.description import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import with_coolant_in_battery
 
 if TYPE_CHECKING:
@@ -89,9 +86,9 @@ if TYPE_CHECKING:
 
     from bev_preheat.estimation.prior import Lags
     from bev_preheat.native.structs import BeliefTermsStruct
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.uncertain_car import DriveInputs
+    from bev_preheat.vehicle.variants import DriveInputs
 
 BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
 LOWEST, HIGHEST = np.concatenate((

@@ -22,11 +22,11 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.description import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.estimation.soak import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     DIVERGED_K,
     FAULTY,
@@ -29,7 +29,7 @@ from bev_preheat.tunables import (
     READING_NOISE_K,
     READING_NOISE_SOC,
 )
-from bev_preheat.vehicle.uncertain_car import DriveInputs
+from bev_preheat.vehicle.variants import DriveInputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.readings import Expected
     from bev_preheat.estimation.soak import Soak
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 

@@ -20,17 +20,16 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.native.beliefs import arrival_variance as native_variance
+from bev_preheat.native.calls import arrival_variance as native_variance
 from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import operation
-from bev_preheat.numerics.arithmetic import array_exp
+from bev_preheat.numerics import array_exp
 from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
-from bev_preheat.vehicle.uncertain_car import DriveInputs
-from bev_preheat.vehicle.variants import with_coolant_in_battery
+from bev_preheat.vehicle.variants import DriveInputs, with_coolant_in_battery
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle

@@ -29,7 +29,7 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 
 class Heater(Enum):

@@ -19,8 +19,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, SHARES, STUCK, transitions
-from bev_preheat.numerics.arithmetic import array_exp, array_log
-from bev_preheat.numerics.arrays import FloatArray, frozen
+from bev_preheat.numerics import array_exp, array_log, FloatArray, frozen
 from bev_preheat.tunables import (
     CORRELATED,
     EXCESS_W,

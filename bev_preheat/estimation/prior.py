@@ -21,7 +21,7 @@ from bev_preheat.estimation.state import (
     RESISTANCE,
     SENSOR_LAG,
 )
-from bev_preheat.numerics.arrays import FloatArray, frozen
+from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.tunables import (
     DESCRIBED_LAG_DEVIATION,
     LAG_DEVIATION,
@@ -33,8 +33,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
 
 if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Uncertainty
-    from bev_preheat.vehicle.heat_path import HeatPath
+    from bev_preheat.vehicle.description import HeatPath, Uncertainty
 
 # Prior standard deviation of the factors' logarithms: those of uniform distributions over +-10 % (heat
 # capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.

@@ -8,7 +8,7 @@ from itertools import dropwhile
 import math
 from typing import NamedTuple, Protocol, TYPE_CHECKING
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     COUNTED_READINGS,
     EXCURSION_DEVIATIONS,

@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import quoted
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     COMPARED_STATES,
     EMPTY_BELOW,

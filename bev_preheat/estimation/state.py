@@ -4,9 +4,9 @@ The estimated state and its motion.
 
 Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of five factors: on the
 vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the route's propulsion
-power. The equations are those of `vehicle.uncertain_car`.
+power. The equations are those of `vehicle.variants`.
 
-Few vehicle files describe the heat path (`vehicle.heat_path`), and a temperature in whole degrees
+Few vehicle files describe the heat path (`vehicle.description`), and a temperature in whole degrees
 hardly distinguishes a lagging heater from coolant that has to warm up. One lag therefore stands for both:
 heat that the heater has produced but that has not arrived, in kelvin of battery warming, arrives with a time
 constant. The sensor follows the battery with another. Both are estimated as logarithms over a nominal lag.
@@ -26,15 +26,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import array_exp, ARRAYS
-from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.numerics import array_exp, ARRAYS, mean_magnitude
 from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
-from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
+from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heat_path import HeatPath
+    from bev_preheat.numerics import FloatArray
+    from bev_preheat.vehicle.description import HeatPath, Vehicle
 
 (TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, HEAT_LAG, SENSOR_LAG,
  JOULE_RISE, HEATER_RISE, UNDER_WAY, SENSOR, LOCAL) = range(14)

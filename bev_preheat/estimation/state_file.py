@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # The consumption error of one route says little about the next.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)

@@ -14,9 +14,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
-from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.numerics import mean_magnitude, NS_PER_S, SATURATING_FLOATS
 from bev_preheat.tunables import (
     BELOW_AMBIENT_K,
     COMPARED_EVERY_S,
@@ -28,13 +26,12 @@ from bev_preheat.tunables import (
     STUCK_WITHIN_S,
     UNMOVED_K,
 )
-from bev_preheat.vehicle.uncertain_car import make_drive_rates
-from bev_preheat.vehicle.variants import KEPT_VEHICLES
+from bev_preheat.vehicle.variants import KEPT_VEHICLES, make_drive_rates
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.readings import MeasuredState
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.uncertain_car import DriveInputs, DriveRates
+    from bev_preheat.vehicle.variants import DriveInputs, DriveRates
 
 
 class _Expected(NamedTuple):

@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads text and MCAP files, and refuses all that is no regular file: a pipe blocks, a device never ends."""
+"""
+Finds and reads input files: those that come with the package, by name or path, and its version.
+
+Refuses all that is no regular file: a pipe blocks, a device never ends.
+"""
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 AnyPath = str | os.PathLike[str]
 LARGEST_TEXT = 64_000_000
@@ -74,3 +80,88 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
     except Exception as error:
         # Damaged bytes raise errors of many kinds, also of the libraries that decompress chunks.
         note(f'ends in the middle ({type(error).__name__})')
+
+
+PACKAGE = 'bev_preheat'
+_INDEX = Path('share', 'ament_index', 'resource_index', 'packages')
+_HERE = Path(__file__).resolve()
+
+
+def installed_prefix(package: str) -> Path | None:
+    """
+    Return the prefix that a package is installed in, None if it is not installed.
+
+    The first prefix in AMENT_PREFIX_PATH with the package is used, else the prefix of this file.
+    """
+    prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
+    return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
+
+
+def share_folder() -> Path:
+    """Return the folder of the files that come with this package; raises InvalidInput if it is missing."""
+    prefix = installed_prefix(PACKAGE)
+    if prefix is None:
+        raise InvalidInput(f'the files of {PACKAGE} are missing: AMENT_PREFIX_PATH does not lead to them; source '
+                           'the setup file of the install space')
+    return prefix / 'share' / PACKAGE
+
+
+# In a source tree, its own config folder is used.
+_SOURCES = Path(__file__).resolve().parents[2]
+
+
+def configuration_folder(kind: str) -> Path:
+    """Return the folder of the package's files of a kind (`vehicles`, `itineraries`)."""
+    if (_SOURCES / 'config').is_dir():
+        return _SOURCES / 'config' / kind
+    # Installed by pip they lie in the package, by colcon in the share folder.
+    in_package = Path(__file__).resolve().parents[1] / 'config'
+    return (in_package if in_package.is_dir() else share_folder() / 'config') / kind
+
+
+def _files_beside(text: str) -> list[str]:
+    """Return the files of the working folder with this name, whatever their suffix, as they must be given."""
+    try:
+        found = sorted(path.name for path in Path().iterdir() if path.stem == Path(text).stem and path.is_file())
+    except OSError:
+        return []
+    return [f'./{name}' for name in found]
+
+
+def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path:
+    """
+    Return the path of a file named on a command line or by a parameter.
+
+    A text with a slash or with the suffix is a file; anything else is a name in the package's config
+    folder. Raises InvalidInput with the known names.
+    """
+    text = str(name_or_file)
+    if '/' in text or text.endswith(suffix):
+        check_input(text)
+        return Path(os.path.expanduser(text))
+    folder = configuration_folder(kind)
+    names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
+    if text in names:
+        return folder / f'{text}{suffix}'
+    near = [*_files_beside(text), *get_close_matches(text[:LONGEST_QUOTE], names, n=1)]
+    hint = f'; did you mean {near[0]!r}?' if near else ''
+    singular = 'signal map' if kind == 'signals' else (
+        f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1])
+    raise InvalidInput(
+        f'{singular} {quoted(text)} is unknown{hint}; known: {", ".join(names)}; '
+        f'or give a file ending in {suffix}')
+
+
+MANIFEST = 'package.xml'
+
+
+def version() -> str:
+    """Return the version of the running sources, or of the installed package, as a text."""
+    manifest = Path(__file__).resolve().parents[2] / MANIFEST
+    if not manifest.is_file():
+        if installed_prefix(PACKAGE) is None:
+            # Installed by pip.
+            from importlib.metadata import version as version_of
+            return version_of(PACKAGE)
+        manifest = share_folder() / MANIFEST
+    return ElementTree.parse(manifest).findtext('version', '').strip()

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.files.number_text import read_numbers
-from bev_preheat.files.units import conversion
+from bev_preheat.files.units import conversion, read_numbers
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0

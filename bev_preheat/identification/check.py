@@ -13,8 +13,7 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.numerics.factors import NS_PER_S, S_PER_MIN
+from bev_preheat.numerics import FLOATS, NS_PER_S, S_PER_MIN, SATURATING_FLOATS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c, sensor_reading_c
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 

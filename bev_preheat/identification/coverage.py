@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import S_PER_H
+from bev_preheat.numerics import S_PER_H
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction, FloatArray
     from bev_preheat.vehicle.description import Battery
 
 # Temperatures [deg C] at which the correction of the resistance is free; it is linear between them.

@@ -19,14 +19,14 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from bev_preheat.identification.curves import knot_weights, KNOTS_C, KNOTS_SOC
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 LASTING_S = 30.0

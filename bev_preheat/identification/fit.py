@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.thermal import Course
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Readings that count as one independent observation against the priors: at least, at most (a quarter of an hour).

@@ -38,7 +38,7 @@ from bev_preheat.identification.uncertainty import (
     wider,
 )
 from bev_preheat.identification.vehicle_file import identified_vehicle
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

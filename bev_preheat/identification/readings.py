@@ -19,7 +19,7 @@ from scipy.special import log_ndtr
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Standard deviation of sensor and model together, besides the rounding [K]: first guess, and range.
 NOISE_K = 0.3

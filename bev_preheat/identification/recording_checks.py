@@ -14,11 +14,11 @@ from bev_preheat.logs.doubts import find_doubts, integral, turned
 from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
-from bev_preheat.numerics.factors import S_PER_H
+from bev_preheat.numerics import S_PER_H
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
     Signals = Mapping[str, Series]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.coverage import Coverage
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.structures import LeftOut, StructureResult
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Errors on unseen trips [K]: a file with less can be trusted, one with more should not replace START.

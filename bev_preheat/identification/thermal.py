@@ -2,7 +2,7 @@
 """
 The temperature sensor's course over a trip, and its derivatives by every parameter.
 
-The equations are those of the project: `vehicle.uncertain_car` (rates of a drive, lags of heat and sensor),
+The equations are those of the project: `vehicle.variants` (rates of a drive, lags of heat and sensor),
 evaluated with CasADi symbols and differentiated by CasADi. Only the second mass of the structures with a
 shell is added here: the core has the heat sources and the sensor, the shell has the leakage,
 
@@ -23,18 +23,17 @@ from bev_preheat.identification.parameters import NAMES
 from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.vehicle.description import Leakage
 from bev_preheat.vehicle.model import make_rates
-from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
+from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics.arithmetic import AnyNumber
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Core, shell, heat under way, sensor.

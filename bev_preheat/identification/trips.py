@@ -13,11 +13,11 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.identification.recording_checks import problems_of
 from bev_preheat.logs.recording import Series
-from bev_preheat.vehicle.heating_gates import STANDING_MPS
+from bev_preheat.vehicle.description import STANDING_MPS
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Sensors of power show slightly negative values when nothing is drawn [W].

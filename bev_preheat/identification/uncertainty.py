@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, ResistanceCurve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Uncertainty
 
 DRAWS = 2000

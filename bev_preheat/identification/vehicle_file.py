@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, Identification
-    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics import Curve
     from bev_preheat.vehicle.curves import Table
     from bev_preheat.vehicle.description import Vehicle
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.interface.checked import checked
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.route import make_route as make_route_of_columns

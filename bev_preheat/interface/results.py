@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Worth
     from bev_preheat.nonlinear_program.solve import Optimum
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.planning.trip import Trip
@@ -156,7 +155,7 @@ class PlanResult(Result):
     def _limit_w(self, limit: Curve) -> FloatArray:
         import numpy as np
 
-        from bev_preheat.numerics.arithmetic import ARRAYS
+        from bev_preheat.numerics import ARRAYS
         return np.broadcast_to(limit.function(ARRAYS)(self.soc, self.battery_temperature_c), self.soc.shape)
 
     def to_dict(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.logs.decoding import Decoder
     from bev_preheat.logs.raw_log import RawLog, Remarks
     from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
 
 # Beyond this many samples of a channel, pairs of neighbours are averaged (six hours at 10 Hz).
 MOST_SAMPLES = 200_000

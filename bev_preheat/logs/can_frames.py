@@ -18,7 +18,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.input_files import check_input
-from bev_preheat.files.table_text import encoding_of, line_blocks, read_head
+from bev_preheat.files.table import encoding_of, line_blocks, read_head
 from bev_preheat.files.times import COUNTER, EARLIEST_S, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.raw_log import Channel, Piece, pieces_of

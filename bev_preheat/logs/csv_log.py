@@ -17,10 +17,10 @@ from bev_preheat.logs.choice import find_time_column, TimeColumn
 from bev_preheat.logs.raw_log import Channel, Piece
 
 if TYPE_CHECKING:
-    from bev_preheat.files.table_layout import Layout
+    from bev_preheat.files.table import Layout
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
 
 # Headings of the columns with names, values and units of readings.
 NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|'

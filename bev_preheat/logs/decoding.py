@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.files.number_text import read_numbers, unit_in_cells
-from bev_preheat.files.units import check_unit, conversion, is_stated, own_unit, split_unit, unit_named
+from bev_preheat.files.units import (
+    check_unit,
+    conversion,
+    is_stated,
+    own_unit,
+    read_numbers,
+    split_unit,
+    unit_in_cells,
+    unit_named,
+)
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
+    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
 # The largest values of one byte and of two, and the usual resolutions and offset of a signal.
 BYTES = tuple(255.0 * step + offset for step in (1.0, 0.5, 0.1) for offset in (0.0, -40.0))

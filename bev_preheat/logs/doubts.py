@@ -11,10 +11,10 @@ import numpy as np
 
 from bev_preheat.errors import figure
 from bev_preheat.logs.recording import Series
-from bev_preheat.numerics.factors import EARTH_RADIUS_M
+from bev_preheat.numerics import EARTH_RADIUS_M
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
 
 # Intervals longer than this [s] have no known charge, energy or distance.
 LONGEST_HOLD_S = 120.0

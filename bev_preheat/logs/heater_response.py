@@ -13,7 +13,7 @@ from bev_preheat.logs.doubts import integral
 from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # The temperature follows the heater's heat on its way by about this time [s].
 DELAY_S = 60.0

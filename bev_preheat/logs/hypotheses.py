@@ -14,7 +14,7 @@ from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
 
 # Units that are tried, by the signal's own.
 ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('volt', 'millivolt', 'kilovolt'),

@@ -14,13 +14,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.table_layout import Layout
-from bev_preheat.files.table_text import encoding_of, line_blocks
+from bev_preheat.files.table import encoding_of, Layout, line_blocks
 from bev_preheat.files.units import split_unit
 from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, roles_of, TextLog, VALUE
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import IntArray
+    from bev_preheat.numerics import IntArray
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.

@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
 
 READINGS_AT_ONCE = 200_000
 

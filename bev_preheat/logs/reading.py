@@ -10,7 +10,7 @@ import re
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted, shortened
-from bev_preheat.files.table_text import encoding_of, read_head
+from bev_preheat.files.table import encoding_of, read_head
 from bev_preheat.files.units import is_stated, measures, split_unit, unit_named
 from bev_preheat.logs.assembly import Assembly, Samples
 from bev_preheat.logs.can_frames import open_can_frames

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.configuration import installed_prefix
-from bev_preheat.files.input_files import mcap_messages
+from bev_preheat.files.input_files import installed_prefix, mcap_messages
 from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
 from bev_preheat.optional_packages import MissingPackage, require
 

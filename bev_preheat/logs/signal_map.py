@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import load_checked_yaml
-from bev_preheat.files.configuration import configuration_folder, find_configuration
+from bev_preheat.files.input_files import configuration_folder, find_configuration
 from bev_preheat.files.units import check_unit, LONGEST_NAME, MOST_NAMES, own_unit, split_unit
 from bev_preheat.logs.recording import SIGNALS
 

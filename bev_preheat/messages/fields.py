@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, quoted
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -9,7 +9,7 @@ from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadab
 from bev_preheat.control.heater_power import HeaterStatus
 from bev_preheat.errors import InvalidInput, shortened
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterCommand, Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.messages.fields import doubles, time_message
-from bev_preheat.numerics.factors import NS_PER_S, WH_PER_KWH
+from bev_preheat.numerics import NS_PER_S, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat_msgs.msg import PreheatPlan
 

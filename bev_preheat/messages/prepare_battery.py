@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:

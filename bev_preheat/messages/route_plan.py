@@ -29,7 +29,7 @@ from bev_preheat.messages.fields import (
     stamp_problems,
     time_message,
 )
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.road_load import elevation_of_slope, Motion, propulsion_columns, road_vehicle
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, problem_with_values
@@ -40,7 +40,7 @@ from bev_preheat_msgs.msg import RoutePlan
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # Arrays with one element for each segment, by the fields of Route.

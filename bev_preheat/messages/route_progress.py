@@ -13,7 +13,7 @@ from bev_preheat.control.events import ProgressArrived, ProgressUnreadable
 from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.messages.fields import nanoseconds, route_id_problems, stamp_problems, time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Fix
 from bev_preheat_msgs.msg import RouteProgress
 

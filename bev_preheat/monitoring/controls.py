@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.monitoring.planner_client import Wanted
 from bev_preheat.monitoring.source import Answer, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:

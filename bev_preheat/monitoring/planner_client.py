@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.action import PrepareBattery

@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 from jinja2 import Environment, StrictUndefined
 
 from bev_preheat.monitoring.pages import asset
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

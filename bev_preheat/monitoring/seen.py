@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.errors import shortened
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import session_texts
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

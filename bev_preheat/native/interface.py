@@ -18,13 +18,10 @@ import re
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from bev_preheat import tunables
-from bev_preheat.numerics import factors, folded_normal, truncated_normal
+from bev_preheat import numerics, tunables
 
 NAMES: Mapping[ModuleType, str] = {
-    truncated_normal: 'LOG_ROOT_2_PI ROOT_2',
-    folded_normal: 'CERTAIN_DEVIATIONS ROOT_2_OVER_PI',
-    factors: 'JOULES_PER_WH',
+    numerics: 'CERTAIN_DEVIATIONS JOULES_PER_WH LOG_ROOT_2_PI ROOT_2 ROOT_2_OVER_PI',
     tunables: (
         'ABOVE_K ARRIVAL_TOLERANCE_K BELOW_HIGHEST_K BELOW_K BEYOND_PRICE COLDER_BY_K COMPARED_TOLERANCE_K '
         'DEFICIT_WH_PER_K EDGE_SHARE EMPTY_J END_TOLERANCE_W EXPECTED_PASSES FIRST_STEP_K HALVINGS '

@@ -13,17 +13,15 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.model import hottest_c
-from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
+from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS
 from bev_preheat.vehicle.variants import ScaledCurve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.trip_columns import TripColumns
+    from bev_preheat.vehicle.model import TripColumns
 
 MOST_STEPS = 1_000_000
 ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16

@@ -19,7 +19,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand

@@ -25,7 +25,7 @@ from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterLimits
 
 if TYPE_CHECKING:

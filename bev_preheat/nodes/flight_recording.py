@@ -14,11 +14,11 @@ from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import version
+from bev_preheat.files.input_files import version
 from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.beginning import Beginning, learned_values, recorded_state
 from bev_preheat.recording.message_types import definition
 from bev_preheat.recording.recorded_steps import (

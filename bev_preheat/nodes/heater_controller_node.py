@@ -25,7 +25,7 @@ from bev_preheat.nodes.heater_execution import HeaterExecution, open_can_heater
 from bev_preheat.nodes.node import LIFECYCLE, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import HeaterLimits, Instant, Refusal, Verdict
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.nodes.heater_execution import Output
-    from bev_preheat.vehicle.heating_gates import HeatingGates
+    from bev_preheat.vehicle.description import HeatingGates
 
 PARAMETERS = (
     Parameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "

@@ -23,7 +23,7 @@ from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import entry, ERROR, judged, OK, WARN
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED, Verdict
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 

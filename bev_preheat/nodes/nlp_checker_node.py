@@ -27,7 +27,7 @@ from bev_preheat.nodes.optimality_report import (
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan

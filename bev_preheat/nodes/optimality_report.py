@@ -19,7 +19,7 @@ from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nonlinear_program.solver_process import Question, SolverAnswer
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.plan import difference
 from bev_preheat.planning.planner import is_method
 from bev_preheat.planning.situation import BatteryState

@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.setup_watch import endpoint_name
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand
 
 if TYPE_CHECKING:

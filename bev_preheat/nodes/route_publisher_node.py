@@ -22,7 +22,7 @@ from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
 from bev_preheat.route.odometer import OdometerPlace

@@ -13,7 +13,7 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.parameters import given_parameters
-from bev_preheat.numerics.factors import NS_PER_DAY
+from bev_preheat.numerics import NS_PER_DAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

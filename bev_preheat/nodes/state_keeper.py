@@ -12,7 +12,7 @@ from bev_preheat.estimation.state_file import check_state_file, learned_from, lo
 from bev_preheat.files.output_files import check_writable
 from bev_preheat.messages.diagnostics import StateFileReport
 from bev_preheat.nodes.running_state import load_running, Running, save_running
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import vehicle_fingerprint
 

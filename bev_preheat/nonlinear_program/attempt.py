@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.nonlinear_program.blocks import Values
     from bev_preheat.nonlinear_program.program import NonlinearProgram
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
 
 SUCCESS = 'Solve_Succeeded'

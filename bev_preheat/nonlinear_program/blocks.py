@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Values of each row: one number for all its elements, or one for each, in SI units.
 Values = Mapping[str, 'FloatArray | float']

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.nonlinear_program.blocks import Blocks
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.variants import Corrections

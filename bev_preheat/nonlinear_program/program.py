@@ -32,7 +32,7 @@ from bev_preheat.nonlinear_program.drive_steps import add_drive_steps, SOC_SCALE
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle import Vehicle
 
     # Options that CasADi takes by name; its own type hints omit many.

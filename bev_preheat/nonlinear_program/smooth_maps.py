@@ -21,7 +21,7 @@ from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction
+    from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction
     from bev_preheat.vehicle import Vehicle
 
 # Half the width of a rounded corner: state of charge, temperature [K], power [W].

@@ -21,7 +21,7 @@ from bev_preheat.nonlinear_program.attempt import (
 from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J
 from bev_preheat.nonlinear_program.program import Give
 from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.no_regret import is_described
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import Any
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route import Route
 
 METHOD = 'nlp'

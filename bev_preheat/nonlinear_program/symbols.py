@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import casadi
 
-from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
+from bev_preheat.numerics import AnyNumber, Arithmetic
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
@@ -16,7 +16,7 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.numerics import Curve
     from bev_preheat.vehicle import Vehicle
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.

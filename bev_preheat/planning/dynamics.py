@@ -9,8 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import AnyNumber, ARRAYS, CurveFunction, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.tunables import LONGEST_STEP_S, TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.model import (
     deliverable_w,
@@ -23,12 +22,12 @@ from bev_preheat.vehicle.model import (
     make_rates,
     make_terminal_limits,
     Step,
+    TripColumns,
 )
-from bev_preheat.vehicle.trip_columns import TripColumns
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route

@@ -31,7 +31,7 @@ from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
     from bev_preheat.native.structs import SwitchPlanStruct
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.limited_drive import WantedHeat
@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import Integrator
-    from bev_preheat.vehicle.trip_columns import TripColumns
+    from bev_preheat.vehicle.model import Integrator, TripColumns
 
 
 def trip_in_core(trip: Trip) -> NativeTrip:

@@ -40,7 +40,7 @@ from bev_preheat.vehicle.variants import grid_fed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip

@@ -2,7 +2,7 @@
 """
 Forward runs of a vehicle with a heat path: heater and coolant are states beside charge and temperature.
 
-The equations are those of `vehicle.heat_path`. A vehicle without one has no HeatRun: its runs are
+The equations are those of `vehicle.description`. A vehicle without one has no HeatRun: its runs are
 exactly those of `dynamics`.
 """
 
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
@@ -25,10 +24,9 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heat_path import HeatPath
+    from bev_preheat.vehicle.description import HeatPath, Vehicle
 
 # State of charge, battery temperature [deg C], heater power [W], coolant excess [K].
 States = tuple[float, float, float, float]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip

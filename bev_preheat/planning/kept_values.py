@@ -19,7 +19,7 @@ from bev_preheat.planning import engine
 from bev_preheat.tunables import MOST_CHANGED_SHARE, MOST_DEVIATION_SHARE, VALUES_KEPT_S
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.planning.trip import Trip

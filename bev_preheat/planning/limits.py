@@ -24,11 +24,10 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heating_gates import HeatingGates
+    from bev_preheat.vehicle.description import HeatingGates, Vehicle
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from bev_preheat.planning.situation import reserve_soc, Uncertainty
 from bev_preheat.tunables import LACK_PRICE, LEAST_HEATING_W, NEAR_K, SOC_TOLERANCE, SPARE_SOC
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.one_interval import SwitchPlan
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.outcome import find_stranding, power_deficit

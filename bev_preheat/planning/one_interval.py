@@ -19,8 +19,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import keeps_limits, limits_along, limits_of_steps_w, run_forward, run_on
 from bev_preheat.planning.heat_run import initial_states, run_heated
@@ -39,7 +38,7 @@ from bev_preheat.vehicle.model import heat_with_heater_w, hottest_c, make_midpoi
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import FindLimits
     from bev_preheat.planning.schedule import ScheduleOutcome
     from bev_preheat.planning.situation import BatteryState

@@ -7,14 +7,14 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
 from bev_preheat.planning.limits import colder, limits_along
 from bev_preheat.planning.schedule import HeatingInterval, Reason, REASONS, Schedule, ScheduleOutcome, Stranding
 from bev_preheat.tunables import HEATING_SHARE, POWER_TOLERANCE, ROUNDING_W, TOO_LATE_LAGS, WARMER_K
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
 

@@ -16,7 +16,7 @@ from bev_preheat.vehicle.model import Integrator, make_euler
 from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.model import Step

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.factors import JOULES_PER_WH, WH_PER_KWH
+from bev_preheat.numerics import JOULES_PER_WH, WH_PER_KWH
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.schedule import HeatRun, HeldBack, Schedule, Stranding
@@ -24,7 +24,7 @@ from bev_preheat.tunables import NO_WORSE_W, SAME_SOC, SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.schedule import HeatingInterval, StepPrices
     from bev_preheat.planning.trip import Trip

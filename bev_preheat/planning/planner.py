@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
@@ -43,7 +43,7 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.one_interval import SwitchPlan
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle

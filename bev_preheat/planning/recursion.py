@@ -33,7 +33,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native.structs import VALUE_POINTS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.steps_ahead import best_of, Layer
 from bev_preheat.planning.value_path import ValuePath
 from bev_preheat.planning.value_run import ValueRun
@@ -66,7 +66,7 @@ from bev_preheat.tunables import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.trip import Trip

@@ -13,7 +13,7 @@ import numpy as np
 from bev_preheat.tunables import HEATING_SHARE
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import Energies
     from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator

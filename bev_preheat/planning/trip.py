@@ -11,13 +11,11 @@ import numpy as np
 
 from bev_preheat.planning import engine
 from bev_preheat.route.segments import Route
-from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heating_gates import STANDING_MPS
-from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w
-from bev_preheat.vehicle.trip_columns import TripColumns
+from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
+from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w, TripColumns
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # This many trips with at most this many segments are cached, for planning again from another state or for another
 # target.

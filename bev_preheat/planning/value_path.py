@@ -18,7 +18,7 @@ from bev_preheat.planning.steps_ahead import best_of, StepsAhead
 from bev_preheat.tunables import HEATING_PRICE, PRICED_K, PRICED_SOC, WATCHED_BELOW_K, WATCHED_SOC
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.steps_ahead import Layer, StepEnds
     from bev_preheat.planning.trip import Trip
     from bev_preheat.planning.value_run import ValueRun

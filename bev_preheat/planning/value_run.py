@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.limited_drive import make_limited_drive
 from bev_preheat.tunables import (
@@ -25,7 +24,7 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.trip import Trip

@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import mcap_messages
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.inputs import INPUTS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import Flight, Given, ROS2_BAG
 from bev_preheat.recording.message_types import definition, OWN, read_message, SEPARATOR

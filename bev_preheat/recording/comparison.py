@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.files.configuration import version
+from bev_preheat.files.input_files import version
 from bev_preheat.native.library import core
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import FLIGHT_RECORDER

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import heater_sentence
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.changes import changes_in_words

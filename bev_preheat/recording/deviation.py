@@ -7,8 +7,7 @@ import copy
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import FLOATS, NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import read_text
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from bev_preheat.recording.comparison import Comparison

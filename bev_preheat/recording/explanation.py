@@ -7,7 +7,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import planner_diagnostics
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.player import Player

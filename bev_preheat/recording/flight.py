@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from bev_preheat.control.events import ROUTE_PLAN
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import mcap_messages
-from bev_preheat.numerics.factors import NS_PER_DAY, NS_PER_S
+from bev_preheat.numerics import NS_PER_DAY, NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.beginning import Beginning, RecordedState

@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.heater_power import HOLD_AT_ONCE
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import moment
 from bev_preheat.tunables import FAILURE_S, FAULTY
 from bev_preheat.vehicle.heater_controller import Refusal

@@ -9,7 +9,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.events import BATTERY_STATE
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.flight import moment
 

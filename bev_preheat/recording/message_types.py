@@ -7,7 +7,7 @@ import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted, shortened
-from bev_preheat.files.configuration import installed_prefix
+from bev_preheat.files.input_files import installed_prefix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,11 +17,10 @@ from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.inputs import Leg
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import version
-from bev_preheat.files.input_files import mcap_messages
+from bev_preheat.files.input_files import mcap_messages, version
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.messages.route_offer import offer_of
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.bag import head_of, is_bag, read_topics, SQLITE, TYPES, with_repeats
@@ -35,7 +34,7 @@ from bev_preheat.vehicle import load_vehicle, vehicle_contents
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording, Series
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.recording.changes import Changes
 
 # The recorder's first message is near the start of a file.

@@ -23,7 +23,7 @@ from bev_preheat.route.segments import make_route, Route
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
 # Signals that a route is made of, or that reveal mix-ups of these.

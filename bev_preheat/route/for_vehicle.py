@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
@@ -27,7 +27,7 @@ from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOption
 from bev_preheat.route.sources.registry import read_journey
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 LEGS_PREFIX = 'legs/'

@@ -18,14 +18,14 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.files.configuration import find_configuration
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.files.input_files import find_configuration
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.road_load import battery_power_w, loaded, no_road_load, RoadForces, wheel_power_w
 from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')

@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Fix, Match, offset_m, unit_vector
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import (
@@ -30,7 +30,7 @@ from bev_preheat.route.place_belief import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route.line import MapLine, Nearby
     from bev_preheat.route.place_belief import Place
 

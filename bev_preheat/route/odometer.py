@@ -7,7 +7,7 @@ from collections import deque
 import math
 from typing import NamedTuple
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.place_belief import FASTEST_MPS, ODOMETER_DEVIATION
 

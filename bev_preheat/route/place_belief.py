@@ -16,7 +16,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
     from bev_preheat.route.line import MapLine, Nearby
 
 # A fix further than this many deviations from a place speaks against it: exp(-3.5^2 / 2), 0.2 % of good fixes in

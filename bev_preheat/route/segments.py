@@ -16,10 +16,10 @@ from typing import Self, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
-from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.numerics import mean_magnitude
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
 # Valid range of a segment's values: (low, high). Wide enough for a truck on a pass, narrow enough to

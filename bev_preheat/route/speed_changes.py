@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics import FloatArray, IntArray
 
 # Shorter segments are joined to blocks of at least this duration [s]: differences between the mean speeds
 # of short segments are those of speed limits on a map, which no car follows at once.

@@ -11,7 +11,7 @@ import numpy as np
 from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 
 # Noise is smoothed over this many segments.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
 
 if TYPE_CHECKING:

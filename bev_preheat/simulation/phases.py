@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.equations import make_cooling
 from bev_preheat.charging.stop import CERTAIN, ChargingProspect
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.charging import vehicle_at_charger
 

@@ -12,7 +12,7 @@ from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect, USUAL_
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
@@ -24,7 +24,7 @@ from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
 from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Sensors, Span, Spike
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.loading import heat_path_problems
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater import HeaterSide
 from bev_preheat.vehicle.heater_controller import HeaterCommand

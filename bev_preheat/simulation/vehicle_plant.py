@@ -6,8 +6,7 @@ from __future__ import annotations
 from math import ceil, exp
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip

@@ -25,7 +25,7 @@ from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
 from bev_preheat.nodes.listening import listening
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, SIGNALS

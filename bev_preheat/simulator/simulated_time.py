@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.publishers import ListeningPublisher
 from bev_preheat.nodes.setup_watch import RESTART_S
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -27,7 +27,7 @@ from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, print_error, run_node
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for

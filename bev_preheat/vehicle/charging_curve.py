@@ -24,12 +24,12 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import read_text
-from bev_preheat.numerics.factors import W_PER_KW
+from bev_preheat.numerics import W_PER_KW
 from bev_preheat.vehicle.chemistry import Chemistry
 from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')

@@ -13,7 +13,7 @@ import yaml
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 CHEMISTRIES = ('nmc', 'lfp')
 FIGURES = Path(__file__).with_name('chemistry.yaml')

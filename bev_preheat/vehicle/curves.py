@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import (
+from bev_preheat.numerics import (
     AnyNumber,
     Arithmetic,
     ARRAYS,
@@ -27,7 +27,7 @@ from bev_preheat.numerics.arithmetic import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # ln(soc) diverges for an empty battery; below this state of charge the voltage is constant.
 LOWEST_SOC_IN_LOGARITHM = 1e-3

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
+from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging_curve import (
     charging_map,
     ChargingCurve,
@@ -26,7 +26,7 @@ from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_o
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 
 # A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.

@@ -1,16 +1,151 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The vehicle: everything that the model knows about one car.
+The vehicle: everything that the model knows about one car, with its heat path and its own conditions for heating.
 
 Built and checked by `vehicle.loading` from a YAML file; nothing is checked here.
 """
 
-from dataclasses import dataclass
-from math import inf
+from __future__ import annotations
 
-from bev_preheat.numerics.arithmetic import Curve, Number
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
-from bev_preheat.vehicle.heating_gates import HeatingGates, NO_GATES
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.numerics import Curve, Number
+from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bev_preheat.numerics import FloatArray
+
+
+@dataclass(frozen=True)
+class HeatPath:
+    """
+    Time constants of heater and temperature sensor [s]; heat capacity and conductance of coolant.
+
+    All 0 is the paper's heat path: heat arrives at once, and the sensor shows it.
+
+    With a `shell_share` (0 ... 1) of the pack's heat capacity the battery has two masses: the shell takes the
+    coolant's place, and the vehicle's `battery` is the core. `sensor_rise` is the sensor's temperature above the
+    core's for each kelvin by which the mean of both is above it: 0 in the core, 1 / `shell_share` in the shell.
+    """
+
+    heater_lag_s: float = 0.0
+    coolant_heat_capacity_j_per_k: float = 0.0
+    coolant_conductance_w_per_k: float = 0.0
+    sensor_lag_s: float = 0.0
+    shell_share: float = 0.0
+    sensor_rise: float = 0.0
+
+    @property
+    def is_shell(self) -> bool:
+        """Whether the battery has two masses."""
+        return self.shell_share > 0.0
+
+    @property
+    def has_coolant(self) -> bool:
+        """Whether the heat passes through coolant, or a shell."""
+        return self.is_shell or self.coolant_heat_capacity_j_per_k > 0.0
+
+    @cached_property
+    def is_direct(self) -> bool:
+        """Whether heat arrives without delay."""
+        return self.heater_lag_s == 0.0 and not self.has_coolant
+
+    @property
+    def coolant_lag_s(self) -> float:
+        """Time constant [s] of the coolant at constant battery temperature, or between shell and core."""
+        if not self.has_coolant:
+            return 0.0
+        return (1.0 - self.shell_share) * (self.coolant_heat_capacity_j_per_k / self.coolant_conductance_w_per_k)
+
+    @property
+    def heat_lag_s(self) -> float:
+        """Total lag of the heat [s]: its mean time from command to battery."""
+        return self.heater_lag_s + self.coolant_lag_s
+
+
+DIRECT = HeatPath()
+
+
+# Slower than this a vehicle stands [m/s]: positions and wheel pulses jitter.
+STANDING_MPS = 0.3
+
+
+@dataclass(frozen=True)
+class HeatingGates:
+    """
+    The car heats from `minimum_soc` (0 ... 1) on and up to `maximum_temperature_c` [deg C].
+
+    `only_while_standing`: not in motion. `power_steps_w` [W], ascending: the heater's powers other than 0;
+    () for any, one for a heater that is either on or off.
+    """
+
+    minimum_soc: float = 0.0
+    maximum_temperature_c: float = inf
+    only_while_standing: bool = False
+    power_steps_w: tuple[float, ...] = ()
+
+    @property
+    def is_any(self) -> bool:
+        """Whether the vehicle has a gate."""
+        return self.looks_at_battery or self.only_while_standing or bool(self.power_steps_w)
+
+    @property
+    def looks_at_battery(self) -> bool:
+        """Whether a gate depends on the battery's state."""
+        return self.minimum_soc > 0.0 or isfinite(self.maximum_temperature_c)
+
+    def step_below_w(self, power_w: float) -> float:
+        """Return the highest power [W] that the heater has and that is at most `power_w`."""
+        return step_below_w(self.power_steps_w, power_w)
+
+    def steps_below_w(self, power_w: FloatArray) -> FloatArray:
+        """Return `step_below_w` for an array of powers [W]."""
+        if not self.power_steps_w:
+            return power_w
+        steps_w = np.array((0.0, *self.power_steps_w))
+        below_w: FloatArray = steps_w[np.maximum(np.searchsorted(steps_w, power_w, side='right') - 1, 0)]
+        return below_w
+
+    def verdict(self, soc: float, temperature_c: float, speed_mps: float = 0.0) -> Verdict:
+        """
+        Return the Verdict on heating at a state of charge (0 ... 1), a temperature [deg C] and a speed [m/s].
+
+        A NaN forbids heating if a gate depends on it.
+        """
+        if self.minimum_soc > 0.0 and not soc >= self.minimum_soc:
+            return Verdict(Refusal.LOW_CHARGE, f'the state of charge is {100.0 * soc:.1f} %; this vehicle heats '
+                           f'from {100.0 * self.minimum_soc:g} % on')
+        if isfinite(self.maximum_temperature_c) and not temperature_c < self.maximum_temperature_c:
+            return Verdict(Refusal.HOT_BATTERY, f'the battery is at {temperature_c:.1f} degC; this vehicle heats '
+                           f'below {self.maximum_temperature_c:g} degC')
+        if self.only_while_standing and not abs(speed_mps) < STANDING_MPS:
+            return Verdict(Refusal.IN_MOTION, f'the vehicle moves at {speed_mps:.1f} m/s; it heats only while it '
+                           'stands')
+        return SERVED
+
+
+NO_GATES = HeatingGates()
+
+
+def gate_problems(gates: HeatingGates, maximum_power_w: float, lowest_c: float) -> Iterator[str]:
+    """Yield a sentence for each implausible value; heater [W] and coldest battery [deg C] of the same file."""
+    steps_w = gates.power_steps_w
+    if any(not low_w < high_w for low_w, high_w in zip(steps_w, steps_w[1:])):
+        yield f'heating_gates.power_steps_w: {list(steps_w)} must rise from step to step'
+    if steps_w and steps_w[-1] > maximum_power_w:
+        yield (f'heating_gates.power_steps_w: {steps_w[-1]:g} W is above hvch.maximum_power_w, '
+               f'{maximum_power_w:g} W')
+    if gates.maximum_temperature_c <= lowest_c:
+        yield (f'heating_gates.maximum_temperature_c: {gates.maximum_temperature_c:g} degC is not above the '
+               f'lowest temperature of battery.temperature_range_c, {lowest_c:g} degC, so the vehicle would never '
+               'heat')
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
+from bev_preheat.numerics import AnyNumber, Arithmetic, Number
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heat_path import HeatPath
+    from bev_preheat.vehicle.description import HeatPath, Vehicle
     from bev_preheat.vehicle.model import Integrator
 
 # The solution for two equal time constants has another form. The step's numbers of time constants are therefore

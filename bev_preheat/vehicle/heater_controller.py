@@ -16,7 +16,7 @@ from enum import IntEnum
 import math
 from typing import NamedTuple
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 # The heater stays off for this time after a refused command [s], so that it does not flicker between valid and
 # invalid ones; another sender counts as commanding for at least as long.

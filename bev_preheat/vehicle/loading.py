@@ -13,8 +13,8 @@ import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
-from bev_preheat.files.configuration import find_configuration
-from bev_preheat.numerics.arithmetic import ARRAYS, Curve
+from bev_preheat.files.input_files import find_configuration
+from bev_preheat.numerics import ARRAYS, Curve
 from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
 from bev_preheat.vehicle.description import (
@@ -23,18 +23,19 @@ from bev_preheat.vehicle.description import (
     Cooling,
     Defaults,
     Drivetrain,
+    gate_problems,
+    HeatingGates,
+    HeatPath,
     Hvch,
     Leakage,
     RoadLoad,
     Uncertainty,
     Vehicle,
 )
-from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates
 from bev_preheat.vehicle.variants import with_shell
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 

@@ -13,13 +13,11 @@ from typing import Any, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.numerics.factors import S_PER_H, W_PER_KW, WH_PER_KWH
+from bev_preheat.numerics import ARRAYS, FLOATS, S_PER_H, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_in_words, session_charging
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle.description import Battery, Vehicle
 
 JOULES_PER_KJ = 1000.0

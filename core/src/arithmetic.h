@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Operations of the equations beyond + - * /, as in bev_preheat.numerics.arithmetic for floats. */
+/* Operations of the equations beyond + - * /, as in bev_preheat.numerics for floats. */
 #ifndef BEV_PREHEAT_CORE_ARITHMETIC_H_
 #define BEV_PREHEAT_CORE_ARITHMETIC_H_
 

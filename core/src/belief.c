@@ -303,7 +303,7 @@ static int32_t hold(const bev_belief_terms *terms, double *mean) {
       || fabs(mean[BEV_UNDER_WAY]) > terms->most_under_way_k;
 }
 
-/* As bev_preheat.numerics.truncated_normal: mean, variance, log of the probability. */
+/* As bev_preheat.numerics: mean, variance, log of the probability. */
 static void moments_in_tail(double distance, double width, double moments[3]) {
   const double log_density = -0.5 * distance * distance - BEV_LOG_ROOT_2_PI;
   double x = distance * width;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Mean magnitude of a normal variable, as in bev_preheat.numerics.folded_normal. */
+/* Mean magnitude of a normal variable, as in bev_preheat.numerics. */
 #ifndef BEV_PREHEAT_CORE_FOLDED_NORMAL_H_
 #define BEV_PREHEAT_CORE_FOLDED_NORMAL_H_
 

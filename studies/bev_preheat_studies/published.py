@@ -25,7 +25,7 @@ from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs
-from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW
+from bev_preheat.numerics import S_PER_MIN, W_PER_KW
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip

@@ -24,7 +24,7 @@ import numpy as np
 
 import bev_preheat
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.configuration import version
+from bev_preheat.files.input_files import version
 from bev_preheat.files.output_files import check_writable, target_of
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from bev_preheat.drawing.figure import (
 )
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.numerics.factors import W_PER_KW
+from bev_preheat.numerics import W_PER_KW
 from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.methods import value_table
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.recursion import ValueTable
     from bev_preheat.planning.trip import Trip

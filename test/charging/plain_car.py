@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Charging, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 

@@ -10,7 +10,7 @@ from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.worth import find_worth, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 
 # 41 s of heater lag and 12 kJ/K of coolant.

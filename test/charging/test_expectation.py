@@ -17,7 +17,7 @@ from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route

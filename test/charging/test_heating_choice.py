@@ -15,11 +15,11 @@ from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 REFERENCE, LARGE = load_vehicle('reference'), load_vehicle('large_suv')
 PRICES = Prices(0.6, 10.0)

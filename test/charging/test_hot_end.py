@@ -15,7 +15,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import derating_in, too_warm
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -22,13 +22,13 @@ import pytest
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.

@@ -20,8 +20,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging, Uncertainty
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import Charging, HeatPath, Uncertainty
 
 REFERENCE = load_vehicle('reference')
 PRICES = Prices(0.55, 12.0)

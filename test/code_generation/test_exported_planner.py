@@ -10,8 +10,7 @@ import subprocess
 
 import pytest
 
-from bev_preheat.code_generation.ecu_constants import vehicle_source
-from bev_preheat.code_generation.ecu_export import Export, own_sources
+from bev_preheat.code_generation.ecu_export import Export, own_sources, vehicle_source
 from bev_preheat.code_generation.ecu_vectors import (
     Answer,
     BAD_INPUT,
@@ -26,8 +25,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Leakage
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath, Leakage
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 pytestmark = pytest.mark.costly

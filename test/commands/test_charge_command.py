@@ -10,7 +10,7 @@ import yaml
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route, route_file

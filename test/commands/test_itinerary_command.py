@@ -8,7 +8,7 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.control.itinerary import SCHEMA
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.tunables import MOST_STOPS
 
 ROUTE = """duration_s,speed_mps,propulsion_power_w,ambient_temperature_c

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bev_preheat.commands.main import main
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 
 CAR, ROUTE, OTHER_ROUTE, LEGS, LOG, TRIP, DRIVE = (
     'car.yaml', 'route.csv', 'other.csv', 'legs.yaml', 'log.csv', 'trip.yaml', 'drive.yaml')

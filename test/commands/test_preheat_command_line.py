@@ -13,7 +13,7 @@ import pytest
 from bev_preheat.commands import parser as console_parser
 from bev_preheat.commands.main import main, SUBCOMMANDS
 from bev_preheat.commands.parser import NameCompleter
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.simulation import scenario_drive
 from bev_preheat.simulation.scenario_drive import DriveRecord
 

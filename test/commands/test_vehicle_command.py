@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.image import imread
 import pytest
 
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.vehicle import load_vehicle
 
 ID4 = ['vehicle', 'new', '--chemistry', 'nmc', '--usable-energy-kwh', '77', '--gross-energy-kwh',

@@ -12,7 +12,7 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetSearchInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route

@@ -11,7 +11,7 @@ from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

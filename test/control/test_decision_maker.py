@@ -14,7 +14,7 @@ from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_case
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status

@@ -21,7 +21,7 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

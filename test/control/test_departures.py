@@ -13,7 +13,7 @@ import pytest
 from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices, PricePeriod
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 BERLIN = ZoneInfo('Europe/Berlin')
 ZONES = tuple(map(ZoneInfo, (

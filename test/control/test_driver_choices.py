@@ -8,7 +8,7 @@ from stepwise import Stepwise
 from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import CancelledTrip, DriverChoices, LastSeen, NO_CHOICES
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 

@@ -11,7 +11,7 @@ from stepwise import Stepwise
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
@@ -20,7 +20,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mi
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.tunables import LAG_DEVIATION, NOMINAL_HEAT_LAG_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 pytestmark = pytest.mark.costly
 

@@ -8,7 +8,7 @@ from bev_preheat.control.heater_power import CommandHistory
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 

@@ -13,7 +13,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -24,8 +24,8 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import HeatingGates
 from bev_preheat.vehicle.heater_controller import Refusal
-from bev_preheat.vehicle.heating_gates import HeatingGates
 
 MS = 1_000_000
 COMMANDS = st.lists(st.tuples(st.integers(1, 400), st.sampled_from([0.0, 900.0, 5300.0, 7000.0])),

@@ -11,7 +11,7 @@ from bev_preheat.control.learning import StandWatch
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.soak import after_soak
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_GAP_S

@@ -24,13 +24,13 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S

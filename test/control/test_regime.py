@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.control.regime import Evidence, PlannedPower, Regime, RegimeWatch
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 START_S = 5000
 # The route plans 15.3 kW of propulsion and 2.1 kW of consumers.

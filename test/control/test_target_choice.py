@@ -35,7 +35,7 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target_choice import TargetChooser, TargetSource
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.simulation.heater import HeaterLease
@@ -43,7 +43,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mi
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 # Of battery states on a simulated drive [s].

@@ -29,12 +29,12 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetChooser, TargetSource
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_GAIN_SHARE
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 
 @pytest.mark.parametrize('leg, settings', [

@@ -12,7 +12,7 @@ from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import KNOWN_TO_M
 

@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.control.events import ProgressArrived
 from bev_preheat.control.inputs import Progress
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 
 

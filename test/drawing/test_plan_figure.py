@@ -10,13 +10,12 @@ from bev_preheat.control.inputs import Leg
 from bev_preheat.drawing.inputs_figure import make_route_figure
 from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of
 from bev_preheat.drawing.plan_figure import make_itinerary_figure, make_plan_figure
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route, make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 VEHICLE = load_vehicle('reference')
 STATE = BatteryState(-7.0, 0.9)

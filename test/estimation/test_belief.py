@@ -28,7 +28,7 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
@@ -36,8 +36,7 @@ from bev_preheat.tunables import (
     NOMINAL_SENSOR_LAG_S,
     UNKNOWN_K,
 )
-from bev_preheat.vehicle.description import Uncertainty
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath, Uncertainty
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
 # No Joule heat, no drivetrain heat: only leakage changes the temperature.

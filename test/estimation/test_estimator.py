@@ -14,7 +14,7 @@ from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import RISE_BOUNDS, RISE_DEVIATIONS, RISES_K_PER_KW
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import LOCAL_DEVIATION_K, LONGEST_EXCURSION_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.variants import Corrections

@@ -23,7 +23,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
 from bev_preheat.estimation.state import HEATER, LEAKAGE
 from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

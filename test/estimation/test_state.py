@@ -22,7 +22,7 @@ from bev_preheat.estimation.state import (
     SIZE,
     state_rates,
 )
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates

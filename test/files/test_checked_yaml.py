@@ -8,7 +8,7 @@ import yaml
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 
 ANYTHING = 'type: object\n'
 FILES = sorted(configuration_folder('vehicles').parent.rglob('*.yaml'))

@@ -16,7 +16,7 @@ from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.state_file import load_state
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.csv_file import load_route

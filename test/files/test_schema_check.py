@@ -8,7 +8,7 @@ import yaml
 from bev_preheat.charging import chargers
 from bev_preheat.control import itinerary
 from bev_preheat.files.checked_yaml import load_schema, surely_obeys
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.route import legs
 from bev_preheat.simulation import scenario
 from bev_preheat.vehicle import loading

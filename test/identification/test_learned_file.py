@@ -10,7 +10,7 @@ import yaml
 from bev_preheat.commands.main import main
 from bev_preheat.estimation.prior import Learned, prior_factor_covariance
 from bev_preheat.estimation.state_file import save_state
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_fingerprint
 
 # Heat capacity, leakage, resistance, heater efficiency, propulsion.

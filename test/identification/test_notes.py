@@ -10,7 +10,7 @@ import pytest
 from bev_preheat.identification.result import Estimated
 from bev_preheat.identification.vehicle_file import notes_of
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 VEHICLE = replace(load_vehicle('reference'), heat_path=HeatPath(0.0, 20e3, 400.0, 12.0))
 

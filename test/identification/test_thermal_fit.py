@@ -10,7 +10,7 @@ from recorded import night, recording
 
 from bev_preheat.identification.check import predict
 from bev_preheat.identification.trips import trip_of
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Leakage
@@ -141,7 +141,7 @@ def test_the_fits_model_agrees_with_plans_where_power_is_steady():
 def test_resistance_and_capacity_come_from_voltage_and_current():
     from bev_preheat.identification.curves import CorrectedResistance
     from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.numerics.arithmetic import ARRAYS
+    from bev_preheat.numerics import ARRAYS
     # 0.1 ohm where START has 2/(7.5 + 15); 100 Ah where START has 90; a lasting error of 3 V.
     start = replace(VEHICLE, battery=replace(VEHICLE.battery, capacity_ah=90.0))
     trips = [trip_of(recording(str(number), 1200 + number, voltage_v=lambda v: v - 3.0),

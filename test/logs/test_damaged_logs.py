@@ -70,7 +70,7 @@ def test_a_long_log_is_averaged_in_bounded_memory(monkeypatch):
 
 
 def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr('bev_preheat.files.table_text.LONGEST_LINE', 1 << 20)
+    monkeypatch.setattr('bev_preheat.files.table.LONGEST_LINE', 1 << 20)
     path = tmp_path / 'a.csv'
     path.write_text('time_s,speed_mps\n0,1\n1,2\n' + '3,' * (1 << 21), encoding='utf-8')
     with pytest.raises(InvalidInput, match='line 4: has more than 1048576 characters'):

@@ -4,7 +4,7 @@
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.signal_map import load_signal_map, recognised_map, shipped_maps
 

@@ -19,7 +19,7 @@ from bev_preheat.control.target_choice import TargetSource
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import HeatingInterval, Reason, Stranding
 from bev_preheat.planning.situation import BatteryState, Goal

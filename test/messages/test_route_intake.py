@@ -14,7 +14,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.messages.route_plan import refused_route_of
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle

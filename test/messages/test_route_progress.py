@@ -12,7 +12,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.route_progress import progress_event
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import RouteProgress
 
 START_NS = NOW_NS

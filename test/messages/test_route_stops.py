@@ -12,7 +12,7 @@ from bev_preheat.charging.stop import Charger
 from bev_preheat.control.inputs import Leg
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message, route_plan_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import Route
 from bev_preheat.tunables import MOST_STOPS

@@ -9,7 +9,7 @@ import numpy as np
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
 
 # Curves of the first are formulas, with tables of limits; of the second, tables.

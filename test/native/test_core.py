@@ -15,14 +15,20 @@ from bev_preheat.native import library as library_module
 from bev_preheat.native.calls import place, vehicle_in_core
 from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
 from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
-from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.engine import run_forward, trip_in_core
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
-from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
-from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS, TripColumns
+from bev_preheat.vehicle.model import (
+    make_euler,
+    make_midpoint,
+    make_rates,
+    make_runge_kutta_4,
+    TRIP_COLUMNS,
+    TripColumns,
+)
 from bev_preheat.vehicle.variants import ScaledCurve
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)

@@ -11,8 +11,7 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import SENSOR, SIZE, TEMPERATURE, UNDER_WAY
-from bev_preheat.native.beliefs import arrival_variance, Elapsing, NativeBelief, ReadingNoise
-from bev_preheat.native.calls import vehicle_in_core
+from bev_preheat.native.calls import arrival_variance, Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
 from bev_preheat.native.library import core, Declined, without_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
@@ -20,10 +19,9 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import MOST_APART_K
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.uncertain_car import DriveInputs
-from bev_preheat.vehicle.variants import with_shell
+from bev_preheat.vehicle.variants import DriveInputs, with_shell
 
 VEHICLES = {'formulas': load_vehicle('reference'), 'tables': load_vehicle('small_car'),
             'logarithm': load_vehicle('mid_size_lfp'),

@@ -13,7 +13,7 @@ from bev_preheat.planning.limits import run_unheated
 from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SAME_INSTANT_S = 1e-3

@@ -15,7 +15,7 @@ from bev_preheat.planning.engine import trip_in_core
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)

@@ -16,7 +16,7 @@ from bev_preheat.native.structs import (
     room,
     SwitchPlanStruct,
 )
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.engine import plan_by_paper, plan_switch, trip_in_core
 from bev_preheat.planning.heat_run import roll_heated
 from bev_preheat.planning.limits import limits_along
@@ -25,7 +25,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_terminal_limits
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)

@@ -23,7 +23,7 @@ from example_frames import (
 )
 from slcan_port import SlcanPort
 
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 
 PERIOD_S = 0.1
 # The heater's own timeout: without a new frame it is off.

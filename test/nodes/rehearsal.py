@@ -28,7 +28,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
 from bev_preheat.native.library import use_core
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 START_NS = 1_700_000_000 * NS_PER_S
 # A wait fails after this time of the rehearsal; events at one instant are a loop after this number.

@@ -25,7 +25,7 @@ from bev_preheat.bus.conditioning import (
 )
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes import bus_conditioning
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 

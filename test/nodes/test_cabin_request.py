@@ -16,7 +16,7 @@ import pytest
 from std_msgs.msg import Float64
 from test_whole_car import small_battery
 
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 
 pytestmark = [pytest.mark.needs('kuksa_client'), pytest.mark.needs('cantools'), pytest.mark.needs('can'),
               pytest.mark.needs('crccheck'), pytest.mark.needs('serial')]

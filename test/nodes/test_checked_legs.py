@@ -18,10 +18,10 @@ from bev_preheat.nodes.optimality_report import (
     case_of_plan,
     case_of_state,
 )
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_msgs.msg import RoutePlan
 
 VEHICLE = load_vehicle('reference')

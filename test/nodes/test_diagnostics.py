@@ -13,7 +13,7 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.messages.diagnostics import heater_entry, planner_diagnostics
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.vehicle import load_vehicle

@@ -8,9 +8,9 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from test_command_conflict import feeding, LEASE_S, QUICK
 
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
 
 HEATER = ('-p', f'command_deadline:={LEASE_S + 1.0}')

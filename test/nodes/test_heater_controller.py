@@ -14,14 +14,14 @@ from rclpy.qos import LivelinessPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes import heater_controller_node
 from bev_preheat.nodes.heater_controller_node import GateInputs
 from bev_preheat.nodes.heater_execution import CommandSenders, RefusalNews
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.description import HeatingGates
 from bev_preheat.vehicle.heater_controller import HeaterAnswer, Instant, Refusal
-from bev_preheat.vehicle.heating_gates import HeatingGates
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.messages.route_plan import ROUTE_FIELDS
 from bev_preheat.nonlinear_program.solve import solve_optimum
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal

@@ -9,7 +9,7 @@ from planner_car import heats, PlannerCar, values_of
 import pytest
 from std_srvs.srv import SetBool
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 
 ZONE = ZoneInfo('Europe/Berlin')
 # A Thursday.

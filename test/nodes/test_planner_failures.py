@@ -6,7 +6,7 @@ from itertools import count
 from planner_car import PlannerCar
 import pytest
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 
 START_S = 1_700_000_000

@@ -18,7 +18,7 @@ import pytest
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import RoutePlan
 

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from planner_car import PlannerCar, values_of
 import pytest
 
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
 # As version 0.2.0 wrote it, cut off in the middle.

@@ -21,7 +21,7 @@ from sensor_msgs.msg import Temperature
 
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes.planner_parameters import PARAMETERS
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress
 

@@ -11,7 +11,7 @@ from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
 
 from bev_preheat.messages.fields import time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning import installed_methods
 from bev_preheat.planning.installed_methods import InstalledMethod
 from bev_preheat.planning.status import Status

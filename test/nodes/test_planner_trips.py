@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

@@ -41,7 +41,7 @@ from bev_preheat.monitoring.planner_client import feedback_line, Wanted
 from bev_preheat.monitoring.seen import plan_seen
 from bev_preheat.monitoring.terminal_view import line, page
 from bev_preheat.nodes.optimality_report import case_of_plan
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import drive_scenario, evaluate_chain
 

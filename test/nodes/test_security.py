@@ -175,7 +175,7 @@ def test_each_executable_has_a_policy_and_only_the_planner_may_command_the_heate
 @pytest.fixture
 def gated_car(tmp_path):
     """Return a vehicle file with gates on the battery and on the speed."""
-    from bev_preheat.files.configuration import find_configuration
+    from bev_preheat.files.input_files import find_configuration
     path = tmp_path / 'gated.yaml'
     path.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text() + (
         '\nheating_gates: {minimum_soc: 0.15, only_while_standing: true}\n'))

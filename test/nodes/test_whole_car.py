@@ -22,7 +22,7 @@ from sensor_msgs.msg import BatteryState
 from spinning import TIME_LIMIT_S
 import yaml
 
-from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 

@@ -16,12 +16,12 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.nonlinear_program import charging_steps, smooth_maps
 from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
 from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 REFERENCE, LFP = load_vehicle('reference'), load_vehicle('mid_size_lfp')
 COOLANT = replace(REFERENCE, heat_path=HeatPath(40.0, 8e3, 600.0, 0.0))

@@ -8,13 +8,13 @@ import pytest
 
 from bev_preheat.nonlinear_program.attempt import SUCCESS
 from bev_preheat.nonlinear_program.solve import solve_optimum
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat_studies.optimality.drawn_trips import draw_trip

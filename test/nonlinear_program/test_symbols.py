@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.nonlinear_program.drive_steps import along_rows
 from bev_preheat.nonlinear_program.symbols import symbolic_curve, symbolic_rates, symbolic_step
-from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections

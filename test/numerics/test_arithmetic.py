@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import array_exp, array_log
+from bev_preheat.numerics import array_exp, array_log
 
 FUNCTIONS = [(array_exp, math.exp), (array_log, math.log)]
 VALUES = np.random.default_rng(7).uniform(0.2, 3.0, (40, 6))

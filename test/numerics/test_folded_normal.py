@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.numerics import mean_magnitude
 
 POWERS_W = st.floats(-3e5, 3e5)
 DEVIATIONS_W = st.floats(0.0, 3e5)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.truncated_normal import truncated_moments
+from bev_preheat.numerics import truncated_moments
 
 
 def trapezoid(values, x):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.dynamics import deliverable_power_w
 from bev_preheat.planning.engine import keep_accounts, run_forward
 from bev_preheat.planning.schedule import Schedule

@@ -17,7 +17,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 REFERENCE = load_vehicle('reference')
 LATE = replace(REFERENCE, heat_path=HeatPath(45.0, 15e3, 300.0))

@@ -12,8 +12,8 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import gate_problems, HeatingGates, NO_GATES
 from bev_preheat.vehicle.heater_controller import Refusal
-from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates, NO_GATES
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)

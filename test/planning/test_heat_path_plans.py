@@ -13,7 +13,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
@@ -23,8 +23,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import Hvch, Leakage
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath, Hvch, Leakage
 
 REFERENCE = load_vehicle('reference')
 ROUTE = load_route('reference', REFERENCE.defaults)

@@ -19,7 +19,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import VALUES_KEPT_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import limited_by_coldest_cell
 
 GOAL = Goal(25.0)

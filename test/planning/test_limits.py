@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near, run_within_limits

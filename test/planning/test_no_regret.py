@@ -11,7 +11,7 @@ import numpy as np
 from own_plant import OwnPlant, STEP_S
 import pytest
 
-from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, plan_without_heating

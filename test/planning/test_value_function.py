@@ -30,7 +30,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 VEHICLE, PLANT = load_vehicle('reference'), OwnPlant('reference')

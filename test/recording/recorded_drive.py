@@ -12,7 +12,7 @@ from bev_preheat.messages.battery_state import battery_event, reading_message
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.nodes.flight_recording import _kind
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal

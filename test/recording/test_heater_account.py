@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.control.heater_power import HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.course import TripResults
 from bev_preheat.recording.heater_account import HeaterAccount, Span

@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import Given
 from bev_preheat.recording.inputs import InputRemarks
 from bev_preheat.recording.recorded_steps import RecordedStep

@@ -10,7 +10,7 @@ from recorded_bag import STEPS, topic_messages, TYPES, write_mcap, write_sqlite
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.commands.main import main
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.message_types import definition
 

@@ -10,7 +10,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.nodes import flight_recording
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight, Start
 from bev_preheat.recording.ring import recordings_in

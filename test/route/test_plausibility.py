@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.route.for_vehicle import route_for
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.vehicle import load_vehicle

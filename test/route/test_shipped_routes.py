@@ -6,7 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.legs import load_legs
 from bev_preheat.route.segments import Route

@@ -6,7 +6,7 @@ from math import isnan
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
@@ -14,7 +14,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mi
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.description import DIRECT, HeatPath
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)

@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterLease, NO_LEASE

@@ -8,15 +8,15 @@ import pytest
 import yaml
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.files.input_files import configuration_folder
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import Goal
 from bev_preheat.simulation.phases import Charge, Park
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import evaluate
 from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Spike
 from bev_preheat.simulation.traffic import Kind
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 FOLDER = configuration_folder('scenarios')
 NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))

@@ -13,8 +13,7 @@ from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import Drivetrain, HeatPath, Hvch, Leakage
 
 HEAT_CAPACITY_J_PER_K = 361e3
 CAPACITY_AH = 170.0

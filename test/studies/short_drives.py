@@ -7,7 +7,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.simulation.imperfect_car import Mismatch
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import DIRECT
+from bev_preheat.vehicle.description import DIRECT
 from bev_preheat_studies.robustness.cars import CarResult
 from bev_preheat_studies.robustness.drawn_cars import Conditions
 from bev_preheat_studies.robustness.driven import DriveOutcome

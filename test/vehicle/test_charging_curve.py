@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle.charging_curve import (
     charging_map,
     ChargingCurve,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 
 OVER_SOC = Table(soc=(0.1, 0.35, 0.9), temperature_c=(0.0,), values=((7.0,), (3.0,), (11.0,)))

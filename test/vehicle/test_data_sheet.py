@@ -13,8 +13,8 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.files.input_files import configuration_folder
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 from bev_preheat.vehicle.model import make_euler, make_rates, make_runge_kutta_4

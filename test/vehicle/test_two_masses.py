@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell

@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, limited_by_coldest_cell
 

@@ -8,11 +8,10 @@ import pytest
 import yaml
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.description import Charging, RoadLoad, Uncertainty
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.description import Charging, DIRECT, HeatPath, RoadLoad, Uncertainty
 
 GOOD = {
     'name': 'test car',

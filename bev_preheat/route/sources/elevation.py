@@ -17,7 +17,7 @@ from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.route.segments import ELEVATION_RANGE_M
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Grid of the filter [m], coarser on long routes, and the range of its standard deviation [m].
 GRID_M = 20.0

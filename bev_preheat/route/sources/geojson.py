@@ -20,7 +20,7 @@ from bev_preheat.route.sources.timeline import check_coordinates, distances_m, j
 from bev_preheat.route.sources.track import journey_of_points
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 KIND = 'GeoJSON line'

@@ -17,7 +17,7 @@ from bev_preheat.route.sources.journey import SLOPE_RANGE
 
 if TYPE_CHECKING:
     from bev_preheat.files.table import Table
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 
 class Quantity(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.files.table import Table
 from bev_preheat.files.units import split_unit
-from bev_preheat.numerics.arrays import FloatArray
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.sources.table import journey_of_table
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by
 from bev_preheat.route.sources.timeline import journey_of_pieces, Pieces
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # Durations as a text; the longest leg and charging stop [s], and the longest leg [m].

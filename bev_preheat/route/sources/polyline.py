@@ -11,7 +11,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.route.sources.timeline import distances_m
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Bits of a number in each character, and the sign that another one follows.
 BITS, MORE, FIRST = 5, 0x20, 63

@@ -22,7 +22,7 @@ from bev_preheat.route.sources.journey import ChargingStop, Journey
 
 if TYPE_CHECKING:
     from bev_preheat.files.table import Table
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Columns of the segments of a Journey.
 OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', 'ambient_temperature',

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics.factors import EARTH_RADIUS_M
+from bev_preheat.numerics import EARTH_RADIUS_M
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.road_load import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
@@ -19,7 +19,7 @@ from bev_preheat.route.sources.journey import ChargingStop, Journey, SEGMENT_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.route.sources.journey import RouteOptions
 
 # Shorter segments, beside a stop, are joined with their neighbours [s].

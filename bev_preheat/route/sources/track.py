@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics.factors import EARTH_RADIUS_M
+from bev_preheat.numerics import EARTH_RADIUS_M
 from bev_preheat.route.kinematics import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
@@ -18,7 +18,7 @@ from bev_preheat.route.sources.timeline import check_coordinates, distances_m, j
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # No car is faster [m/s]; a fix beyond is an error of the receiver.

@@ -11,10 +11,9 @@ from xml.parsers import expat
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.number_text import NUMBER
 from bev_preheat.files.table import Table
 from bev_preheat.files.times import iso_seconds
-from bev_preheat.files.units import split_unit
+from bev_preheat.files.units import NUMBER, split_unit
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
@@ -24,7 +23,7 @@ from bev_preheat.route.sources.track import journey_of_points
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 # Deeper nesting is no route.
 MOST_DEPTH = 50

@@ -82,7 +82,7 @@ typedef struct {
   double joule_rise_noise_k_per_kw;
 } bev_belief_terms;
 
-/* The car's drive in one step, with the nominal leakage; see bev_preheat.vehicle.uncertain_car. */
+/* The car's drive in one step, with the nominal leakage; see bev_preheat.vehicle.variants. */
 typedef struct {
   double speed_mps;
   double ambient_temperature_c;

@@ -20,7 +20,7 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH
+from bev_preheat.numerics import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.situation import BatteryState

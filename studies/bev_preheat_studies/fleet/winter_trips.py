@@ -16,8 +16,7 @@ import math
 import numpy as np
 
 from bev_preheat.charging.stop import ChargingStop
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import S_PER_H
+from bev_preheat.numerics import FLOATS, S_PER_H
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, loaded, RoadForces
 from bev_preheat.route.segments import make_route, Route

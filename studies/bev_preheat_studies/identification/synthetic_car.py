@@ -16,10 +16,10 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.recording import Recording, Series
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 HOUR_S = 3600

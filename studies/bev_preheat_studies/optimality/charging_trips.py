@@ -15,13 +15,12 @@ from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.description import Cooling
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import Cooling, HeatPath
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
 
 VEHICLES = ('reference', 'large_suv', 'mid_size_lfp', 'small_car', 'small_hatchback')
 STEP_S = 60.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.random import Generator
 
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import Curve, FloatArray
 
 STEP_S = 30.0
 # Approximate voltage, to convert energy to charge when a reserve is drawn.

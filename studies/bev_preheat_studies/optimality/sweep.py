@@ -14,7 +14,7 @@ import numpy as np
 from bev_preheat.commands.parser import completed_by, VEHICLES
 from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
-from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics import ARRAYS
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.plan import energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat_studies.optimality.sweep import GapResult
 
 # Gaps below this are the solver's rounding; a logarithmic axis needs a floor.

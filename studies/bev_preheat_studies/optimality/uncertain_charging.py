@@ -25,7 +25,7 @@ from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat_studies.optimality.charging_trips import ChargingTrip
 

@@ -11,7 +11,7 @@ import numpy as np
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.planning.plan import SAME_SHORTFALL_K
 from bev_preheat.simulation.imperfect_car import Mismatch
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.robustness.drawn_cars import draw_car
 from bev_preheat_studies.robustness.driven import (
     drive_informed,

@@ -14,7 +14,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mi
 from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
-from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.description import HeatPath
 
 # Each factor is uniform in 1 +- this.
 SPREAD = {

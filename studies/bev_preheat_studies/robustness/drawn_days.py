@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics import FLOATS
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park
 from bev_preheat.simulation.sensors import PositionReports

@@ -18,7 +18,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 if TYPE_CHECKING:

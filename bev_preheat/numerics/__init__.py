@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Kinds of number that the equations take: floats, arrays, symbols."""
