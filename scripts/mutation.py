@@ -33,9 +33,9 @@ LIBRARY = 'libbev_preheat_core.so'
 SUBJECTS = {
     'gate': (
         'bev_preheat/control/decision.py', 'bev_preheat/control/command.py',
-        'bev_preheat/control/heater_switch.py', 'bev_preheat/vehicle/heater_controller.py'),
+        'bev_preheat/control/heater.py', 'bev_preheat/vehicle/heater_controller.py'),
     'admission': (
-        'bev_preheat/control/inbox.py', 'bev_preheat/control/inputs.py', 'bev_preheat/control/refusals.py',
+        'bev_preheat/control/inbox.py', 'bev_preheat/control/inputs.py', 'bev_preheat/control/events.py',
         'bev_preheat/messages/battery_state.py', 'bev_preheat/messages/fields.py',
         'bev_preheat/messages/route_plan.py', 'bev_preheat/planning/situation.py',
         'bev_preheat/route/segments.py'),

@@ -5,12 +5,12 @@ from bev_preheat.control.events import (
     BatteryStateArrived,
     PreheatingSwitched,
     Reconfigured,
+    RefusedRoute,
     RouteArrived,
     RouteUnreadable,
     TripCancelled,
 )
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 

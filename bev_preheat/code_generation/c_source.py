@@ -51,7 +51,7 @@ RATES = ('soc', 'temperature_c', *INPUTS[1:])
 # Values of the curves at a state, as arguments.
 CIRCUIT = ('voltage_v', 'resistance_ohm')
 POWER_LIMITS = ('charge_w', 'discharge_w')
-# State, factors and inputs of vehicle.uncertain_car, and the nominal leakage.
+# State, factors and inputs of a car known up to factors, and the nominal leakage.
 FACTORS = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion')
 ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
                     if field.name not in ('terminal_power_w', 'hidden_variance_w2'))

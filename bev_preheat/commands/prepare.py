@@ -15,8 +15,14 @@ from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
 from bev_preheat.commands.situation import load_planned_vehicle
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
-from bev_preheat.control.departures import CLOCK, dated_instant_ns, in_words, local
-from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.control.departures import (
+    CLOCK,
+    dated_instant_ns,
+    in_words,
+    load_departures,
+    load_grid_prices,
+    local,
+)
 from bev_preheat.control.preparation import prepare_week
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.monitoring.end_signals import end_signals

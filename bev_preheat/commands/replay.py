@@ -15,7 +15,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
-from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
+from bev_preheat.recording.player import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -146,7 +146,7 @@ def run_expectation(arguments: Namespace, result: Result, status: int) -> int:
     """Write the figures, or compare them with the expected ones; returns the exit status."""
     if arguments.expect is None and arguments.write_expected is None:
         return status
-    from bev_preheat.recording.expected import deviations, expectation, figures, load_expectation
+    from bev_preheat.recording.comparison import deviations, expectation, figures, load_expectation
     console = result_console(arguments.json)
     comparison = result.replayed.comparison if result.flight.has_commands and result.changed is None else None
     values = figures(comparison, result.courses[-1])

@@ -13,10 +13,9 @@ from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.heater_power import CommandHistory
-from bev_preheat.control.heater_switch import HeaterSwitch
+from bev_preheat.control.events import BATTERY, ROUTE
+from bev_preheat.control.heater import CommandHistory, HeaterSwitch
 from bev_preheat.control.inputs import Leg
-from bev_preheat.control.refusals import BATTERY, ROUTE
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W

@@ -36,7 +36,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.variants import DriveInputs
 
 if TYPE_CHECKING:
-    from bev_preheat.control.heater_power import CommandHistory
+    from bev_preheat.control.heater import CommandHistory
     from bev_preheat.control.inputs import Leg, Mission
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.vehicle.description import Defaults, Vehicle

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.terms import OF_ROUTE
+from bev_preheat.control.inputs import OF_ROUTE
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
@@ -24,7 +24,7 @@ from bev_preheat.numerics import array_exp
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.heat_run import state_with_heat_under_way
-from bev_preheat.planning.kept_values import KeptValues
+from bev_preheat.planning.methods import KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
@@ -41,12 +41,12 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
+    from bev_preheat.control.inputs import Terms
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.terms import Terms
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.kept_values import Kept
+    from bev_preheat.planning.methods import Kept
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 

@@ -18,16 +18,18 @@ from bev_preheat.control.events import (
     DeparturesSkipped,
     Event,
     PreheatingSwitched,
+    PROGRESS,
     ProgressArrived,
     ProgressUnreadable,
     Reconfigured,
+    Refusals,
+    RefusedRoute,
     RivalsChanged,
     RouteArrived,
     RouteUnreadable,
     TripCancelled,
 )
 from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
-from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput

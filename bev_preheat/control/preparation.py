@@ -16,7 +16,7 @@ import numpy as np
 from bev_preheat.control.decision import find_obstacle
 from bev_preheat.control.departures import DAYS_A_WEEK
 from bev_preheat.control.expected_drive import drive_of_route, DriveMemory, steady_drive
-from bev_preheat.control.inputs import in_planning_steps, Leg, Mission
+from bev_preheat.control.inputs import in_planning_steps, Leg, Mission, Terms
 from bev_preheat.control.preparation_goal import (
     conclusion,
     contradiction,
@@ -26,7 +26,6 @@ from bev_preheat.control.preparation_goal import (
     PreparationProgress,
 )
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
-from bev_preheat.control.terms import Terms
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import NS_PER_S

@@ -8,18 +8,17 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater_power import HeaterAnswers
+from bev_preheat.control.heater import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.learning import Learning
+from bev_preheat.control.knowledge import Knowledge, Learning
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import AdmittedInputs, Command
-    from bev_preheat.control.heater_power import HeaterAnswerReport
+    from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.learning import StandReport
+    from bev_preheat.control.knowledge import StandReport
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings

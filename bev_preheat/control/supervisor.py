@@ -25,8 +25,7 @@ from bev_preheat.control.events import (
     Reconfigured,
 )
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
-from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.learning import Learning
+from bev_preheat.control.knowledge import Knowledge, Learning
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import NO_CHOICES

@@ -14,7 +14,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self, TYPE_CHECKING
 
-from bev_preheat.control.heater_power import KEPT_NS
+from bev_preheat.control.heater import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from bev_preheat.control.departure_source import DepartureReport
-    from bev_preheat.control.heater_power import HeaterAnswerReport
+    from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.state import State
     from bev_preheat.estimation.estimate import Estimate

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
-from bev_preheat.control.heater_power import HeaterStatus
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.errors import InvalidInput, shortened
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
 from bev_preheat.numerics import NS_PER_S

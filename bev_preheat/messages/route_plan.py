@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, ChargingProspect, MOST_S, USUAL_DEPARTURE_SOC
+from bev_preheat.control.events import RefusedRoute
 from bev_preheat.control.inputs import Leg, Mission, with_stops
-from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import (
     doubles,

@@ -18,7 +18,7 @@ from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bev_preheat.control.heater_power import HeaterStatus
+    from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
     from bev_preheat.recording.deviation import Unheated
 

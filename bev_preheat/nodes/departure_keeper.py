@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.departure_source import DepartureSource, NO_DEPARTURES
-from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import DepartureFiles
 

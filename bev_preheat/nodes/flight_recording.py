@@ -19,13 +19,15 @@ from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.beginning import Beginning, learned_values, recorded_state
-from bev_preheat.recording.message_types import definition
-from bev_preheat.recording.recorded_steps import (
+from bev_preheat.recording.records import (
+    Beginning,
     COMMAND,
     command_values,
+    definition,
     event_values,
     GoalNumbers,
+    learned_values,
+    recorded_state,
     RecordedStep,
     STEP,
 )

@@ -40,7 +40,7 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.recorded_steps import FAIL, STOP
+from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 

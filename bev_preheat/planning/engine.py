@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from bev_preheat.native.structs import SwitchPlanStruct
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.limited_drive import WantedHeat
+    from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route

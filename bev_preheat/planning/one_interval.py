@@ -282,7 +282,7 @@ def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPla
 
 
 def is_driven_as_planned(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
-    """Return whether a run has no power deficit and is described (`no_regret`); `find_w` as in `limits_along`."""
+    """Return whether a run has no power deficit and is described (`outcome`); `find_w` as in `limits_along`."""
     _, most_w = limits_along(trip, schedule, find_w)
     return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()
                 and schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.kept_values import Requirements
+    from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.trip import Trip
 
 PASSES = ((FIRST_STEP_K, 0.0), (WIDE_STEP_K, WIDE_K), (WIDE_STEP_K, WIDE_K), (NARROW_STEP_K, NARROW_K),

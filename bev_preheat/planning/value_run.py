@@ -26,7 +26,7 @@ from bev_preheat.tunables import (
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.kept_values import Requirements
+    from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.trip import Trip
 
 

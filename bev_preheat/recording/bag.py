@@ -17,13 +17,12 @@ from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import Flight, Given, ROS2_BAG
-from bev_preheat.recording.message_types import definition, OWN, read_message, SEPARATOR
-from bev_preheat.recording.recorded_steps import COMMAND, RecordedStep
+from bev_preheat.recording.records import COMMAND, definition, OWN, read_message, RecordedStep, SEPARATOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from bev_preheat.recording.beginning import Beginning
+    from bev_preheat.recording.records import Beginning
 
 MCAP, SQLITE = b'\x89MCAP0\r\n', b'SQLite format 3\0'
 SUFFIXES = ('.mcap', '.db3')

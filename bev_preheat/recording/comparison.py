@@ -1,23 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a replay answers as the recorded planner did, instant by instant, and the likely cause if not."""
+"""
+Whether a replay answers as the recorded planner did, and the likely cause if not; or gives the expected figures.
+
+Expected figures have tolerances, for continuous integration.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TYPE_CHECKING
+import difflib
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.files.input_files import version
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.input_files import read_text, version
 from bev_preheat.native.library import core
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import FLIGHT_RECORDER
-from bev_preheat.recording.recorded_steps import command_values
+from bev_preheat.recording.records import command_values
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
+    from bev_preheat.recording.course import Course
     from bev_preheat.recording.flight import Flight
-    from bev_preheat.recording.recorded_steps import RecordedStep
+    from bev_preheat.recording.records import RecordedStep
 
 # Leases of a recording without the instants of steps may end this much apart [ns].
 LEASE_TOLERANCE_NS = 1_000_000
@@ -112,3 +122,162 @@ def cause_of(flight: Flight, first: Difference) -> str:
         return 'The native core is not built here, and the recorded planner may have used it.'
     return ('None is known: version, parameters, vehicle file and inputs are the recorded ones. The file may '
             'have been changed, or the computer computes otherwise.')
+
+
+FIGURES_FORMAT = 1
+SAMPLE_S = 60
+# Tolerances that `figures` are written with; the others are compared as they are.
+TOLERANCES = {
+    'heating_begins_s': 30.0, 'heating_ends_s': 30.0, 'hvch_commanded_wh': 20.0, 'hvch_delivered_wh': 20.0,
+    'arrival_s': 10.0,
+    'arrival_temperature_c': 0.3, 'last_predicted_arrival_temperature_c': 0.3, 'minute_command_w': 100.0,
+    'minute_measured_c': 0.3, 'minute_predicted_c': 0.3, 'largest_difference_w': 1.0}
+
+
+class Deviation(NamedTuple):
+    """A figure that is not as expected: its name, its value, the expected one, and the tolerance, all as text."""
+
+    field: str
+    value: str
+    expected: str
+    tolerance: str
+
+    def sentence(self) -> str:
+        """Return it as text."""
+        return f'{self.field}: {self.value}, expected {self.expected}, tolerance {self.tolerance}'
+
+
+def figures(comparison: Comparison | None, course: Course) -> dict[str, Any]:
+    """
+    Return the figures of a replay that can be expected, by name.
+
+    `minute_...` have a value for each full minute from the start on. None: unknown, or never.
+    """
+    start_ns = course.instants[0].now_ns
+    heating = course.heating
+
+    def seconds(now_ns: int | None) -> float | None:
+        return None if now_ns is None else (now_ns - start_ns) / NS_PER_S
+
+    arrival, predicted = course.arrival, course.latest_prediction
+    minutes = _minutes(course)
+    return {
+        **({} if comparison is None else {
+            'reproduced': comparison.is_reproduced, 'commands': comparison.commands,
+            'different': comparison.different, 'largest_difference_w': comparison.largest_w}),
+        'heating_begins_s': seconds(heating[0][0] if heating else None),
+        'heating_ends_s': seconds(heating[-1][1] if heating else None),
+        'switch_ons': len(heating),
+        'hvch_commanded_wh': course.results.account.commanded_wh,
+        'hvch_delivered_wh': course.results.account.delivered_wh,
+        'arrival_s': seconds(None if arrival is None else arrival.now_ns),
+        'arrival_temperature_c': _known(None if arrival is None else arrival.measured_c),
+        'last_predicted_arrival_temperature_c': _known(None if predicted is None else predicted.predicted_c),
+        'statuses': [said.status.name for said in course.said],
+        'regimes': [regime for _, regime in course.regimes],
+        'signals_in_doubt': [names for _, names in course.signals if names],
+        'minute_command_w': [instant.command_w for instant in minutes],
+        'minute_measured_c': [_known(instant.measured_c) for instant in minutes],
+        'minute_predicted_c': [_known(instant.predicted_c) for instant in minutes]}
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value
+
+
+def _minutes(course: Course) -> list[Any]:
+    """Return the latest Instant at each full minute from the start on."""
+    instants = course.instants
+    found: list[Any] = []
+    start_ns, index = instants[0].now_ns, 0
+    while index < len(instants):
+        due_ns = start_ns + len(found) * SAMPLE_S * NS_PER_S
+        while index < len(instants) and instants[index].now_ns <= due_ns:
+            index += 1
+        if index < len(instants) or instants[-1].now_ns == due_ns:
+            found.append(instants[index - 1])
+    return found
+
+
+def expectation(values: dict[str, Any]) -> dict[str, Any]:
+    """Return what `--write-expected` writes of `figures`: each with its usual tolerance."""
+    return {'format': FIGURES_FORMAT, 'expected': {
+        name: {'value': _rounded(value), **({'tolerance': TOLERANCES[name]} if name in TOLERANCES else {})}
+        for name, value in values.items()}}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return round(value, 3) if isinstance(value, float) else value
+
+
+def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple[Any, float]]:
+    """
+    Return the expected value and the tolerance of each figure that a file names.
+
+    `known` are the `figures` of the replay. Raises InvalidInput, naming file and figure, if it is not such a file.
+    """
+    text = read_text(path)
+    try:
+        contents = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f'{path}: is not JSON: {error}') from error
+    if not isinstance(contents, dict) or contents.get('format') != FIGURES_FORMAT:
+        number = contents.get('format') if isinstance(contents, dict) else None
+        raise InvalidInput(f'{path}: has format {quoted(str(number))}; this version reads format {FIGURES_FORMAT} '
+                           '(preheat replay --write-expected)')
+    expected = contents.get('expected')
+    if not isinstance(expected, dict) or not expected:
+        raise InvalidInput(f'{path}: expected: has no figure, so that nothing would be checked')
+    return {name: _entry(path, name, entry, known) for name, entry in expected.items()}
+
+
+def _entry(path: str | Path, name: str, entry: Any, known: dict[str, Any]) -> tuple[Any, float]:
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        raise InvalidInput(f'{path}: {quoted(name)} is no figure of this replay' + (
+            f'; is {near[0]} meant?' if near else f'; figures are {", ".join(known)}'))
+    if not isinstance(entry, dict) or 'value' not in entry:
+        raise InvalidInput(f'{path}: {name}: has no value; it must be {{"value": ..., "tolerance": ...}}')
+    tolerance = entry.get('tolerance', 0.0)
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0.0 <= tolerance < math.inf:
+        raise InvalidInput(f'{path}: {name}: tolerance: {quoted(str(tolerance))} is not allowed; it must be '
+                           'a number of at least 0')
+    return entry['value'], float(tolerance)
+
+
+def deviations(expected: dict[str, tuple[Any, float]], values: dict[str, Any]) -> list[Deviation]:
+    """Return the Deviations of `figures` from an expectation, in its order; [] if all are as expected."""
+    found: list[Deviation] = []
+    for name, (wanted, tolerance) in expected.items():
+        value = values[name]
+        if isinstance(wanted, list) and isinstance(value, list):
+            found += _list_deviation(name, value, wanted, tolerance)
+        elif not _is_near(value, wanted, tolerance):
+            found.append(Deviation(name, _words(value), _words(wanted), f'{tolerance:g}'))
+    return found
+
+
+def _list_deviation(name: str, value: list[Any], wanted: list[Any], tolerance: float) -> list[Deviation]:
+    """Return the first difference of two lists, if there is one."""
+    for index, (one, other) in enumerate(zip(value, wanted)):
+        if not _is_near(one, other, tolerance):
+            return [Deviation(f'{name}[{index}]', _words(one), _words(other), f'{tolerance:g}')]
+    if len(value) != len(wanted):
+        return [Deviation(name, f'{len(value)} values', f'{len(wanted)} values', '0')]
+    return []
+
+
+def _is_near(value: Any, wanted: Any, tolerance: float) -> bool:
+    numbers = [each for each in (value, wanted) if isinstance(each, int | float) and not isinstance(each, bool)]
+    if len(numbers) == 2:
+        # A NaN is near to nothing.
+        return abs(numbers[0] - numbers[1]) <= tolerance
+    return type(value) is type(wanted) and bool(value == wanted)
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return 'none'
+    return f'{value:.6g}' if isinstance(value, float) else json.dumps(value)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.heater_power import HOLD_AT_ONCE
+from bev_preheat.control.heater import HOLD_AT_ONCE
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import moment
@@ -16,7 +16,7 @@ from bev_preheat.vehicle.heater_controller import Refusal
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from bev_preheat.control.heater_power import HeaterStatus
+    from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.control.state import State
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.player import Played

@@ -24,10 +24,9 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.bag import head_of, is_bag, read_topics, SQLITE, TYPES, with_repeats
-from bev_preheat.recording.beginning import Beginning
 from bev_preheat.recording.course import LEAST_HEAT_W
 from bev_preheat.recording.flight import Flight, Given, LOG, read_flight
-from bev_preheat.recording.recorded_steps import RecordedStep
+from bev_preheat.recording.records import Beginning, RecordedStep
 from bev_preheat.recording.writer import BEGINNING_CHANNEL
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
@@ -35,7 +34,7 @@ from bev_preheat.vehicle import load_vehicle, vehicle_contents
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording, Series
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.recording.changes import Changes
+    from bev_preheat.recording.player import Changes
 
 # The recorder's first message is near the start of a file.
 SEARCHED_RECORDS = 20

@@ -9,19 +9,17 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.recording.comparison import Comparison
 from bev_preheat.recording.course import Course
 from bev_preheat.recording.deviation import Deviation
-from bev_preheat.recording.flight import Period, WHOLE
+from bev_preheat.recording.flight import InputRemarks, Period, WHOLE
 from bev_preheat.recording.heater_account import alter_status, HeaterShares
-from bev_preheat.recording.inputs import InputRemarks
 from bev_preheat.recording.player import Player
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
-    from bev_preheat.recording.changes import Changes
     from bev_preheat.recording.flight import Flight, Given
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.player import Changes, Played
 
 # Steps between two reports to a watcher.
 REPORTED_EACH = 100

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from bev_preheat.control.events import Event
-    from bev_preheat.control.heater_power import HeaterStatus
+    from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar

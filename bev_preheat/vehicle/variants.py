@@ -172,7 +172,7 @@ class DriveInputs:
 # `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 DriveRates = Callable[[AnyNumber, AnyNumber, Sequence[AnyNumber], DriveInputs],
                       tuple[AnyNumber, AnyNumber, AnyNumber]]
-# `mean_magnitude(mean, variance)`: see numerics.folded_normal.
+# `mean_magnitude(mean, variance)`: see numerics.
 MeanMagnitude = Callable[[AnyNumber, AnyNumber], AnyNumber]
 
 

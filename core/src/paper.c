@@ -40,7 +40,7 @@ static bev_status run_paper(const bev_vehicle *vehicle, const bev_trip *trip, do
 
 /*
  * BEV_LIMITED if a run has a power deficit, or leaves the range of charge or temperature that the model describes:
- * bev_preheat.planning.no_regret does not accept such a run unchanged. Writes the limits along the run [W].
+ * bev_preheat.planning.outcome does not accept such a run unchanged. Writes the limits along the run [W].
  */
 static bev_status is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                        const double *soc, const double *temperature_c,

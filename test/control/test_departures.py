@@ -10,8 +10,15 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices, PricePeriod
-from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.control.departures import (
+    DailyPrice,
+    Departure,
+    Departures,
+    GridPrices,
+    load_departures,
+    load_grid_prices,
+    PricePeriod,
+)
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 

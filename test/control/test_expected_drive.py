@@ -4,7 +4,7 @@
 import pytest
 
 from bev_preheat.control.expected_drive import intervals_between
-from bev_preheat.control.heater_power import CommandHistory
+from bev_preheat.control.heater import CommandHistory
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
-from bev_preheat.control.heater_power import CommandHistory, HeaterAnswers, HeaterStatus
+from bev_preheat.control.heater import CommandHistory, HeaterAnswers, HeaterStatus
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput

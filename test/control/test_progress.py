@@ -11,10 +11,10 @@ from bev_preheat.control.events import (
     BatteryStateArrived,
     ProgressArrived,
     ProgressUnreadable,
+    RefusedRoute,
     RouteUnreadable,
 )
 from bev_preheat.control.inputs import Measurement, Mission, Progress, with_stops
-from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState

@@ -7,8 +7,8 @@ import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
 
+from bev_preheat.control.events import RefusedRoute
 from bev_preheat.control.inputs import Measurement, Mission, with_stops
-from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState

@@ -6,13 +6,13 @@ import os
 import pytest
 
 from bev_preheat.bus.vss_link import text_of
-from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files import input_files
 from bev_preheat.files.input_files import find_configuration, read_text
 from bev_preheat.files.table import read_head
 from bev_preheat.logs.can_frames import load_dbc
-from bev_preheat.recording.expected import load_expectation
+from bev_preheat.recording.comparison import load_expectation
 from bev_preheat.vehicle.charging_curve import read_charging_curve
 
 READERS = {

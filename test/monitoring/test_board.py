@@ -7,7 +7,7 @@ import math
 import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
-from bev_preheat.control.heater_power import HeaterStatus
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.monitoring.board import change_of
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.monitoring.source import Cursor, message

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.native.library import core_in_words, without_core
-from bev_preheat.planning.kept_values import KeptValues
-from bev_preheat.planning.methods import plan_by_values
+from bev_preheat.planning.methods import KeptValues, plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route

@@ -10,7 +10,7 @@ from bev_preheat.control.decision import Command
 from bev_preheat.messages.heater import command_message
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.message_types import definition
+from bev_preheat.recording.records import definition
 
 TYPES = {'battery_state': 'sensor_msgs/msg/BatteryState', 'route_plan': 'bev_preheat_msgs/msg/RoutePlan',
          'hvch_command': 'bev_preheat_msgs/msg/HvchCommand'}

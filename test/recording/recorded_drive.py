@@ -16,8 +16,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal
-from bev_preheat.recording.beginning import Beginning
-from bev_preheat.recording.recorded_steps import command_values, event_values, GoalNumbers, RecordedStep
+from bev_preheat.recording.records import Beginning, command_values, event_values, GoalNumbers, RecordedStep
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterLease

@@ -15,8 +15,8 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 from bev_preheat.recording import writer as module
-from bev_preheat.recording.beginning import Beginning
-from bev_preheat.recording.recorded_steps import RecordedStep
+from bev_preheat.recording.records import Beginning
+from bev_preheat.recording.records import RecordedStep
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
 module.COLLECTING_S, module.REOPENED_AFTER_S = 0.01, 0.0
 head = (Entry(BEGINNING_CHANNEL, 1, Beginning(

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bev_preheat.commands.main import main
-from bev_preheat.recording.expected import deviations
+from bev_preheat.recording.comparison import deviations
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 # The first minutes of the drive are enough.

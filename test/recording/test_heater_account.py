@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.control.heater_power import HeaterStatus
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status

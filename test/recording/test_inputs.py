@@ -9,9 +9,8 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.flight import Given
-from bev_preheat.recording.inputs import InputRemarks
-from bev_preheat.recording.recorded_steps import RecordedStep
+from bev_preheat.recording.flight import Given, InputRemarks
+from bev_preheat.recording.records import RecordedStep
 
 START_NS = 1_768_197_600 * NS_PER_S
 

@@ -12,7 +12,7 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.commands.main import main
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.message_types import definition
+from bev_preheat.recording.records import definition
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
 

@@ -14,7 +14,7 @@ from bev_preheat.control.events import PreparationEnded, PreparationWanted, Reco
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS
-from bev_preheat.recording.recorded_steps import event_of, event_values, GoalNumbers, MESSAGE_KINDS, PLAIN_EVENTS
+from bev_preheat.recording.records import event_of, event_values, GoalNumbers, MESSAGE_KINDS, PLAIN_EVENTS
 
 
 def test_no_event_is_left_out():

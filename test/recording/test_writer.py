@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.recording import writer as module
-from bev_preheat.recording.recorded_steps import RecordedStep
+from bev_preheat.recording.records import RecordedStep
 from bev_preheat.recording.ring import check_folder, make_room, recordings_in
 from bev_preheat.recording.writer import Entry, Recording, RecordingWriter, STEP_CHANNEL
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The method value_function: bev_preheat.planning.methods, and the check whether its plan may be used: no
- * plan may be worse than not heating (bev_preheat.planning.no_regret).
+ * plan may be worse than not heating (bev_preheat.planning.outcome).
  */
 #include "bev_ecu_shared.h"
 

@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The records of a recording: types of messages with their texts, the first records of a file, steps as plain values.
+
+A step is one call of `Supervisor.step`, `fail` or `stop`. Events that came as a ROS message are recorded by their
+topic only: the message itself is in the recording just before the step.
+"""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from dataclasses import asdict, dataclass, field, replace
+import re
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.control.departures import clock_time, DailyPrice, GridPrices, PricePeriod, zone_of
+from bev_preheat.control.events import (
+    ActivationChanged,
+    BATTERY_STATE,
+    DeparturesSkipped,
+    Event,
+    HVCH_STATUS,
+    PreheatingSwitched,
+    PreparationEnded,
+    PreparationWanted,
+    Reconfigured,
+    RivalsChanged,
+    ROUTE_PLAN,
+    ROUTE_PROGRESS,
+    RouteUnreadable,
+)
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.control.state_bytes import state_bytes
+from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.estimation.prior import Lags, Learned
+from bev_preheat.files.input_files import installed_prefix
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bev_preheat.control.decision import Command
+    from bev_preheat.control.state import State
+
+# Of the planner's inputs and outputs, by package.
+OWN = 'bev_preheat_msgs'
+LONGEST_REASON = 200
+SEPARATOR = '=' * 80
+# A field's type: package/Type or Type, with or without bounds of an array or a text.
+FIELD = re.compile(r'^\s*(?:(?P<package>\w+)/)?(?P<name>[A-Z]\w*)(?:\[[^\]]*\])?\s+\w+')
+
+
+def read_message(type_name: str, data: bytes) -> Any:
+    """Return the message of bytes (CDR); raises InvalidInput, naming the type, if they are damaged."""
+    from rclpy.serialization import deserialize_message
+    known = message_type(type_name)
+    try:
+        return deserialize_message(data, known)
+    except Exception as error:
+        # rclpy raises errors of many kinds for damaged bytes.
+        reason = shortened(f'{type(error).__name__}: {" ".join(str(error).split())}', LONGEST_REASON)
+        raise InvalidInput(f'a message of type {type_name} in the recording is damaged, or of another version: '
+                           f'{reason}') from error
+
+
+def message_type(name: str) -> Any:
+    """Return the class of a message type such as sensor_msgs/msg/BatteryState; raises InvalidInput if unknown."""
+    package, _, short = name.partition('/msg/')
+    if package == OWN:
+        import bev_preheat_msgs.msg as module
+    elif package == 'sensor_msgs':
+        import sensor_msgs.msg as module
+    else:
+        module = None
+    found = getattr(module, short, None)
+    if found is None:
+        raise InvalidInput(f'message type {quoted(name)} of the recording is not known here')
+    return found
+
+
+def definition(package: str, name: str) -> bytes:
+    """
+    Return the text of the message type `package`/msg/`name`, and of each type in it, for schemas of kind ros2msg.
+
+    Raises InvalidInput if the text of one is not installed.
+    """
+    texts: dict[tuple[str, str], str] = {}
+    waiting = [(package, name)]
+    while waiting:
+        key = waiting.pop(0)
+        if key not in texts:
+            texts[key] = _text(*key)
+            waiting += _contained(key[0], texts[key])
+    first, *others = texts.items()
+    parts = [first[1], *(f'{SEPARATOR}\nMSG: {key[0]}/{key[1]}\n{text}' for key, text in others)]
+    return '\n'.join(parts).encode()
+
+
+def _text(package: str, name: str) -> str:
+    prefix = installed_prefix(package)
+    if prefix is None:
+        raise InvalidInput(f'the message definitions of {package} are not installed')
+    path = prefix / 'share' / package / 'msg' / f'{name}.msg'
+    try:
+        return path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def _contained(package: str, text: str) -> Iterator[tuple[str, str]]:
+    for line in text.splitlines():
+        found = FIELD.match(line.partition('#')[0])
+        if found:
+            yield found['package'] or package, found['name']
+
+
+# Of the records of this version. Older ones are read as long as their numbers are listed in READ_FORMATS.
+DRIVE_FORMAT = 2
+READ_FORMATS = (2,)
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """
+    What replays need besides the planner's state.
+
+    `life` identifies the planner's process, `part` counts its files from 0. `vehicle_file` is the text of the
+    vehicle file and `parameters` has the node's parameters by name. `now_ns` is the node's clock [ns],
+    `uses_sim_time` whether that is /clock.
+    """
+
+    version: str
+    node: str
+    life: str
+    part: int
+    now_ns: int
+    uses_sim_time: bool
+    parameters: dict[str, Any]
+    vehicle_file: str
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {
+            'format': DRIVE_FORMAT, 'version': self.version, 'node': self.node, 'life': self.life,
+            'part': self.part, 'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time,
+            'parameters': self.parameters, 'vehicle_file': self.vehicle_file}
+
+    @classmethod
+    def from_dictionary(cls, values: Any) -> Beginning:
+        """
+        Return the Beginning of plain values.
+
+        Raises InvalidInput if they are of another format, with its version, or damaged.
+        """
+        if not isinstance(values, dict) or values.get('format') not in READ_FORMATS:
+            number, version = ((values.get('format'), values.get('version')) if isinstance(values, dict)
+                               else (None, None))
+            raise InvalidInput(
+                f'the recording has format {quoted(str(number))} of version {quoted(str(version))}; this version '
+                f'reads format {", ".join(map(str, READ_FORMATS))}; replay it with the version that wrote it')
+        try:
+            return cls(str(values['version']), str(values['node']), str(values['life']), int(values['part']),
+                       int(values['now_ns']), bool(values['uses_sim_time']),
+                       dict(values['parameters']), str(values['vehicle_file']))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"the recording's beginning is damaged: {type(error).__name__}: {error}") from error
+
+
+class RecordedState(NamedTuple):
+    """
+    The planner's State after a step, as bytes (`control.state_bytes`).
+
+    `goal` is the number of its preparation goal in the recording, None without one; `route_ns` [ns] is the instant
+    at which the message of its route is recorded, None without a route.
+    """
+
+    state: bytes
+    goal: int | None = None
+    route_ns: int | None = None
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {'state': b64encode(self.state).decode(), 'goal': self.goal, 'route_ns': self.route_ns}
+
+    @classmethod
+    def from_dictionary(cls, values: dict[str, Any]) -> RecordedState:
+        """Return the RecordedState of plain values; raises InvalidInput if they are damaged."""
+        try:
+            goal, route_ns = values['goal'], values['route_ns']
+            return cls(b64decode(values['state']), None if goal is None else int(goal),
+                       None if route_ns is None else int(route_ns))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f'a state of the recording is damaged: {type(error).__name__}: {error}') from error
+
+
+def recorded_state(state: State, goal: int | None = None, route_ns: int | None = None) -> RecordedState:
+    """Return a State as a recording has it."""
+    return RecordedState(state_bytes(state), goal, route_ns)
+
+
+def learned_values(learned: Learned | None) -> dict[str, Any] | None:
+    """Return a Learned as plain values; numbers keep every digit."""
+    return None if learned is None else {
+        'factors': learned.factors.tolist(), 'covariance': learned.covariance.tolist(),
+        'lags': None if learned.lags is None else {
+            'logs': learned.lags.logs.tolist(), 'variances': learned.lags.variances.tolist()}}
+
+
+def learned_of(values: Any) -> Learned | None:
+    """Return the Learned of plain values; raises KeyError, TypeError or ValueError if they are damaged."""
+    if values is None:
+        return None
+    factors, covariance = np.array(values['factors'], dtype=float), np.array(values['covariance'], dtype=float)
+    if covariance.shape != (len(factors), len(factors)) or not np.isfinite(covariance).all():
+        raise ValueError('covariance does not fit the factors')
+    lags = values['lags']
+    return Learned(factors, covariance, None if lags is None else Lags(
+        np.array(lags['logs'], dtype=float), np.array(lags['variances'], dtype=float)))
+
+
+# Topic of the planner's output.
+COMMAND = 'hvch_command'
+# The kinds of events whose message is recorded before the step; the kind is the topic, the source of the event.
+MESSAGE_KINDS = frozenset((BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS))
+WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
+    'PreparationWanted', 'PreparationEnded', 'Reconfigured', 'RouteRefused')
+# Events whose fields are plain values.
+PLAIN_EVENTS: dict[str, Any] = {each.__name__: each for each in (
+    ActivationChanged, PreheatingSwitched, RivalsChanged, DeparturesSkipped)}
+STEP, FAIL, STOP = 'step', 'fail', 'stop'
+
+
+@dataclass(frozen=True)
+class RecordedStep:
+    """
+    One recorded call of the Supervisor at an instant [ns of the node's clock].
+
+    `call` is STEP, FAIL or STOP, `events` are those of the step as plain values, and `what` is the sentence of
+    FAIL. `command` is the answer, None: no command was published; `status` the number of the published
+    decision's planning.status.Status, None: no decision.
+    """
+
+    now_ns: int
+    call: str = STEP
+    events: tuple[dict[str, Any], ...] = ()
+    what: str = ''
+    command: tuple[float, int, int] | None = None
+    status: int | None = None
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return {'now_ns': self.now_ns, 'call': self.call, 'events': list(self.events), 'what': self.what,
+                'command': None if self.command is None else list(self.command), 'status': self.status}
+
+    @classmethod
+    def from_dictionary(cls, values: Any) -> RecordedStep:
+        """Return the step of plain values; raises InvalidInput, naming the field, if they are not a step's."""
+        try:
+            command = values['command']
+            return cls(int(values['now_ns']), str(values['call']),
+                       tuple(dict(event) for event in values['events']),
+                       str(values['what']),
+                       None if command is None else (float(command[0]), int(command[1]), int(command[2])),
+                       None if values['status'] is None else int(values['status']))
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InvalidInput(f'a step of the recording is damaged: {type(error).__name__}: {error}') from error
+
+
+def command_values(command: Command | None) -> tuple[float, int, int] | None:
+    """Return a Command as power [W], end of its lease [ns] and number of its reason; None for None."""
+    return None if command is None else (
+        command.battery_heating_power_w, command.valid_until_ns, int(command.reason))
+
+
+@dataclass
+class GoalNumbers:
+    """Numbers of the PreparationGoals of a recording: a goal equals only itself."""
+
+    numbers: dict[PreparationGoal, int] = field(default_factory=dict)
+
+    def number(self, goal: PreparationGoal) -> int:
+        """Return the number of a goal; a new one for a goal that was not there yet."""
+        return self.numbers.setdefault(goal, len(self.numbers))
+
+    def goal(self, number: int) -> PreparationGoal:
+        """Return the goal of a number; raises InvalidInput if the recording has none."""
+        for goal, known in self.numbers.items():
+            if known == number:
+                return goal
+        raise InvalidInput(f'preparation goal {number} is not in the recording; its beginning is missing')
+
+
+def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[str, Any]:
+    """
+    Return an event as plain values; `has_message`: its message is recorded before it.
+
+    Parameters are those of the node, which the caller adds: an event carries only the values derived from them.
+    """
+    match event:
+        case PreparationWanted(goal):
+            plain = asdict(replace(goal, prices=None))
+            return {'kind': WANTED, 'goal': goals.number(goal), **plain, 'prices': _price_values(goal.prices)}
+        case PreparationEnded(goal, ending, explanation):
+            return {'kind': ENDED, 'goal': None if goal is None else goals.number(goal), 'ending': int(ending),
+                    'explanation': explanation}
+        case Reconfigured():
+            return {'kind': RECONFIGURED}
+        case RouteUnreadable(error) if not has_message:
+            return {'kind': REFUSED_ROUTE, 'problems': list(error.problems)}
+    name = type(event).__name__
+    if name in PLAIN_EVENTS:
+        return {'kind': name, **asdict(event)}
+    hint = getattr(event, 'hint', '')
+    return {'kind': event.source, **({'hint': hint} if hint else {})}
+
+
+def _price_values(prices: GridPrices | None) -> dict[str, Any] | None:
+    """Return GridPrices as plain values, the time zone by its IANA name."""
+    return None if prices is None else {
+        'zone': str(prices.zone), 'daily': [(f'{each.clock:%H:%M}', each.price_per_kwh) for each in prices.daily],
+        'dated': list(map(tuple, prices.dated)), 'currency': prices.currency}
+
+
+def _prices_of(values: Any) -> GridPrices | None:
+    return None if values is None else GridPrices(
+        zone_of(values['zone']), tuple(DailyPrice(clock_time(clock), price) for clock, price in values['daily']),
+        tuple(PricePeriod(*period) for period in values['dated']), values['currency'])
+
+
+def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
+    """
+    Return the event of plain values that came without a message.
+
+    Raises InvalidInput, naming the kind, if the values are not an event's.
+    """
+    kind = values.get('kind')
+    fields = {name: value for name, value in values.items() if name not in ('kind', 'goal')}
+    try:
+        if kind in PLAIN_EVENTS:
+            event: Event = PLAIN_EVENTS[kind](**fields)
+            return event
+        if kind == WANTED:
+            goal = PreparationGoal(**{**fields, 'prices': _prices_of(fields.get('prices'))})
+            goals.numbers[goal] = int(values['goal'])
+            return PreparationWanted(goal)
+        if kind == ENDED:
+            number = values['goal']
+            return PreparationEnded(None if number is None else goals.goal(number),
+                                    PreparationEnding(values['ending']), str(values['explanation']))
+        if kind == REFUSED_ROUTE:
+            return RouteUnreadable(InvalidInput([str(problem) for problem in values['problems']]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(f'event {quoted(str(kind))} of the recording is damaged: {type(error).__name__}: '
+                           f'{error}') from error
+    raise InvalidInput(f'event {quoted(str(kind))} of the recording is not known to this version')
