@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
+from functools import partial, wraps
+from importlib import import_module
 from inspect import signature
 from numbers import Integral, Real
 import os
@@ -39,9 +40,9 @@ def _is_list(value: Any, is_item: Callable[[Any], bool]) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str) and all(map(is_item, value))
 
 
-def _is_recording(value: Any) -> bool:
-    from bev_preheat.logs.recording import Recording
-    return isinstance(value, Recording)
+def _is_public(value: Any, name: str) -> bool:
+    # Not all of them are needed at once.
+    return isinstance(value, getattr(import_module('bev_preheat'), name))
 
 
 def _has_numbers(value: Any, kind: type) -> bool:
@@ -59,8 +60,12 @@ KINDS = {
     'goal': _Kind(lambda value: _is_number(value) or _has_numbers(value, Goal), 'a Goal or a number [deg C]'),
     'method': _Kind(_is_method, 'the name of a method, or a function of a MethodSituation'),
     'methods': _Kind(lambda value: _is_list(value, _is_method), 'a list of names or functions'),
-    'recordings': _Kind(lambda value: _is_list(value, _is_recording),
+    'recordings': _Kind(lambda value: _is_list(value, partial(_is_public, name='Recording')),
                         'a list of Recordings, as load_recording returns'),
+    'mismatch': _Kind(lambda value: _is_public(value, 'Mismatch'), 'a Mismatch'),
+    'sensors': _Kind(lambda value: _is_public(value, 'Sensors'), 'Sensors'),
+    'heater_faults': _Kind(lambda value: _is_list(value, partial(_is_public, name='HeaterFault')),
+                           'a list of HeaterFaults'),
     'columns': _Kind(lambda value: isinstance(value, Mapping), 'a dictionary of columns by name'),
     'name_or_file': FILE, 'file': FILE, 'signals': FILE,
     'seed': _Kind(lambda value: isinstance(value, Integral), 'a whole number'),
@@ -68,6 +73,8 @@ KINDS = {
                      'energy_price_per_kwh', 'value_of_time_per_h', 'free_speed_kmh', 'stop_duration_s'), NUMBER),
     **dict.fromkeys(('trips', 'feasible', 'jobs', 'leg'), _Kind(
         lambda value: isinstance(value, Integral), 'a whole number')),
+    **dict.fromkeys(('repair', 'estimation', 'limits'), _Kind(
+        lambda value: isinstance(value, bool), 'True or False')),
 }
 
 

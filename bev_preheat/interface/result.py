@@ -8,6 +8,8 @@ from html import escape
 import io
 from typing import TYPE_CHECKING
 
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.optional_packages import is_installed, require
 
 if TYPE_CHECKING:
@@ -55,10 +57,12 @@ class Result:
         suffix), and a list of their axes is returned. With `ax` the most important panel is drawn there.
         """
         require('matplotlib')
+        check_outputs([OutputFile('file', file, PICTURE_SUFFIXES)])
         if ax is not None:
             if file is not None:
-                from bev_preheat.errors import InvalidInput
                 raise InvalidInput('plot: file and ax are given; keep one of them')
+            if not hasattr(ax, 'get_figure'):
+                raise InvalidInput(f'ax: must be Axes of Matplotlib, not {type(ax).__name__}')
             self._draw(ax)
             return ax
         figure = self._figure()

@@ -46,6 +46,10 @@ class Recording:
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return one line."""
+        return f'<Recording {self.name}: {self.duration_s / 60.0:.1f} min; {", ".join(self.signals)}>'
+
     @property
     def duration_s(self) -> float:
         """Time from the first sample of any signal to the last [s]."""

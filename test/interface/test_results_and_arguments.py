@@ -12,6 +12,7 @@ import pytest
 import route_examples as examples
 
 import bev_preheat as bp
+from bev_preheat.logs.recording import Series
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
 STATE = bp.BatteryState(-7.0, 0.9)
@@ -55,6 +56,8 @@ def test_the_text_of_a_result_is_one_short_line_with_its_figures(results, name):
 
 def test_the_texts_of_inputs_are_short(vehicle, route):
     assert repr(route) == '<Route: 120 segments, 60.0 min, 73.0 km, -7.0 ... -7.0 degC>'
+    recording = bp.Recording('a', {'soc': Series(np.array([0.0, 90.0]), np.array([0.8, 0.7]))})
+    assert repr(recording) == '<Recording a: 1.5 min; soc>'
     assert repr(vehicle).startswith('<Vehicle reference: heater 7 kW')
 
 
@@ -121,6 +124,13 @@ def test_functions_are_compared(vehicle, route):
     (lambda vehicle, route: bp.worth(vehicle, route, STATE, True, 0.8), 'charger_power_w: must be a number'),
     (lambda vehicle, route: bp.charging_session(vehicle, STATE, 150e3, 0.8, None), 'ambient_c: must be a number'),
     (lambda vehicle, route: bp.drive(vehicle, route, STATE, seed=0.5), 'seed: must be a whole number'),
+    (lambda vehicle, route: bp.drive(vehicle, route, STATE, mismatch=1.1), 'mismatch: must be a Mismatch'),
+    (lambda vehicle, route: bp.drive(vehicle, route, STATE, sensors=1), 'sensors: must be Sensors'),
+    (lambda vehicle, route: bp.drive(vehicle, route, STATE, heater_faults=['dead']),
+     'heater_faults: must be a list of HeaterFaults'),
+    (lambda vehicle, route: bp.load_recording('log.csv', repair='yes'), 'repair: must be True or False'),
+    (lambda vehicle, route: bp.plan(vehicle, route, STATE).plot('plan.txt'), 'file: plan.txt: must end in .png'),
+    (lambda vehicle, route: bp.plan(vehicle, route, STATE).plot(ax=3), 'ax: must be Axes of Matplotlib, not int'),
     (lambda vehicle, route: bp.check(vehicle, 'log.csv'), 'recordings: must be a list of Recordings'),
     (lambda vehicle, route: bp.identify(vehicle, ['log.csv']), 'recordings: must be a list of Recordings'),
     (lambda vehicle, route: bp.load_vehicle(3), "name_or_file: must be a name or a path .* not int '3'"),
@@ -180,6 +190,8 @@ def test_a_sweep_in_python_is_that_of_the_command(vehicle, capsys):
     shown = json.loads(capsys.readouterr().out)['results']
     assert [trip['optimal_energy_wh'] for trip in swept.to_dict()['results']] == pytest.approx(
         [trip['optimal_energy_wh'] for trip in shown])
+    # A table instead of a formula for the resistance.
+    assert len(bp.sweep(bp.load_vehicle('small_car'), 1).to_dict()['results']) == 1
     assert repr(swept).startswith('<SweepResult: 2 trips; above the optimum at most: value_function 0.0')
     with pytest.raises(bp.InvalidInput, match='a function is known in this process only; leave out jobs'):
         bp.sweep(vehicle, 2, methods=[last_20_minutes], jobs=2)

@@ -14,6 +14,7 @@ from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, Table
+from bev_preheat.vehicle.variants import ScaledCurve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -129,15 +130,14 @@ def scale_vehicle(vehicle: Vehicle, size: float, heater: float, power_limits: fl
     """Return the vehicle with pack size, heater and limits multiplied by these factors."""
     battery = vehicle.battery
     resistance = battery.resistance
-    if not isinstance(resistance, InverseTemperatureResistance):
-        raise TypeError('only a vehicle whose resistance is a formula can be scaled')
     return replace(
         vehicle,
         battery=replace(
             battery,
             capacity_ah=battery.capacity_ah * size,
             heat_capacity_j_per_k=battery.heat_capacity_j_per_k * size,
-            resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k / size),
+            resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k / size)
+            if isinstance(resistance, InverseTemperatureResistance) else ScaledCurve(resistance, 1.0 / size),
             discharge_power_limit=_scale_table(battery.discharge_power_limit, power_limits),
             charge_power_limit=_scale_table(battery.charge_power_limit, power_limits),
             leakage=replace(
