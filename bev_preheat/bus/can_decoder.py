@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.bus.frame_checks import FrameChecks
 from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
-from bev_preheat.bus.readings import live_channels, LiveChannel
+from bev_preheat.bus.source import live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
@@ -18,7 +18,7 @@ from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from bev_preheat.bus.live_map import LiveMap
-    from bev_preheat.bus.readings import Readings
+    from bev_preheat.bus.source import Readings
 
 # Names of the heater's readings.
 HEATER_POWER, HEATER_FAULT = 'battery_heater_w', 'heater_fault'

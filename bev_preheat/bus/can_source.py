@@ -1,21 +1,215 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A CAN bus as a live source, and the way back for the heater's command."""
+"""
+A CAN bus as a live source, and the way back for the heater's command.
+
+The connection receives frames in a thread, sends some, and reconnects.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+import logging
+from threading import Event, Lock, Thread
+import time
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER
-from bev_preheat.bus.can_link import CanLink
 from bev_preheat.bus.heater_frame import HeaterFrame
-from bev_preheat.bus.live_map import HeaterStatusRule
-from bev_preheat.bus.source import LiveSource
-from bev_preheat.errors import InvalidInput
+from bev_preheat.bus.live_map import HeaterStatusRule, REPLAY
+from bev_preheat.bus.source import age_of_stamp, LiveSource
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.logs.can_frames import recorded_frames
+from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import LiveMap
+    from bev_preheat.bus.live_map import CanSettings, LiveMap
+
+# How long one wait for a frame lasts [s]; the thread ends within it.
+FRAME_WAIT_S = 0.1
+# If the thread did not get on for this long, frames may have queued; the queue is dropped [s].
+STALLED_S = 0.5
+MOST_QUEUED = 100_000
+CAN_RECONNECT_S = 1.0
+# Error frames: class bits in the identifier (linux/can/error.h).
+BUS_OFF, RESTARTED = 0x40, 0x100
+# Packages of interfaces that python-can does not bring along.
+PACKAGES = {'slcan': 'serial', 'serial': 'serial', 'robotell': 'serial'}
+
+# Called with identifier, whether it has 29 bits, data, age [s].
+Receiver = Callable[[int, bool, bytes, float], None]
+
+
+class ReplayBus:
+    """The frames of a candump, ASC or BLF file, received as from a bus; frames that are sent go nowhere."""
+
+    def __init__(self, path: str) -> None:
+        """Open a file; raises InvalidInput if it is no recording of CAN frames."""
+        self._frames: Iterator[Any] = recorded_frames(path)
+        first = next(self._frames, None)
+        if first is None:
+            raise InvalidInput(f'{path}: has no CAN frames')
+        self._next: Any = first
+        self._path = path
+        self._offset_s = time.monotonic() - first.timestamp
+
+    def recv(self, timeout: float) -> Any:
+        """Return the next frame once it is due, None if none is due within `timeout` [s]."""
+        if self._next is None:
+            time.sleep(timeout)
+            return None
+        wait_s = self._next.timestamp + self._offset_s - time.monotonic()
+        if wait_s > timeout:
+            time.sleep(timeout)
+            return None
+        if wait_s > 0.0:
+            time.sleep(wait_s)
+        frame, self._next = self._next, next(self._frames, None)
+        # It arrives now, whenever it was recorded.
+        frame.timestamp = 0.0
+        return frame
+
+    def send(self, message: Any, timeout: float | None = None) -> None:
+        """Take a frame and do nothing: a recording has no receiver."""
+
+    def shutdown(self) -> None:
+        """Close the file."""
+        self._next = None
+        self._frames = iter(())
+
+
+class CanLink:
+    """
+    Keeps a bus open; `problem` is '' while it works, else a sentence.
+
+    Every received frame of `identifiers` is passed to `receive`, in the link's thread.
+    """
+
+    def __init__(self, settings: CanSettings, identifiers: Collection[tuple[int, bool]],
+                 receive: Receiver, has_fd: bool = False) -> None:
+        """
+        Take the settings, and whether frames of CAN FD are used; `start` opens the bus.
+
+        Raises InvalidInput if python-can knows no such interface.
+        """
+        require('can', *([PACKAGES[settings.interface]] if settings.interface in PACKAGES else []))
+        import can
+        known = sorted(map(str, can.VALID_INTERFACES))
+        if settings.interface not in (*known, REPLAY):
+            raise InvalidInput(f'live.can.interface: {quoted(settings.interface)} is unknown; known: '
+                               f'{", ".join((REPLAY, *known))}')
+        if settings.interface == REPLAY:
+            # A recording that cannot be read is a wrong setting; a bus may be connected later.
+            ReplayBus(str(settings.channel)).shutdown()
+        self._settings, self._receive, self._has_fd = settings, receive, has_fd
+        self._filters = [{'can_id': identifier, 'can_mask': 0x1FFFFFFF if is_extended else 0x7FF,
+                          'extended': is_extended} for identifier, is_extended in identifiers]
+        self._lock, self._ended = Lock(), Event()
+        self._bus: Any = None
+        self._thread = Thread(target=self._run, name='can', daemon=True)
+        self.problem = 'is not open yet'
+        self.frames = 0
+        self.reconnects = -1
+
+    @property
+    def name(self) -> str:
+        """The bus as text."""
+        return f'{self._settings.interface} {self._settings.channel}'
+
+    def start(self) -> None:
+        """Open the bus and receive; a bus that cannot be opened is tried again."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and close the bus."""
+        self._ended.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout=2.0)
+        self._shut()
+
+    def send(self, identifier: int, is_extended: bool, data: bytes, is_fd: bool = False) -> str:
+        """Send a frame; return '' or a sentence on the reason that it was not sent."""
+        import can
+        with self._lock:
+            bus = self._bus
+            if bus is None or self.problem:
+                return f'{self.name}: {self.problem or "is closed"}'
+            try:
+                bus.send(can.Message(arbitration_id=identifier, is_extended_id=is_extended, data=data,
+                                     is_fd=is_fd), timeout=0.0)
+            except Exception as error:
+                # python-can passes on errors of drivers, such as a full buffer or a bus that is off.
+                return f'{self.name}: a frame could not be sent ({quoted(str(error))})'
+        return ''
+
+    def _run(self) -> None:
+        logging.getLogger('can').setLevel(logging.CRITICAL)
+        while not self._ended.is_set():
+            try:
+                bus = self._open()
+                with self._lock:
+                    self._bus, self.problem = bus, ''
+                self.reconnects += 1
+                self._receive_frames(bus)
+            except Exception as error:
+                # python-can passes on errors of drivers and of the operating system.
+                self.problem = f'{type(error).__name__}: {quoted(str(error))}; it is tried again'
+            self._shut()
+            self._ended.wait(CAN_RECONNECT_S)
+
+    def _open(self) -> Any:
+        import can
+        settings = self._settings
+        if settings.interface == REPLAY:
+            return ReplayBus(str(settings.channel))
+        options = dict(settings.options)
+        if settings.bitrate is not None:
+            options['bitrate'] = settings.bitrate
+        if self._has_fd:
+            options.setdefault('fd', True)
+        if settings.interface == 'slcan':
+            # The library waits two seconds for the first Arduinos; adapters of today need no time.
+            options.setdefault('sleep_after_open', 0.0)
+        return can.Bus(interface=settings.interface, channel=settings.channel, can_filters=self._filters,
+                       **options)
+
+    def _receive_frames(self, bus: Any) -> None:
+        before_s = time.monotonic()
+        while not self._ended.is_set():
+            frame = bus.recv(FRAME_WAIT_S)
+            now_s = time.monotonic()
+            if now_s - before_s > STALLED_S:
+                # The process was stopped. Drivers without stamps of their own would pass old frames off as new.
+                for _ in range(MOST_QUEUED):
+                    if bus.recv(0.0) is None:
+                        break
+                frame = None
+            before_s = now_s
+            if frame is not None:
+                self._take(frame)
+
+    def _take(self, frame: Any) -> None:
+        if frame.is_error_frame:
+            if frame.arbitration_id & BUS_OFF:
+                self.problem = 'bus off: the controller has seen too many errors; check wiring and bit rate'
+            elif frame.arbitration_id & RESTARTED:
+                self.problem = ''
+            return
+        if frame.is_remote_frame or not getattr(frame, 'is_rx', True):
+            return
+        # A frame that arrives shows that the bus is on again.
+        self.problem = ''
+        self.frames += 1
+        self._receive(frame.arbitration_id, frame.is_extended_id, bytes(frame.data), age_of_stamp(frame.timestamp))
+
+    def _shut(self) -> None:
+        with self._lock:
+            bus, self._bus = self._bus, None
+            if bus is not None:
+                with suppress(Exception):
+                    bus.shutdown()
+
 
 # The readings that a set-point follows are valid for as long as those of this signal.
 TEMPERATURE = 'battery_temperature_c'

@@ -194,7 +194,7 @@ def run_week(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, {'currency': currency, 'departures': [one.as_dictionary() for one in prepared]})
     if arguments.plot:
-        from bev_preheat.drawing.departures_figure import make_week_figure
+        from bev_preheat.drawing.drive_figure import make_week_figure
         from bev_preheat.drawing.figure import save_figure
         save_figure(make_week_figure(prepared, prices, departures.zone, title), arguments.plot)
     console = result_console(arguments.json)

@@ -95,7 +95,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, replay_output.as_dictionary(result))
     if arguments.report is not None:
-        from bev_preheat.monitoring.recording_report import report_text
+        from bev_preheat.monitoring.pages import report_text
         write_whole(arguments.report, report_text(replay_output.report_words(result, histories), *histories))
     console = result_console(arguments.json)
     replay_output.print_result(console, result)

@@ -15,7 +15,7 @@ from bev_preheat.recording.flight import FLIGHT_RECORDER, moment
 
 if TYPE_CHECKING:
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.monitoring.recording_report import ReportText
+    from bev_preheat.monitoring.pages import ReportText
     from bev_preheat.recording.course import Course
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.history import History
@@ -149,7 +149,7 @@ def print_result(console: ResultConsole, result: Result) -> None:
 
 def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     """Return the words of the report."""
-    from bev_preheat.monitoring.recording_report import ReportText
+    from bev_preheat.monitoring.pages import ReportText
     flight, beginning = result.flight, result.flight.beginning
     start_ns = result.replayed.course.instants[0].now_ns
     remarks = result.remarks

@@ -108,8 +108,8 @@ def run(arguments: Namespace) -> int:
             'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
             **situation.as_dictionary()})
     if arguments.plot:
+        from bev_preheat.drawing.charging_figure import make_worth_figure
         from bev_preheat.drawing.figure import save_figure
-        from bev_preheat.drawing.worth_figure import make_worth_figure
         save_figure(make_worth_figure(worth, title), arguments.plot)
     console = result_console(arguments.json)
     print_records(
@@ -200,8 +200,8 @@ def run_chargers(arguments: Namespace) -> int:
             'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
             **situation.as_dictionary()})
     if arguments.plot:
+        from bev_preheat.drawing.charging_figure import make_chargers_figure
         from bev_preheat.drawing.figure import save_figure
-        from bev_preheat.drawing.worth_figure import make_chargers_figure
         save_figure(make_chargers_figure(ranked, title), arguments.plot)
     console = result_console(arguments.json)
     print_records(

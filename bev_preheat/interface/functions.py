@@ -10,7 +10,7 @@ from bev_preheat.charging.stop import ChargingStop, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.errors import InvalidInput
-from bev_preheat.interface.checked import checked
+from bev_preheat.interface.inputs import checked
 from bev_preheat.interface.results import (
     ComparisonResult,
     DriveResult,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.interface.checked import checked
+from bev_preheat.interface.inputs import checked
 from bev_preheat.interface.result import Result
 from bev_preheat.optional_packages import require
 

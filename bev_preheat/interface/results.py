@@ -393,11 +393,11 @@ class WorthResult(Result):
                 'the charger')
 
     def _figure(self) -> Figure:
-        from bev_preheat.drawing.worth_figure import make_worth_figure
+        from bev_preheat.drawing.charging_figure import make_worth_figure
         return make_worth_figure(self.worth_of_targets, f'vehicle {self.vehicle.name}')
 
     def _draw(self, axis: Axes) -> None:
-        from bev_preheat.drawing.worth_figure import draw_costs
+        from bev_preheat.drawing.charging_figure import draw_costs
         draw_costs(axis, self.worth_of_targets)
 
 

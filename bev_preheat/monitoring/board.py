@@ -8,9 +8,20 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.health import Banner, banner_of, Pulse, Surroundings
 from bev_preheat.monitoring.seen import diagnose, Diagnosis
-from bev_preheat.monitoring.view import instant, instants, LONGEST_SENTENCE, number, numbers, status_name, View
+from bev_preheat.monitoring.view import (
+    Banner,
+    banner_of,
+    instant,
+    instants,
+    LONGEST_SENTENCE,
+    number,
+    numbers,
+    Pulse,
+    status_name,
+    Surroundings,
+    View,
+)
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount

@@ -24,10 +24,10 @@ from bev_preheat.control.events import HeaterStatusArrived
 from bev_preheat.messages.battery_state import read_temperatures
 from bev_preheat.messages.heater import heater_status_event
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.health import Surroundings
 from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen, seconds
-from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.route_listener import LARGEST_ROUTE_BYTES
+from bev_preheat.monitoring.view import Surroundings
+from bev_preheat.nodes.node import RepetitionFilter
+from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:

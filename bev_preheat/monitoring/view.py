@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON."""
+"""
+The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON.
+
+It says whether a planner is there, its clock runs and its values are fresh, or in a sentence that they are not.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import json
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
 from bev_preheat.planning.status import Status
@@ -14,8 +18,99 @@ from bev_preheat.planning.status import Status
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.monitoring.health import Banner
     from bev_preheat.monitoring.seen import Diagnosis, PlanSeen
+
+# A message is late after this time [s of real time], or after LATE_INTERVALS of its usual intervals.
+LATE_S, LATE_INTERVALS, LONGEST_LATE_S = 3.0, 4.0, 40.0
+# The battery state stands, though the planner answers.
+FROZEN_S = 4.0
+# Weight of the latest interval in the usual one.
+INTERVAL_WEIGHT = 0.2
+
+
+class Surroundings(NamedTuple):
+    """
+    The ROS graph's view of a planner: whether it is there, whether it follows /clock, and who publishes that.
+
+    `has_clock` is whether /clock has a publisher.
+    """
+
+    is_there: bool = True
+    is_simulated: bool = False
+    has_clock: bool = False
+
+
+class Banner(NamedTuple):
+    """A sentence at the top of the page, its level (`error`, `warning`), and the word in the list of planners."""
+
+    level: str
+    text: str
+    word: str
+
+
+@dataclass
+class Pulse:
+    """When the messages of a topic came [s, monotonic], and how far apart they usually are [s]."""
+
+    came_s: float | None = None
+    usual_s: float = 1.0
+    _stamp_s: float | None = field(default=None, repr=False)
+    # Since when the stamps have not advanced.
+    stands_since_s: float | None = None
+
+    def beat(self, now_s: float, stamp_s: float) -> None:
+        """Note a message with a stamp [s of the planner's clock]."""
+        if self.came_s is not None:
+            self.usual_s += INTERVAL_WEIGHT * (min(now_s - self.came_s, LONGEST_LATE_S) - self.usual_s)
+        if stamp_s != self._stamp_s:
+            self.stands_since_s = None
+        elif self.stands_since_s is None:
+            self.stands_since_s = self.came_s
+        self.came_s, self._stamp_s = now_s, stamp_s
+
+    def age_s(self, now_s: float) -> float | None:
+        """Return the age of the latest message [s]; None before the first."""
+        return None if self.came_s is None else max(0.0, now_s - self.came_s)
+
+    def is_late(self, now_s: float) -> bool:
+        """Return whether the next message is overdue."""
+        age_s = self.age_s(now_s)
+        return age_s is not None and age_s > min(max(LATE_S, LATE_INTERVALS * self.usual_s), LONGEST_LATE_S)
+
+    def stands_s(self, now_s: float) -> float:
+        """Return for how long the stamps have not advanced although messages come [s]."""
+        return 0.0 if self.stands_since_s is None else now_s - self.stands_since_s
+
+
+def banner_of(around: Surroundings, command: Pulse, battery: Pulse, now_s: float) -> Banner | None:
+    """Return the Banner on a missing, silent or frozen planner; None if all is well."""
+    age_s = command.age_s(now_s)
+    if not around.is_there:
+        return Banner('error', 'The planner has disappeared. Its heater command has expired, so the heater is '
+                      'off. The values below are its last ones.'
+                      if age_s is not None else 'The planner has disappeared.', 'gone')
+    if age_s is None:
+        return Banner('warning', 'The planner is there; its first message has not arrived yet.', 'no message yet')
+    if command.is_late(now_s):
+        if around.is_simulated and not around.has_clock:
+            return Banner('error', f'The clock stands: nothing publishes /clock. No message for {age_s:.0f} s.',
+                          'its clock stands')
+        if around.is_simulated:
+            return Banner('error', f'The clock stands: /clock does not advance. No message for {age_s:.0f} s.',
+                          'its clock stands')
+        return Banner('error', f'The planner is silent: no message for {age_s:.0f} s. Without fresh commands the '
+                      'heater is off.', 'silent')
+    if command.stands_s(now_s) > FROZEN_S:
+        return Banner('error', f"The planner's clock has been standing for {command.stands_s(now_s):.0f} s.",
+                      'its clock stands')
+    if battery.is_late(now_s):
+        return Banner('warning', f'No battery state for {battery.age_s(now_s):.0f} s: the measured '
+                      'values are old.', 'no battery state')
+    if battery.stands_s(now_s) > FROZEN_S:
+        return Banner('warning', 'The battery state repeats one stamp: the measured values are old.',
+                      'the battery state stands')
+    return None
+
 
 # Values beyond this are no measurement of a car, and no scale of a chart fits them.
 MOST_VALUE = 1e9

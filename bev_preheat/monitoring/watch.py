@@ -1,28 +1,177 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of `preheat monitor`: listen briefly, show the planner's view, repeat."""
+"""The loop of `preheat monitor`: listen briefly, show the planner's View as text, repeat."""
 
 from __future__ import annotations
 
 import io
+import math
 import os
 import time
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.columns import Columns
+from rich.console import Console, Group
 from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
 from rich.text import Text
 
+from bev_preheat.errors import one_line, shortened
 from bev_preheat.files.output_files import write_whole
 from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.planners import find_planners, Planners, PLANNERS_PERIOD_S
-from bev_preheat.monitoring.terminal_view import line, page
+from bev_preheat.monitoring.seen import LEVELS
+from bev_preheat.monitoring.view import LONGEST_SENTENCE, number, status_name
+from bev_preheat.nodes.node import without_figures
+from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import RenderableType
 
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.monitoring.end_signals import EndSignals
+    from bev_preheat.monitoring.view import View
     from bev_preheat.nodes.listening import Listener
+
+STYLES = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'bold red', 'STALE': 'red'}
+UNKNOWN = '-'
+# Instants further away are treated as unset [s].
+LONGEST_LEFT_S = 1e7
+LONGEST_TOLD = 300
+NAME_WIDTH = 17
+# The characters of a course, from low to high, and their number.
+HEIGHTS = '▁▂▃▄▅▆▇█'
+COURSE_PARTS = 24
+LEAST_SPAN_K = 1.0
+
+
+def page(board: Board, now_s: float, name: str, height: int | None = None) -> Panel:
+    """Return the page of a Board; beyond `height` rows the bottom is cut off, which matters least."""
+    view = board.view(now_s)
+    parts: list[RenderableType] = [] if view.banner is None else [
+        Text(view.banner.text, 'bold red' if view.banner.level == 'error' else 'bold yellow')]
+    parts.append(Columns([_figure(*pair) for pair in figures(view)], padding=(0, 2), equal=True))
+    if view.plan is not None:
+        parts.append(Text.assemble((status_name(view.plan.status), 'bold'),
+                                   f': {one_line(view.sentence) or UNKNOWN}'))
+        reason = one_line(shortened(view.plan.target_reason, LONGEST_SENTENCE))
+        if reason and reason not in view.sentence:
+            parts.append(Text.assemble(('Target', 'bold'), f': {reason}'))
+    return Panel(Group(*parts, *_courses(board), _diagnostics(view), _ages(view)), title=name, height=height)
+
+
+def line(view: View) -> str:
+    """Return the same data in one line of text, for an output that is not a terminal."""
+    plan = view.plan
+    told = 'no plan yet' if plan is None else f'{status_name(plan.status)}: {one_line(view.sentence)}'
+    return (f'battery {_number(view.temperature_c, "degC")}  arrival {_prediction(view)}  '
+            f'heater {_number(view.power_w, "W", 0)}  {told}')
+
+
+def figures(view: View) -> list[tuple[str, str]]:
+    """Return the names and texts of the figures, current and predicted ones alternating."""
+    plan, departure = view.plan, view.diagnosis.departure
+    arrival_soc = math.nan if plan is None else plan.arrival_soc
+    reserve = math.nan if view.reserve is None else view.reserve
+    return [
+        ('Battery', _number(view.temperature_c, 'degC')), ('State of charge', _percent(view.soc)),
+        ('Target', _number(None if plan is None else plan.target_c, 'degC')),
+        ('On arrival', _percent(arrival_soc)), ('Predicted', _prediction(view)),
+        ('Reserve', f'{_percent(reserve)}, spare {_percent(arrival_soc - reserve)}'),
+        ('Heater', _command(view)), ('Heating', _heating(view)),
+        ('Delivered', _number(view.delivered_w, 'W', 0)),
+        ('Arrival', _until(None if plan is None else plan.arrival_s, view.at_s)),
+        *([] if plan is None or not plan.sessions else zip(('Charging', 'Unheated'), plan.sessions)),
+        *([] if departure is None else [('Departure', one_line(departure.next_words) or UNKNOWN),
+                                        ('Preparation', one_line(departure.state) or UNKNOWN)])]
+
+
+def _figure(name: str, text: str) -> Text:
+    return Text.assemble((f'{name:<{NAME_WIDTH}}', 'bold'), text)
+
+
+def _command(view: View) -> str:
+    text = _number(view.power_w, 'W', 0)
+    lease_s = math.inf if view.at_s is None else view.until_s - view.at_s
+    return f'{text}, lease {lease_s:.1f} s' if abs(lease_s) < LONGEST_LEFT_S else text
+
+
+def _heating(view: View) -> str:
+    plan = view.plan
+    if plan is None or plan.heating_start_s is None:
+        return UNKNOWN if plan is None else 'none planned'
+    if view.power_w > 0.0:
+        return f'on; ends {_until(plan.heating_end_s, view.at_s)}'
+    return f'starts {_until(plan.heating_start_s, view.at_s)}'
+
+
+def _until(instant_s: float | None, now_s: float | None) -> str:
+    left_s = math.inf if instant_s is None or now_s is None else instant_s - now_s
+    if not abs(left_s) < LONGEST_LEFT_S:
+        return UNKNOWN
+    return f'in {duration_text(left_s)}' if left_s >= 0.0 else f'{duration_text(-left_s)} ago'
+
+
+def _prediction(view: View) -> str:
+    if view.plan is None:
+        return UNKNOWN
+    text, deviation_k = _number(view.plan.predicted_c, 'degC'), view.plan.deviation_k
+    return f'{text} +- {deviation_k:.1f}' if math.isfinite(deviation_k) and deviation_k > 0.0 else text
+
+
+def _number(value: float | None, unit: str, digits: int = 1) -> str:
+    return UNKNOWN if value is None or not math.isfinite(value) else f'{value:.{digits}f} {unit}'
+
+
+def _percent(share: float) -> str:
+    return _number(100.0 * share, '%')
+
+
+def _courses(board: Board) -> list[Text]:
+    """Return the battery's course until now, and as planned until arrival, both on one scale; [] without."""
+    measured = [_drawable(row[1]) for row in board.temperatures.since(0)]
+    planned = [] if board.plan is None else [_drawable(value_c) for value_c in board.plan.temperatures_c]
+    known = [value_c for value_c in (*measured, *planned) if not math.isnan(value_c)]
+    if not known:
+        return []
+    low_c, span_k = min(known), max(max(known) - min(known), LEAST_SPAN_K)
+    return [_figure(name, f'{course(values, low_c, span_k)}  {values[0]:.1f} to {values[-1]:.1f} degC')
+            for name, values in (('Until now', measured), ('Planned', planned)) if len(values) > 1]
+
+
+def _drawable(value_c: float) -> float:
+    """Return a temperature; NaN if it is that of no battery."""
+    return math.nan if number(value_c) is None else value_c
+
+
+def course(values: Sequence[float], low: float, span: float) -> str:
+    """Return values as characters of rising height, at most COURSE_PARTS; a blank stands for an unknown value."""
+    count = min(len(values), COURSE_PARTS)
+    chosen = [values[round(part * (len(values) - 1) / max(count - 1, 1))] for part in range(count)]
+    return ''.join(HEIGHTS[round((value - low) / span * (len(HEIGHTS) - 1))] if not math.isnan(value) else ' '
+                   for value in chosen)
+
+
+def _diagnostics(view: View) -> Table:
+    table = Table.grid(padding=(0, 2))
+    # Written up to a second apart, they differ in the time left until arrival.
+    shown = None if view.plan is None else without_figures(f'{status_name(view.plan.status)}: {view.sentence}')
+    for entry in view.diagnosis.entries:
+        level = LEVELS[min(max(entry.level, 0), len(LEVELS) - 1)]
+        table.add_row(one_line(entry.name), Text(level, STYLES[level]), Text(
+            'as above' if without_figures(entry.message) == shown else one_line(entry.message[:LONGEST_TOLD])))
+    return table
+
+
+def _ages(view: View) -> Text:
+    text = Text('Heard: ')
+    for topic, age_s in view.ages_s.items():
+        text.append(f'{topic} never  ' if age_s is None else f'{topic} {age_s:.1f} s  ',
+                    'red' if age_s is None or topic in view.late else 'dim')
+    return text
+
 
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0

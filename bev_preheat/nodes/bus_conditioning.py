@@ -14,7 +14,7 @@ from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
 
 from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
-from bev_preheat.bus.readings import steady_s
+from bev_preheat.bus.source import steady_s
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import time_message

@@ -18,7 +18,7 @@ from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.live_map import load_live_map
-from bev_preheat.bus.readings import steady_s
+from bev_preheat.bus.source import steady_s
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import entry, ERROR, judged, OK, WARN
 from bev_preheat.messages.heater import heater_command, status_message

@@ -12,10 +12,10 @@ from bev_preheat.control.events import RouteUnreadable
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.settings import Settings
 from bev_preheat.messages.battery_state import battery_event
-from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.route_listener import RouteListener
+from bev_preheat.nodes.topics import RouteListener
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The base of all nodes: parameters of a table, guarded callbacks, news, diagnostics, lifecycle."""
+"""The base of all nodes: parameters of a table, guarded callbacks, news said once, diagnostics, lifecycle."""
 
 from __future__ import annotations
 
 from functools import wraps
+import re
+import time
 from typing import Any, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,9 +18,46 @@ from rclpy.task import Future
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import diagnostics
-from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# A sentence is not repeated within this time [s]; at most this many different ones are logged in it.
+PERIOD_S = 5.0
+MOST_SENTENCES = 10
+FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
+
+
+class RepetitionFilter:
+    """
+    Distinguishes news from repetition.
+
+    The logger's own throttle would suppress a second, different problem. Sentences that differ only in their
+    figures, such as ages, count as the same.
+    """
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """Take a clock [s of real time], because problems also occur while simulated time stands."""
+        self._clock_s = clock_s
+        self._told_s: dict[str, float] = {}
+
+    def has(self, sentence: str) -> bool:
+        """Return whether to log a sentence now; if so, record it as logged."""
+        kind, now_s = without_figures(sentence), self._clock_s()
+        self._told_s = {told: told_s for told, told_s in self._told_s.items()
+                        if now_s - told_s < PERIOD_S}
+        if kind in self._told_s or len(self._told_s) >= MOST_SENTENCES:
+            return False
+        self._told_s[kind] = now_s
+        return True
+
+
+def without_figures(sentence: str) -> str:
+    """Return a sentence with `#` in place of each number in it."""
+    return FIGURE.sub('#', sentence)
+
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

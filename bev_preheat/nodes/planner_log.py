@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.regime import Regime
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import heater_sentence
-from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.node import RepetitionFilter
 from bev_preheat.planning.planner import replaced_in_words
 from bev_preheat.vehicle import vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning

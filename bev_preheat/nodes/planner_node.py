@@ -24,9 +24,8 @@ from bev_preheat.control.events import (
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.heater import command_message
-from bev_preheat.messages.inputs import INPUTS, Reader
+from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
-from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
@@ -35,10 +34,9 @@ from bev_preheat.nodes.planner_log import PlannerLog
 from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, run_node
-from bev_preheat.nodes.publishers import CommandPublisher
-from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
+from bev_preheat.nodes.topics import CommandPublisher, RouteListener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents

@@ -25,10 +25,9 @@ from bev_preheat.charging.equations import heated_c, heater_power_of
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_policy import HeatingLimit
 from bev_preheat.charging.session import charge
-from bev_preheat.nonlinear_program.attempt import state_bounds
-from bev_preheat.nonlinear_program.blocks import Blocks
 from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can_heat
-from bev_preheat.nonlinear_program.drive_steps import add_drive_steps, drive_parameters, RESERVES
+from bev_preheat.nonlinear_program.drive_steps import add_drive_steps, Blocks, drive_parameters, RESERVES
+from bev_preheat.nonlinear_program.program import state_bounds
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.target_worth import Prices
-    from bev_preheat.nonlinear_program.blocks import Values
+    from bev_preheat.nonlinear_program.drive_steps import Values
     from bev_preheat.nonlinear_program.program import ByName
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan

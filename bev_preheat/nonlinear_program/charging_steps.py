@@ -23,18 +23,15 @@ from bev_preheat.charging.equations import (
     make_cooling,
     supply_of,
 )
-from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
-from bev_preheat.nonlinear_program.drive_steps import SOC_SCALE
-from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
-from bev_preheat.nonlinear_program.symbols import SYMBOLS
+from bev_preheat.nonlinear_program.drive_steps import POWER_SCALE_W, SOC_SCALE
+from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.nonlinear_program.blocks import Blocks
-    from bev_preheat.nonlinear_program.drive_steps import DriveSteps
+    from bev_preheat.nonlinear_program.drive_steps import Blocks, DriveSteps
     from bev_preheat.vehicle import Vehicle
 
 # Half the width of the switch [K].

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.nonlinear_program.attempt import (
+from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J
+from bev_preheat.nonlinear_program.program import (
     Attempt,
     attempt,
+    Give,
     heated_start,
     Problem,
     SUCCESS,
     unheated_start,
 )
-from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J
-from bev_preheat.nonlinear_program.program import Give
-from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
+from bev_preheat.nonlinear_program.symbols import smoothed_a_little
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated

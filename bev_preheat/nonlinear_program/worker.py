@@ -101,7 +101,7 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
         route = route.with_propulsion(question.model_factors[-1])
     situation = route, question.state, question.goal
     try:
-        from bev_preheat.nonlinear_program.attempt import SUCCESS
+        from bev_preheat.nonlinear_program.program import SUCCESS
         from bev_preheat.nonlinear_program.solve import solve_optimum
         method_plan = plan_preheating(corrected_vehicle(vehicle, corrections), *situation,
                                       question.method) if question.method else None

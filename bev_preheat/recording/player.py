@@ -15,8 +15,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
 from bev_preheat.control.state_bytes import state_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.messages.inputs import INPUTS, Reader
-from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
 from bev_preheat.recording.records import (
     event_of,
     FAIL,

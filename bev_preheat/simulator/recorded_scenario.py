@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from rclpy.serialization import deserialize_message, serialize_message
 
 from bev_preheat.messages.battery_state import battery_event, reading_message
+from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
-from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup

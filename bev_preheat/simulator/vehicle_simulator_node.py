@@ -35,9 +35,8 @@ from bev_preheat.simulation.heater import HeaterSide
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulator.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
 from bev_preheat.simulator.simulated_drive import trip_diagnostics
-from bev_preheat.simulator.simulated_time import NodeTime, OwnTime
+from bev_preheat.simulator.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress

@@ -12,10 +12,9 @@ import pytest
 from slcan_port import SlcanPort
 
 from bev_preheat.bus.can_decoder import CanDecoder
-from bev_preheat.bus.can_link import CanLink
-from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.can_source import CanLink, CanSource
 from bev_preheat.bus.live_map import load_live_map
-from bev_preheat.bus.readings import age_of_stamp, Readings, steady_s
+from bev_preheat.bus.source import age_of_stamp, Readings, steady_s
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial')]

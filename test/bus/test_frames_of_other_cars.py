@@ -10,7 +10,7 @@ from bev_preheat.bus.can_decoder import BusMessages, CanDecoder
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import load_live_map
-from bev_preheat.bus.readings import Readings, steady_s
+from bev_preheat.bus.source import Readings, steady_s
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 

@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.bus.conditioning import ACTUATORS, IS_ACTIVE, MODE
 from bev_preheat.bus.live_map import load_live_map
-from bev_preheat.bus.readings import steady_s
+from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
 
 pytestmark = [pytest.mark.needs('kuksa_client')]

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from bev_preheat.bus.vss_link import text_of
+from bev_preheat.bus.vss_source import text_of
 from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files import input_files

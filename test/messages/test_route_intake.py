@@ -12,7 +12,7 @@ from bev_preheat.control.events import Reconfigured
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.messages.route_plan import refused_route_of
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
@@ -118,7 +118,7 @@ def driver():
 def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch):
     def fail(*_):
         raise MemoryError
-    monkeypatch.setattr('bev_preheat.messages.route_intake.mission_from_message', fail)
+    monkeypatch.setattr('bev_preheat.messages.inputs.mission_from_message', fail)
     with pytest.raises(InvalidInput, match='MemoryError'):
         driver.take(route_message(route_id='work'))
     assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
@@ -142,7 +142,7 @@ def test_a_route_that_cannot_be_read_with_new_parameters_is_dropped_until_it_can
     def fail(*_):
         raise InvalidInput('speed: cannot be')
     with monkeypatch.context() as meanwhile:
-        meanwhile.setattr('bev_preheat.messages.route_intake.mission_from_message', fail)
+        meanwhile.setattr('bev_preheat.messages.inputs.mission_from_message', fail)
         with pytest.raises(InvalidInput, match='speed: cannot be'):
             driver.configure(replace(SETTINGS, lease_s=1.0))
         assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)

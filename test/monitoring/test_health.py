@@ -3,8 +3,8 @@
 
 import pytest
 
-from bev_preheat.monitoring.health import banner_of, Pulse, Surroundings
 from bev_preheat.monitoring.seen import Departure, diagnose, EntrySeen, MOST_ENTRIES
+from bev_preheat.monitoring.view import banner_of, Pulse, Surroundings
 
 THERE = Surroundings()
 

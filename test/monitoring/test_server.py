@@ -17,10 +17,9 @@ from seen_examples import a_board, a_plan, START_S
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from bev_preheat.monitoring import handlers, server
+from bev_preheat.monitoring import server
 from bev_preheat.monitoring.access import Access
-from bev_preheat.monitoring.handlers import FILES
-from bev_preheat.monitoring.server import PageServer
+from bev_preheat.monitoring.server import FILES, PageServer
 from bev_preheat.monitoring.source import Answer, Asked, LiveSource
 
 TOKEN = 'correct-horse-battery'
@@ -230,7 +229,7 @@ def test_a_tab_that_talks_nonsense_is_closed(page, text):
 
 def test_only_so_many_tabs(page):
     async def crowd():
-        connections = [await page.connect() for _ in range(handlers.MOST_TABS)]
+        connections = [await page.connect() for _ in range(server.MOST_TABS)]
         with pytest.raises(Exception, match='503'):
             await page.connect()
         # The others go on.
@@ -243,7 +242,7 @@ def test_only_so_many_tabs(page):
 
 
 def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch):
-    monkeypatch.setattr(handlers, 'TAB_CLOSED_AFTER_S', 0.5)
+    monkeypatch.setattr(server, 'TAB_CLOSED_AFTER_S', 0.5)
     monkeypatch.setattr(server, 'EVENT_PERIOD_S', 0.02)
     times = tuple(START_S + second for second in range(240))
     big = a_plan(times_s=times, temperatures_c=(1.0,) * 240, socs=(0.5,) * 240, powers_w=(0.0,) * 239,

@@ -12,7 +12,7 @@ import pytest
 from rclpy.logging import get_logger
 
 import bev_preheat
-from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.node import RepetitionFilter
 from bev_preheat.nodes.state_keeper import StateKeeper
 
 

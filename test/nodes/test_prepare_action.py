@@ -39,7 +39,7 @@ from bev_preheat.monitoring import planner_client
 from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.planner_client import feedback_line, Wanted
 from bev_preheat.monitoring.seen import plan_seen
-from bev_preheat.monitoring.terminal_view import line, page
+from bev_preheat.monitoring.watch import line, page
 from bev_preheat.nodes.optimality_report import case_of_plan
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput

@@ -13,7 +13,7 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.nonlinear_program import charging_steps, smooth_maps
+from bev_preheat.nonlinear_program import charging_steps, symbols
 from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
 from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step
 from bev_preheat.numerics import FLOATS
@@ -125,7 +125,7 @@ def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
     ids=['coolant', 'direct', 'unheated'])
 def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     # With hardly rounded corners, only the session's own equations remain.
-    monkeypatch.setattr(smooth_maps, 'TEMPERATURE_WIDTH_K', 0.01)
+    monkeypatch.setattr(symbols, 'TEMPERATURE_WIDTH_K', 0.01)
     monkeypatch.setattr(charging_steps, 'SWITCH_K', 0.05)
     stop = ChargingStop(88e3, 0.5, -8.0, 1500.0, 400.0)
     session = charge(vehicle, stop, BatteryState(9.0, 0.2, 0.0, 0.0))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.nonlinear_program.attempt import SUCCESS
+from bev_preheat.nonlinear_program.program import SUCCESS
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating

@@ -14,7 +14,7 @@ import pytest
 import short_stretches
 
 from bev_preheat.nonlinear_program import program, solve
-from bev_preheat.nonlinear_program.attempt import SUCCESS
+from bev_preheat.nonlinear_program.program import SUCCESS
 from bev_preheat.nonlinear_program.solve import (
     ARRIVAL_SOC,
     CHARGE,

@@ -9,7 +9,7 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.battery_state import battery_event, reading_message
-from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.nodes.flight_recording import _kind
 from bev_preheat.numerics import NS_PER_S

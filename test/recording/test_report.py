@@ -15,7 +15,7 @@ import pytest
 from recorded_drive import LENGTH_S, START_NS, TARGET_C
 
 from bev_preheat.commands.main import main
-from bev_preheat.monitoring.recording_report import report_text, ReportText
+from bev_preheat.monitoring.pages import report_text, ReportText
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.history import History
