@@ -20,12 +20,10 @@ from plain_car import (
 import pytest
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
-from bev_preheat.charging.stop import ChargingStop, stop_after
+from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath
@@ -33,27 +31,6 @@ from bev_preheat.vehicle.description import HeatPath
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
 STOP = ChargingStop(60e3, 0.8, -10.0, 1200.0, 300.0)
-SUPPLY_W = 60e3 - 1500.0
-
-
-def test_constant_power_through_a_resistance():
-    ohm = 0.2
-    session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
-    current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * ohm * SUPPLY_W) - VOLTAGE_V) / (2.0 * ohm)
-    seconds = 3600.0 * CAPACITY_AH * 0.55 / current_a
-    assert session.charging_time_s == pytest.approx(seconds, rel=1e-9)
-    assert session.battery_temperature_c[-1] == pytest.approx(
-        5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
-    assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)
-
-
-def test_a_power_limit_that_falls_with_the_charge():
-    # P = 80 kW (1 - s) from 0.25 to 0.8, below the charger's: ln(0.75 / 0.2) * 350 V 120 Ah / 80 kW
-    limit = Table((0.0, 1.0), (0.0,), ((-80e3,), (0.0,)))
-    session = charge(plain_car(limit=limit), replace(STOP, charger_power_w=500e3),
-                     BatteryState(5.0, 0.25))
-    assert session.charging_time_s == pytest.approx(
-        3600.0 * math.log(0.75 / 0.2) * VOLTAGE_V * CAPACITY_AH / 80e3, rel=1e-7)
 
 
 def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
@@ -185,17 +162,6 @@ def test_a_frozen_battery_is_warmed_first_where_the_car_can():
 
 
 # --- after a drive, and refused inputs ---
-
-
-def test_heat_under_way_at_arrival_arrives_at_the_charger():
-    vehicle = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0))
-    route = load_route('reference', vehicle.defaults)
-    plan = plan_preheating(vehicle, route, BatteryState(-20.0, 0.9), Goal(40.0))
-    state = plan.arrival_state
-    assert state.coolant_excess_k > 5.0
-    stop = stop_after(route, 150e3, 0.8)
-    assert charge(vehicle, stop, state).charging_time_s < charge(
-        vehicle, stop, BatteryState(state.temperature_c, state.soc)).charging_time_s - 1.0
 
 
 NAN = math.nan

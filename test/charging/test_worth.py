@@ -11,16 +11,16 @@ import pytest
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
-from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.worth import find_worth, pays_from_per_h, WorthSearch
+from bev_preheat.charging.worth import find_worth, pays_from_per_h
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging, HeatPath, Uncertainty
+from bev_preheat.vehicle.description import Charging, Uncertainty
 
 REFERENCE = load_vehicle('reference')
 PRICES = Prices(0.55, 12.0)
@@ -62,20 +62,6 @@ def money(session, prices):
 def usual():
     """Return the Worth of the reference at 150 kW."""
     return find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
-
-
-def test_the_order_of_targets_with_late_heat_is_that_of_fine_steps():
-    """At 22 kW the heater takes a good part of the power, so its switching decides between targets."""
-    late, route = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 300.0)), drive()
-    stop, costs = stop_after(route, 22e3, 0.8), []
-    for target_c in (5.0, 10.0, 15.0, 20.0, 25.0):
-        arrival = plan_preheating(late, route, COLD, Goal(target_c)).arrival_state
-        sessions = (charge(late, stop, arrival, step_s) for step_s in (STEP_S, STEP_S / 8.0))
-        costs.append([PRICES.cost(session.bought_energy_wh, session.charging_time_s) for session in sessions])
-    usual, fine = np.array(costs).T
-    # Costs are printed to 0.01, and a tenth of that must not decide between targets.
-    assert usual == pytest.approx(fine, abs=0.001)
-    assert (np.argsort(usual) == np.argsort(fine)).all()
 
 
 # Full power only in a narrow range of temperatures: one minimum there, another at a lower temperature.
@@ -139,15 +125,6 @@ def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
     assert pays_from_per_h(heated, without, 0.5) == pytest.approx(per_h)
 
 
-def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
-    arrival_soc = usual.without_heating.arrival_soc
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
-    assert worth.best == worth.without_heating
-    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
-    # The heater's energy has to be bought.
-    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
-
-
 @pytest.mark.deep
 def test_at_a_charger_of_4_kw_in_the_cold_the_battery_is_charged_and_not_heated():
     # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW hold
@@ -203,25 +180,6 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
 # --- the search in parts ---
 
 
-@pytest.mark.parametrize('plans', [pytest.param(1, marks=pytest.mark.deep), 7])
-def test_a_search_in_parts_finds_the_same(usual, plans):
-    route, made = drive(), []
-    unheated = plan_unheated(REFERENCE, route, STATE, GOAL)
-
-    def plan_to(target_c):
-        made.append(target_c)
-        return plan_preheating(REFERENCE, route, STATE, Goal(target_c))
-
-    search = WorthSearch(REFERENCE, stop_after(route, 150e3, 0.8), unheated, 25.0, PRICES, plan_to)
-    # An intermediate result exists before the search ends.
-    assert search.worth().best.target_c in (search.without.target_c, 25.0)
-    counts = [len(made)]
-    while not search.advance(plans):
-        counts.append(len(made))
-    assert np.diff(counts).max() == plans and len(made) == len(set(made))
-    assert search.worth() == usual
-
-
 # --- refused inputs ---
 
 
@@ -266,18 +224,6 @@ def test_heating_pays_up_to_the_energy_price_that_is_named(simple, share, pays):
     other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices)
     assert (other.best is not other.without_heating) is pays
     assert f'up to an energy price of {simple.pays_to_price_per_kwh:.2f} per kWh' in simple.bounds_in_words()
-
-
-@pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
-def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
-    assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES,
-                       prospect=ChargingProspect(share * simple.pays_from_chance))
-    assert (other.best is not other.without_heating) is pays
-    assert other.pays_from_chance == other.pays_from_probability
-    assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
-    # The verdict has named it already.
-    assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
 
 
 def test_bounds_are_none_if_heating_never_or_always_pays():

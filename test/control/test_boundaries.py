@@ -12,9 +12,7 @@ from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.status import Status
+from bev_preheat.planning.situation import BatteryState
 
 STATE = BatteryState(-7.0, 0.8)
 
@@ -47,52 +45,6 @@ def test_the_least_power_switches_the_heater_on_and_none_does_not():
 def test_the_least_time_on_lasts_from_the_very_instant_to_its_end(later_ns, power_w):
     switch = HeaterSwitch().asked(NOW_NS, 3e3, 5e3, 20.0, 120.0)
     assert switch.asked(NOW_NS + later_ns, 0.0, 5e3, 20.0, 120.0).power_w == power_w
-
-
-@pytest.mark.parametrize('after_ns, ended_for_s, ahead_s', [
-    (-NS_PER_S // 2, -1200.5, 1200.0), (0, -1200.0, 1200.0), (NS_PER_S // 4, -1199.75, 1199.75),
-    (1199 * NS_PER_S + NS_PER_S // 2, -0.5, 0.5), (1200 * NS_PER_S, 0.0, None),
-    (1200 * NS_PER_S + NS_PER_S // 2, 0.5, None)])
-def test_what_is_left_of_a_leg(after_ns, ended_for_s, ahead_s):
-    drive = steady_leg()
-    assert drive.ended_for_s(NOW_NS + after_ns) == ended_for_s
-    ahead = drive.route_ahead(NOW_NS + after_ns)
-    assert (ahead.total_duration_s if ahead else None) == (
-        None if ahead_s is None else pytest.approx(ahead_s, abs=1e-9))
-    # Before the start: the whole route, unchanged.
-    assert (ahead is drive.route) == (after_ns <= 0)
-
-
-@pytest.mark.parametrize('status', [Status.HEATING, Status.TARGET_UNREACHABLE])
-def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
-    """A heater that was switched off a moment ago waits, regardless of the plan's status."""
-    trip, target_c = steady_leg(480.0), 25.0
-    # So cold that heating all the way misses the target by a tenth of a kelvin, or by a kelvin more.
-    cold_c = 10.0
-    for _ in range(3):
-        cold_c += plan_preheating(VEHICLE, trip.route, BatteryState(cold_c, 0.8),
-                                  Goal(target_c)).shortfall_k - 0.1
-    cold_c -= status is Status.TARGET_UNREACHABLE
-    supervisor = Supervisor(VEHICLE, Settings(
-        estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=120.0))
-    warm = BatteryState(target_c + 1.0, 0.8)
-
-    def step(after_s, *events):
-        supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
-        return supervisor.state.latest_command
-
-    def state(after_s, battery):
-        return BatteryStateArrived(Measurement(battery, NOW_NS + after_s * NS_PER_S))
-
-    step(0, RouteArrived(Mission('home', (trip,))))
-    assert step(0, state(0, BatteryState(cold_c, 0.8))).battery_heating_power_w > 0.0
-    assert step(1, state(1, warm)).battery_heating_power_w == 0.0
-    # Another status must hold for 10 s. Warmed as if heated meanwhile, or the target would be out of reach.
-    for after_s in (2, 12):
-        command = step(after_s, state(after_s, BatteryState(cold_c + 0.015 * after_s, 0.8)))
-    waits = Status.WAITING if status is Status.HEATING else status
-    shown = supervisor.state.decision.status
-    assert (command.battery_heating_power_w, command.reason, shown) == (0.0, waits, waits)
 
 
 @pytest.mark.parametrize('before_ns, heats', [(NS_PER_S // 2, False), (1, False), (0, True)])

@@ -143,15 +143,6 @@ def test_the_leg_that_is_now_is_commanded(elapsed_s, power_w, reason):
     assert outcome(supervisor_at(elapsed_s)) == (pytest.approx(power_w), reason)
 
 
-@pytest.mark.parametrize('elapsed_s, rest_s, target_c', [
-    (250.0, 350.0, 25.0), (1000.0, 500.0, 20.0), (1800.0, 200.0, 25.0)])
-def test_the_rest_of_the_leg_that_is_now_is_planned_from_the_measured_state_for_its_own_target(
-        elapsed_s, rest_s, target_c):
-    plan = supervisor_at(elapsed_s).state.decision.plan
-    assert (plan.target_temperature_c, plan.arrival_time_s, plan.battery_temperature_c[0], plan.soc[0]) == (
-        target_c, pytest.approx(rest_s), COLD.temperature_c, COLD.soc)
-
-
 PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 
@@ -164,14 +155,6 @@ def test_time_alone_ends_a_leg(elapsed_s, expected):
     assert outcome(supervisor, NOW_NS + ns(elapsed_s)) == expected
 
 
-def test_a_stop_may_last_longer_than_a_simulated_clock_has_run():
-    supervisor = Stepwise(VEHICLE, MEASURED)
-    supervisor.accept_mission(Mission('a long stop', with_stops(
-        make_mission(start_ns=0).legs, (1000.0, 200.0))))
-    assert feed(supervisor, ns(700.0)).explanation.startswith(
-        'Charging until departure in 15:00 min; ')
-
-
 # Beyond the next stop
 
 @pytest.mark.parametrize('elapsed_s, starts_s', [
@@ -181,14 +164,6 @@ def test_what_lies_beyond_the_next_stop_is_planned(elapsed_s, starts_s):
     decisions = supervisor_at(elapsed_s).later_decisions()
     assert [(decision.plan_start_ns - NOW_NS) / NS_PER_S + elapsed_s
             for decision in decisions] == pytest.approx(starts_s)
-
-
-def test_later_legs_are_planned_once_and_the_one_that_is_now_for_each_state(planned_states):
-    supervisor = supervisor_at(0.0)
-    states = [BatteryState(-7.0 + 0.1 * second, 0.8) for second in range(1, 5)]
-    for second, state in enumerate(states, start=1):
-        feed(supervisor, NOW_NS + ns(second), state)
-    assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND, *states]
 
 
 def test_the_command_does_not_wait_for_later_legs(planned_states):

@@ -173,21 +173,6 @@ def file(tmp_path):
     return write
 
 
-def test_a_file_of_departures_is_read(file):
-    departures = load_departures(file(WEEK))
-    assert departures == Departures(BERLIN, (
-        Departure('work', frozenset({0, 4}), time(7, 30), 22, True),
-        Departure('trip', frozenset({6}), time(9, 5), None, False)), -5)
-
-
-def test_a_file_of_prices_is_read(file):
-    prices = load_grid_prices(file(PRICES))
-    assert prices == GridPrices(
-        BERLIN, (DailyPrice(time(6), 0.38), DailyPrice(time(22), 0.24)),
-        (PricePeriod(ns(datetime(2026, 11, 26, 0)), ns(datetime(2026, 11, 26, 2)), 0.10),
-         PricePeriod(ns(datetime(2026, 11, 26, 2)), ns(datetime(2026, 11, 26, 3)), -0.02)), 'EUR')
-
-
 @pytest.mark.parametrize('zone', ['Europe/Berlin', 'America/New_York', 'UTC'])
 @pytest.mark.parametrize('quote', ["'", ''])
 def test_times_with_an_offset_name_their_instants_in_any_zone(file, zone, quote):

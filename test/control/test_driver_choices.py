@@ -86,13 +86,6 @@ def test_any_other_route_heats_after_a_restart(mission):
     assert answer(planner) == HEATS
 
 
-def test_the_same_route_heats_within_the_process_that_was_told_of_the_cancellation():
-    planner = start()
-    planner.cancel()
-    planner.accept_mission(make_mission())
-    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
-
-
 def test_a_cancellation_counts_for_a_day():
     now_ns = NOW_NS + 24 * HOUR_NS
     tomorrow = make_mission(start_ns=NOW_NS)

@@ -81,17 +81,6 @@ def healthy():
     return ride
 
 
-def test_the_arrival_becomes_surer_on_the_way(healthy):
-    deviations_k = [decision.forecast.as_planned_k for _, decision, _ in healthy.seen]
-    first, middle, last = (deviations_k[at] for at in (3, 187, -2))
-    assert first > middle > last > 0.0
-    assert first < 3.0
-    # The sensor has its own location, and it heats until arrival, which leaves an error of a third of a kelvin.
-    assert last < 0.33
-    # Later heating corrects deviations.
-    assert healthy.seen[3][1].arrival_deviation_k < first
-
-
 def test_the_plan_aims_at_the_target_and_no_further(healthy):
     # While it heats, and can still stop in time.
     aimed_k = [decision.plan.arrival_temperature_c - 25.0 for at_s, decision, _ in healthy.seen
@@ -137,15 +126,6 @@ def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
     assert ride.car.plant.temperature_c == pytest.approx(cools_c, abs=1.0)
 
 
-@pytest.mark.deep
-def test_a_heater_that_comes_back_is_counted_on_again():
-    ride = Ride(heater_faults=(HeaterFault(500.0, 700.0, share=0.0),))
-    assert 'does not respond' in ride.until(690.0).explanation
-    decision = ride.until(1000.0)
-    assert 'heater' not in decision.explanation.split('.')[0]
-    assert decision.plan.hvch_battery_power_w.any()
-
-
 def test_a_derated_heater_is_planned_with_its_real_power():
     ride = Ride(heater_faults=(HeaterFault(300.0, share=0.4),))
     decision = ride.until(1400.0)
@@ -188,12 +168,3 @@ def test_a_new_route_forgets_how_sure_the_old_one_was():
     supervisor.accept_mission(Mission('short', (short,)))
     decision = supervisor.replan(ride.now_ns)
     assert decision.forecast.as_planned_k < 0.5 * unsure_k
-
-
-def test_learning_goes_on_while_preheating_is_switched_off():
-    ride = Ride()
-    ride.supervisor.enabled = False
-    ride.until(120.0)
-    assert ride.command_w == 0.0
-    # A reading in whole degrees leaves 0.29 K.
-    assert ride.supervisor.state.estimate.temperature_deviation_k < 0.25

@@ -49,18 +49,6 @@ def test_the_segment_of_the_middle_is_what_is_driven(from_s, to_s, power_w):
     assert between(from_s, to_s)[0].propulsion_power_w == power_w
 
 
-def test_all_of_a_segment_is_told():
-    drive, limit_w = between(70.0, 80.0)
-    assert (drive.speed_mps, drive.ambient_temperature_c) == (21.0, -7.0)
-    assert (drive.cabin_heating_power_w, drive.auxiliary_power_w) == (1500.0, 400.0)
-    # 25^2 - 20^2 = 15^2
-    assert drive.power_variance_w2 == pytest.approx(15e3**2)
-    assert drive.terminal_power_w is None
-    # The heater's power is the command.
-    assert drive.heater_power_w == 0.0
-    assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
-
-
 @pytest.mark.parametrize('from_s, to_s', [(-10.0, -8.0), (-3.0, 1.0), (181.0, 182.0),
                                           (300.0, 500.0), (700.0, 701.0), (179.0, 181.0),
                                           (639.0, 641.0)],
@@ -95,10 +83,3 @@ def test_who_is_half_as_fast_takes_half_the_power():
                          ('cabin_heating_power_w', 1.0), ('auxiliary_power_w', 1.0),
                          ('ambient_temperature_c', 1.0)):
         assert getattr(drive, field) == pytest.approx(share * getattr(planned, field)), field
-
-
-def test_who_stands_takes_no_power_to_drive():
-    drive = along([(second, 1300.0) for second in range(100, 110)], 109.0, 110.0)
-    assert (drive.speed_mps, drive.propulsion_power_w, drive.propulsion_power_magnitude_w,
-            drive.power_variance_w2) == (0.0, 0.0, 0.0, 0.0)
-    assert drive.ambient_temperature_c == -7.0

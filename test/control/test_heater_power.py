@@ -70,14 +70,6 @@ def test_time_of_heating_is_that_of_every_millisecond(commands, forgotten_ms, la
     assert history.heated_s(end_ms * MS) == pytest.approx(heated_ms / 1e3, abs=1e-9)
 
 
-def test_a_clock_that_was_set_back_forgets_what_now_lies_ahead():
-    history = CommandHistory()
-    history = history.noted(1000 * MS, 7000.0)
-    history = history.noted(400 * MS, 900.0)
-    assert history.mean_w(0, 400 * MS) == 0.0
-    assert history.mean_w(400 * MS, 2000 * MS) == 900.0
-
-
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.command import SteadyStatus
-from bev_preheat.control.heater import HeaterSwitch, HeatingPause
+from bev_preheat.control.heater import HeaterSwitch
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_STATUS_S as LEAST_S
 from bev_preheat.tunables import MOST_SWITCH_ONS
@@ -103,18 +103,6 @@ def test_each_further_one_within_ten_minutes_costs_twice_as_much(minimum_off_s, 
         10.0, 20.0, 40.0, 80.0, 160.0, 320.0)], abs=0.11)
 
 
-def test_after_ten_good_minutes_all_is_forgotten():
-    driven = Driven()
-    driven.step()
-    for _ in range(3):
-        driven.step(is_wrong=True)
-        driven.off_for_s()
-    for _ in range(6000):
-        driven.step()
-    driven.step(is_wrong=True)
-    assert driven.off_for_s() == pytest.approx(10.0, abs=0.11)
-
-
 def test_doubt_while_nothing_was_heated_costs_nothing():
     driven = Driven()
     for _ in range(100):
@@ -143,15 +131,6 @@ def test_the_sentence_says_why_and_until_when():
     driven.step(is_wrong=True)
     driven.step()
     assert driven.switch.pause.sentence.endswith('20 s of valid input (interruption 2 in 10 min).')
-
-
-@pytest.mark.parametrize('back_s', [0.5, 30.0, 1e6])
-def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
-    begin_ns = round((2_000_004 - back_s) * S)
-    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, MINIMUM_OFF_S).at(2_000_004 * S)
-    pause = pause.at(begin_ns)
-    assert pause.left_s == pytest.approx(6.0)
-    assert pause.at(begin_ns + 6 * S).left_s == 0.0
 
 
 STEPS = st.lists(st.tuples(

@@ -52,23 +52,6 @@ def test_the_first_state_of_a_trip_is_of_a_battery_that_stood_where_the_route_be
     assert soak(trip(), measured()) == after_soak(VEHICLE, -7.0, NIGHT_S)
 
 
-def test_the_second_state_and_an_update_of_the_route_are_not():
-    first, _ = compared((trip(), measured()))
-    update = trip(start_ns=START_NS + 5 * NS_PER_S)
-    later, standing = compared(
-        (trip(), measured(after_start_s=1.0)), (update, measured(after_start_s=6.0)), watch=first)
-    assert standing == [None, None]
-    assert later.report == first.report is not None
-
-
-def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing():
-    watch, standing = compared((trip(standing_time_s=0.0), measured()))
-    assert standing == [None]
-    assert watch.report is None
-    # The trip planner may learn it a moment later.
-    assert soak(trip(), measured(after_start_s=1.0), watch)
-
-
 @pytest.mark.parametrize('after_s, is_first', [
     (LONGEST_GAP_S, True), (LONGEST_GAP_S + 0.1, False)])
 def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_first):

@@ -127,23 +127,6 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
     assert car.heated_s(driving_s) > 60
 
 
-@pytest.mark.deep
-def test_a_traffic_jam_with_its_consumers_on_is_heated_for_a_quarter_of_an_hour():
-    # Too cold to reach the target: heat made while it stands is not lost.
-    car = Car((leg(25),), temperature_c=-7.0, every_s=1)
-    car.go(300, DRIVE_W)
-    jam_s = car.at_s
-    car.go(1000, 0.0)
-    assert 880 <= car.heated_s(jam_s) <= 902
-
-
-def test_without_voltage_and_current_the_route_goes_by_time():
-    car = Car(reports_power=False)
-    car.go(200, DRIVE_W)
-    car.go(300, 0.0, 0.0)
-    assert (car.planner.state.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
-
-
 def test_a_position_that_moves_outranks_the_power():
     car = Car((leg(60),))
     for second in range(300):

@@ -143,14 +143,6 @@ def test_the_grid_takes_the_heater_s_power_from_the_battery_s_account():
     assert driven.plan.soc[-1] < 0.59
 
 
-@pytest.mark.parametrize('above, plugged_in, heats', [
-    (-0.01, False, False), (-0.01, True, True), (0.3, False, True)])
-def test_the_guard_of_the_reserve_holds_unless_the_grid_feeds_the_heater(above, plugged_in, heats):
-    car = Car(soc=VEHICLE.battery.soc_range[0] + above)
-    car.want(900.0, is_plugged_in=plugged_in)
-    assert car.command == ((FULL_W, Status.TARGET_UNREACHABLE) if heats else (0.0, Status.SOC_LIMITED))
-
-
 def test_as_soon_as_possible_heats_from_now_until_it_is_warm_and_not_longer():
     car = Car()
     preparation_goal = car.want(is_plugged_in=True)
@@ -248,16 +240,6 @@ def test_what_stands_or_is_charged_is_assumed_to_stand(power_w):
         car.state(float(second), power_w=power_w)
     car.want(1200.0)
     assert (car.supervisor.state.active_mission.legs[0].route.propulsion_power_rms_w == 0.0).all()
-
-
-@pytest.mark.costly
-def test_the_heater_s_own_power_is_no_drive():
-    car = Car()
-    preparation_goal = car.want(target_c=30.0)
-    for second in range(1, 60):
-        car.state(float(second), power_w=CABIN_W + OTHERS_W + car.command[0])
-    assert car.supervisor.state.preparation_goal is preparation_goal and car.command[0] == FULL_W
-    assert (car.supervisor.state.active_mission.legs[0].route.propulsion_power_w == 0.0).all()
 
 
 @pytest.mark.costly
@@ -419,14 +401,6 @@ def test_at_the_instant_it_says_by_how_much_the_target_is_missed():
     assert (outcome.ending, outcome.shortfall_k, outcome.temperature_c) == (PreparationEnding.MISSED, 15.75, 9.25)
     assert '15.8 K below the target of 25.0 degC' in outcome.explanation
     assert car.command == (0.0, Status.NO_ROUTE)
-
-
-@pytest.mark.parametrize('below_k, ending', [(0.19, PreparationEnding.REACHED), (0.21, PreparationEnding.MISSED)])
-def test_a_battery_a_fifth_of_a_kelvin_below_the_target_is_warm(below_k, ending):
-    car = Car()
-    preparation_goal = car.want(600.0)
-    car.state(600.0, temperature_c=TARGET_C - below_k)
-    assert car.ended(preparation_goal).ending is ending
 
 
 def test_what_is_warm_already_needs_no_heat():

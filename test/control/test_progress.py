@@ -84,13 +84,6 @@ def test_an_early_vehicle_has_less_time():
     assert drive.supervisor.state.mission.legs[0].arrival_ns == START_NS + ns(400.0)
 
 
-def test_a_vehicle_that_leaves_early_is_heated_before_the_stamp_of_its_route():
-    drive = Drive()
-    assert drive.feed(-50.0)[0] == OFF
-    drive.tell(-49.0, 210.0)
-    assert drive.feed(-49.0) == (HEATS, COLD, 590.0)
-
-
 @pytest.mark.parametrize('settings', [MEASURED, Settings()], ids=['measured', 'estimated'])
 def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
     def said(tells_position):
@@ -147,15 +140,6 @@ def test_a_place_that_is_too_old_is_driven_on_from_by_time():
     assert drive.feed(900.0)[1] is Status.ARRIVED
 
 
-def test_a_clock_that_was_set_back_leaves_the_stamp_of_the_route():
-    drive = Drive()
-    drive.tell(500.0, 0.0)
-    drive.feed(500.0)
-    assert drive.feed(100.0) == (HEATS, COLD, 500.0)
-    drive.tell(101.0, 0.0)
-    assert drive.feed(101.0) == (HEATS, COLD, 599.5)
-
-
 # Standing
 
 def stood(drive, until_s, distance_m=6010.0, temperature_c=-7.0):
@@ -203,14 +187,6 @@ def test_a_late_stop_ends_later():
     later, = drive.supervisor.state.mission.legs[1:]
     assert later.start_ns == START_NS + ns(1050.0)
     assert drive.feed(1051.0) == (HEATS, COLD, 599.0)
-
-
-def test_who_leaves_a_stop_early_is_on_the_next_leg():
-    drive = Drive(two_legs())
-    drive.tell(600.0, LENGTH_M)
-    assert drive.feed(650.0)[1] is Status.CHARGING
-    drive.tell(700.0, LENGTH_M + 510.0)
-    assert drive.feed(700.0) == (HEATS, COLD, 575.0)
 
 
 # Refused routes

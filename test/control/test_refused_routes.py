@@ -178,14 +178,6 @@ def test_a_route_that_does_not_fit_a_new_vehicle_holds_again_when_it_fits():
     assert feed_on(supervisor, 2.0)[0] > 0.0
 
 
-def test_a_revised_route_does_not_make_a_refused_one_good():
-    supervisor = heating_supervisor(make_mission())
-    supervisor.refuse_route(ERROR, SAME)
-    supervisor.revise_mission(make_mission())
-    supervisor.replan(NOW_NS)
-    assert (outcome(supervisor, NOW_NS), supervisor.state.inbox.refused_route is None) == (OFF, False)
-
-
 # Cancellation
 
 def test_a_cancelled_trip_is_off_and_stays_off():
@@ -211,25 +203,3 @@ def test_a_cancellation_is_not_held_up_by_the_minimum_on_time():
 
 
 # A route that starts later: the times of the sentence count from now
-
-@pytest.fixture
-def early():
-    """Return a supervisor whose route of 20 min begins in 10 min, with full power from the start."""
-    supervisor = Stepwise(VEHICLE, SETTINGS)
-    supervisor.accept_mission(make_mission(start_ns=NOW_NS + ns(600.0)))
-    feed(supervisor, NOW_NS)
-    return supervisor
-
-
-def test_what_waits_for_the_beginning_of_the_route_is_waiting(early):
-    # The deficit is so small that the target counts as reached, with no second to spare.
-    leg = replace(steady_leg(start_ns=NOW_NS + ns(600.0)),
-                  target_temperature_c=early.state.decision.plan.arrival_temperature_c + 0.001)
-    early.accept_mission(Mission('home', (leg,)))
-    assert feed(early, NOW_NS) == (0.0, Status.WAITING)
-    decision = early.state.decision
-    assert (decision.status, decision.plan.status) == (Status.WAITING, Status.WAITING)
-    assert decision.explanation.startswith('The route begins in 10:00 min. Heating starts in '
-                                           '10:00 min: arrival in 30:00 min ')
-    power_w, status = feed(early, NOW_NS + ns(600.0))
-    assert (power_w > 0.0, status) == (True, Status.HEATING)

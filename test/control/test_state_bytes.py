@@ -25,7 +25,8 @@ from bev_preheat.vehicle import load_vehicle
 
 # Charging on the way with a target that is chosen, a trip that ends and another one, a heater that is too weak, a
 # clock that is set back, and two batteries on one topic.
-DRIVES = ['charges_early_and_heats', 'cold_second_trip', 'heater_derated', 'clock_back', 'two_batteries']
+DRIVES = ['charges_early_and_heats', 'two_batteries', *(pytest.param(name, marks=pytest.mark.deep) for name in (
+    'cold_second_trip', 'heater_derated', 'clock_back'))]
 
 
 class Forgetful(Supervisor):

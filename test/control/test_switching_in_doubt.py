@@ -8,7 +8,6 @@ from random import Random
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -105,20 +104,6 @@ def test_other_doubts_make_it_wait_too(doubt, words):
         if second == 5:
             assert car.planner.state.decision.explanation.startswith(words)
     assert car.switch_ons_s == [1.0, pytest.approx(12.0, abs=1.1)]
-
-
-def test_an_exception_makes_it_wait(monkeypatch):
-    car = Car()
-    car.give(1.0, car.state(1.0))
-    with monkeypatch.context() as patch:
-        patch.setattr(DecisionMaker, 'decide', lambda *arguments: 1 / 0)
-        car.planner.step_through(NOW_NS + ns(2.0), car.state(2.0))
-        assert car.planner.state.latest_command.reason is Status.INTERNAL_ERROR
-    car.give(3.0, car.state(3.0))
-    assert (car.powers_w[-1], car.reason) == (0.0, Status.INTERNAL_ERROR)
-    for second in range(4, 14):
-        car.give(second, car.state(second))
-    assert car.powers_w[-1] > 0.0
 
 
 @pytest.mark.parametrize('every_s, timeout_s, doubted', [

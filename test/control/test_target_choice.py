@@ -23,32 +23,22 @@ from charger_trips import (
 )
 import numpy as np
 import pytest
-from stepwise import Stepwise
 
-from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
-from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target_choice import TargetChooser, TargetSource
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
-from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.simulation.heater import HeaterLease
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
-
-# Of battery states on a simulated drive [s].
-PERIOD_S = 4.0
-
 
 # Which target
 
@@ -67,22 +57,6 @@ def test_the_target_costs_what_the_best_costs(charger, state):
     assert cost(VEHICLE, route, state, target_of(first), charger) <= 1.005 * best
     usual = cost(VEHICLE, route, state, 25.0, charger)
     assert usual > 1.002 * best
-
-
-def test_the_session_is_told_with_the_target_and_without_heating():
-    decision = feed(a_supervisor())
-    plans = decision.plan, plan_unheated(VEHICLE, drive(), STATE, Goal(25.0))
-    heating = ChargerHeating(VEHICLE, ChargingStop(150e3, 0.8, -8.0, 1500.0, 400.0), PRICES)
-    # The unheated arrival comes first, as in the search.
-    sessions = [heating.choose(BatteryState(plan.arrival_temperature_c, plan.arrival_soc)).session
-                for plan in reversed(plans)][::-1]
-    choice = decision.target
-    assert (choice.charging_time_s, choice.bought_energy_wh, choice.unheated_charging_time_s,
-            choice.unheated_bought_energy_wh) == pytest.approx((
-                sessions[0].charging_time_s, sessions[0].bought_energy_wh,
-                sessions[1].charging_time_s, sessions[1].bought_energy_wh), rel=1e-6)
-    assert choice.charging_time_s < choice.unheated_charging_time_s - 60.0
-    assert decision.plan.target_temperature_c == choice.target_c != 25.0
 
 
 @pytest.mark.costly
@@ -126,18 +100,6 @@ def test_no_update_makes_more_than_a_plan(monkeypatch):
     assert 3 <= counts[0] <= 7 and max(counts[1:]) == 1
     # After the target is found, no search runs.
     assert 40 < sum(counts) < 95 and sum(counts[-3:]) == 0
-
-
-@pytest.mark.costly
-def test_it_is_not_searched_for_again_before_anything_has_changed():
-    supervisor = a_supervisor()
-    choices = [feed(supervisor, second).target for second in range(ENOUGH)]
-    assert len({choice.reason for choice in choices}) <= 2
-    assert choices[-1] is feed(supervisor, 400.0).target is feed(supervisor, 599.0).target
-    # Ten minutes after it began.
-    for second in range(600, 600 + ENOUGH):
-        again = feed(supervisor, second).target
-    assert again is not choices[-1]
 
 
 @pytest.mark.costly
@@ -201,36 +163,6 @@ def test_a_belief_that_has_really_changed_changes_the_target():
     worth = find_worth(VEHICLE, drive(), nearly_full, Goal(25.0), 150e3, 0.8, PRICES)
     assert worth.best is worth.without_heating
     assert before.heating_pays and not after.heating_pays
-
-
-@pytest.mark.deep
-@pytest.mark.costly
-def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
-    route, state = drive(25), BatteryState(2.0, 0.6)
-    car = ImperfectCar(VEHICLE, route, state, Goal(math.nan), Imperfections(
-        mismatch=Mismatch(heat_capacity=1.06, leakage=0.9, resistance=1.1),
-        sensors=Sensors(temperature_noise_k=0.2, temperature_resolution_k=0.5, period_s=PERIOD_S)), 7,
-        charger=FAST)
-    supervisor = Stepwise(VEHICLE, replace(MEASURED, estimation=True))
-    supervisor.run(START_NS)
-    supervisor.accept_mission(car.mission(START_NS).in_planning_steps(30.0))
-    targets, reasons, heated = [], set(), []
-    while car.time_s < route.total_duration_s - PERIOD_S:
-        for reading in car.readings():
-            now_ns = START_NS + round(car.time_s * NS_PER_S)
-            supervisor.accept_battery(Measurement(
-                BatteryState(reading.temperature_c, reading.soc),
-                START_NS + round(reading.instant_s * NS_PER_S)), now_ns)
-            targets.append(supervisor.state.decision.plan.target_temperature_c)
-            reasons.add(supervisor.state.decision.target.reason)
-        power_w = supervisor.state.latest_command.battery_heating_power_w
-        heated.append(power_w > 0.0)
-        car.advance_under(HeaterLease(power_w, car.time_s + PERIOD_S), car.time_s + PERIOD_S)
-    changes = sum(a != b for a, b in zip(targets, targets[1:]))
-    # The search was repeated with the factors learned meanwhile.
-    assert len(reasons) >= 4 and changes <= 3
-    assert sum(a != b for a, b in zip(heated, heated[1:])) <= 4
-    assert car.plant.temperature_c == pytest.approx(targets[-1], abs=1.0)
 
 
 # Heat under way

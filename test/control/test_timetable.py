@@ -100,27 +100,7 @@ def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
     assert driven.tell(700.0, 5000.0 + 500.0) == pytest.approx(700.0 - (910.0 + 24.5))
 
 
-def test_a_route_in_steps_keeps_its_places():
-    # A step of 100 s would have the vehicle move while it stands.
-    driven = Driven(MISSION.in_planning_steps(100.0))
-    assert driven.tell(150.0, 2000.0) == 0.0
-    assert driven.tell(155.0, 2000.0) == 0.0
-    assert Driven(MISSION.in_planning_steps(100.0)).tell(250.0, 2000.0) == pytest.approx(59.6)
-
-
 # Standing
-
-def stand(driven, from_s, until_s, distance_m):
-    for at_s in range(from_s, until_s + 1, 5):
-        driven.tell(float(at_s), distance_m)
-    return driven.timetable.stood_ns / NS_PER_S
-
-
-def test_who_stands_unplanned_is_known():
-    driven = Driven()
-    assert stand(driven, 50, 350, 1000.0) == pytest.approx(300.0 - 0.5)
-    driven.tell(355.0, 1000.0 + KNOWN_TO_M + 0.1)
-    assert driven.timetable.stood_ns == 0
 
 
 # Pace

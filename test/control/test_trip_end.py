@@ -99,30 +99,6 @@ def test_a_new_route_plan_begins_another_trip(route_id, restarts):
     assert trip.heats() >= (60 if restarts else 170)
 
 
-def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
-    trip = Trip(has_position=False)
-    for number in range(80):
-        trip.step(DRIVE_W * (0.3 if number % 2 else 0.6), CONSUMERS_W)
-    assert (trip.status, trip.command_w) == (Status.ARRIVED, 0.0)
-    # Of a moment before the end, which was assumed only.
-    route_id, stamp_ns, length_m = trip.route
-    trip.route = route_id, stamp_ns + 300 * NS_PER_S, length_m
-    trip.here_m, trip.fixed_m = 0.0, None
-    trip.send_again()
-    # 80 s of its time are left.
-    assert 70 <= trip.heats(30) <= 80
-
-
-def test_positions_after_the_end_are_no_fault_and_count_no_more():
-    trip = arrived_early()
-    trip.is_over = True
-    for distance_m in (7000.0, 6900.0, 3000.0, 0.0):
-        trip.step(DRIVE_W, CONSUMERS_W)
-        trip.send_position(distance_m)
-    assert (trip.violations, trip.planner.state.inbox.refused_progress) == ([], None)
-    assert trip.planner.state.place.has_ended
-
-
 @pytest.mark.parametrize('set_by_s', [-100, -400, -4000, 500])
 def test_a_clock_that_is_set_begins_nothing(set_by_s):
     trip = arrived_early()

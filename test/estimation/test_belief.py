@@ -7,7 +7,7 @@ from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, SHAPE, WANDER_IN_AN_HOUR
+from bev_preheat.estimation.belief import Belief, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.prior import (
     FACTOR_BOUNDS,
@@ -17,13 +17,11 @@ from bev_preheat.estimation.prior import (
 )
 from bev_preheat.estimation.state import (
     FACTORS,
-    HEAT_LAG,
     HEATER,
     JOULE_RISE,
     LOCAL,
     PROPULSION,
     SENSOR,
-    SENSOR_LAG,
     SOC,
     TEMPERATURE,
     UNDER_WAY,
@@ -32,11 +30,9 @@ from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
-    NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
-    UNKNOWN_K,
 )
-from bev_preheat.vehicle.description import HeatPath, Uncertainty
+from bev_preheat.vehicle.description import Uncertainty
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
 # No Joule heat, no drivetrain heat: only leakage changes the temperature.
@@ -93,44 +89,6 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     # The other heaters' filters hardly mix in, because heaters fail once in hundreds of hours.
     assert belief.mean[0, 0, [TEMPERATURE, SENSOR, LOCAL]] == pytest.approx(mean, rel=1e-4)
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
-
-
-def test_mixing_keeps_mean_and_spread_of_all():
-    belief, drawn = placed(), np.random.default_rng(4)
-    belief = replace(
-        belief, weights=drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE),
-        mean=belief.mean + drawn.normal(size=belief.mean.shape) * [
-            1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2])
-    mean, covariance = belief.expected()
-    belief = belief.mixed(600.0)
-    mixed_mean, mixed_covariance = belief.expected()
-    assert belief.weights.sum() == pytest.approx(1.0)
-    assert mixed_mean == pytest.approx(mean, rel=1e-9)
-    assert mixed_covariance == pytest.approx(covariance, rel=1e-6, abs=1e-12)
-
-
-def test_without_a_route_only_the_uncertainty_grows():
-    belief = placed()
-    mean, variance = belief.mean.copy(), belief.covariance[..., 0, 0].copy()
-    belief = belief.after_unknown(60.0)
-    assert belief.mean == pytest.approx(mean)
-    assert (belief.covariance[..., 0, 0] > variance + 1.0).all()
-
-
-def test_place_forgets_what_the_state_was_correlated_with():
-    belief = placed()
-    belief = belief.mixed(10.0).moved(VEHICLE, 10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
-    belief = belief.with_temperature(-4.0, 1.0)
-    learned = belief.mean[..., FACTORS].copy()
-    belief = belief.placed(10.0, 0.3, 0.5, 1e-5)
-    assert belief.mean[..., FACTORS] == pytest.approx(learned)
-    assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
-    # After a gap battery and sensor may differ, and so may sensor and cell; the reading is their sum.
-    seen = belief.covariance[..., SENSOR, SENSOR]
-    assert seen == pytest.approx(np.full(SHAPE, 0.3 + UNKNOWN_K**2))
-    read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
-    assert read == pytest.approx(np.full(SHAPE, 0.3))
-    assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)
 
 
 def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
@@ -209,17 +167,6 @@ def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them
         assert (belief.mean[..., FACTORS] == 0.0).all()
 
 
-def test_lags_that_a_vehicle_file_describes_are_begun_with():
-    path = HeatPath(30.0, 20e3, 400.0, 60.0)
-    belief, unknown = Belief.of(replace(VEHICLE, heat_path=path)), Belief.of(VEHICLE)
-    lags_s = np.exp(belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]]) * [
-        NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S]
-    # The coolant's time constant is 20 kJ/K / 400 W/K.
-    assert lags_s == pytest.approx([80.0, 60.0])
-    for index in (HEAT_LAG, SENSOR_LAG):
-        assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
-
-
 def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     belief = changed(placed(), [(UNDER_WAY, 1.0)])
     start_c = belief.mean[..., TEMPERATURE].copy()
@@ -232,19 +179,3 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
     assert gained_k[0] == pytest.approx(np.ones(len(NOISES_K)), abs=0.05)
     assert np.abs(behind_k[0]).max() < 0.05
-
-
-def test_coolant_gets_warm_with_the_battery():
-    """In the end the battery's share of the heater's heat is that of both heat capacities."""
-    path = HeatPath(0.0, 40e3, 400.0)
-    warmed_k = []
-    for vehicle in (VEHICLE, replace(VEHICLE, heat_path=path)):
-        belief = Belief.of(vehicle).placed(-5.0, 0.4, 0.8, 1e-4)
-        still = replace(STILL, ambient_temperature_c=-5.0)
-        start_c = belief.mean[0, 0, TEMPERATURE]
-        for _ in range(60):
-            belief = belief.mixed(10.0).moved(vehicle, 10.0, still, 5e3, LIMIT_W)
-        warmed_k.append(belief.mean[0, 0, TEMPERATURE] + belief.mean[0, 0, UNDER_WAY] - start_c)
-    battery_j_per_k = VEHICLE.battery.heat_capacity_j_per_k
-    assert warmed_k[1] / warmed_k[0] == pytest.approx(
-        battery_j_per_k / (battery_j_per_k + 40e3), rel=0.02)

@@ -159,32 +159,12 @@ def test_a_healthy_heater_is_never_accused(with_power, seeds):
     assert not any(accused)
 
 
-def test_a_repaired_heater_is_believed_again():
-    car = DrivenCar(commands=Commands(((300, 2400),)), seed=3, traffic_w=1000.0, heater=(
-        lambda second, commanded_w: 0.0 if 500 < second < 900 else commanded_w))
-    heaters = []
-    followed(car, 1500, each_s=2, watch=lambda _, estimate: heaters.append(estimate.heater.heater))
-    assert Heater.DEAD in heaters
-    assert heaters[-1] is Heater.ANSWERS
-
-
 def moved(measurement, temperature_c=None, soc=None, stamp_ns=None):
     state = measurement.state
     return replace(
         measurement, state=BatteryState(state.temperature_c + (temperature_c or 0.0),
                                         state.soc + (soc or 0.0)),
         stamp_ns=measurement.stamp_ns if stamp_ns is None else stamp_ns)
-
-
-def test_one_odd_reading_changes_nothing():
-    car = DrivenCar(seed=4)
-    estimator = followed(car, 300)
-    before = estimator.estimate
-    estimator = observed(estimator, moved(car.drive(), temperature_c=25.0), Course(), car.commands)
-    assert estimator.estimate.temperature_c == pytest.approx(before.temperature_c, abs=0.05)
-    estimator = observed(estimator, car.drive(), Course(), car.commands)
-    assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
-    assert estimator.estimate.resets == 0
 
 
 @pytest.mark.parametrize('jump', [{'temperature_c': 15.0}, {'temperature_c': -9.0}, {'soc': -0.3}])
@@ -248,23 +228,6 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
     assert estimate.resets == 0
 
 
-@pytest.mark.parametrize('with_power', [True, False], ids=['power seen', 'temperature only'])
-def test_a_clock_that_falls_back_again_and_again_accuses_no_heater(with_power):
-    """A recording that loops: each time only the temperature becomes less certain."""
-    car = DrivenCar(Corrections(1.19), commands=HEATED, with_power=with_power, seed=2)
-    estimator, heaters = Estimator.of(VEHICLE), set()
-    for second in range(SECONDS):
-        if second % 200 == 199:
-            before = estimator.estimate
-            estimator = estimator.without_instants()
-        estimator = observed(estimator, car.drive(), Course(), car.commands)
-        heaters.add(estimator.estimate.heater.heater)
-        if second % 200 == 199:
-            assert estimator.estimate.temperature_deviation_k > before.temperature_deviation_k
-            assert (estimator.estimate.factor_deviations >= 0.999 * before.factor_deviations).all()
-    assert heaters == {Heater.ANSWERS}
-
-
 def test_a_hundred_states_a_second_are_worth_one():
     """They count as one reading per second, because their noise is correlated."""
     slow, fast = Estimator.of(VEHICLE), Estimator.of(VEHICLE)
@@ -278,18 +241,6 @@ def test_a_hundred_states_a_second_are_worth_one():
     assert fast.estimate.temperature_c == pytest.approx(slow.estimate.temperature_c, abs=0.05)
     assert fast.estimate.temperature_deviation_k == pytest.approx(
         slow.estimate.temperature_deviation_k, rel=0.05)
-
-
-@pytest.mark.parametrize('power_w', [100e6, -100e6])
-def test_a_power_that_no_car_has_is_not_known(power_w):
-    with_nonsense, without = Estimator.of(VEHICLE), Estimator.of(VEHICLE)
-    car = DrivenCar(seed=10, with_power=False)
-    for _ in range(30):
-        measurement = car.drive()
-        without = observed(without, measurement, Course(), car.commands)
-        with_nonsense = observed(
-            with_nonsense, replace(measurement, voltage_v=1e4, current_a=power_w / 1e4), Course(), car.commands)
-    assert with_nonsense.estimate.mean.tolist() == without.estimate.mean.tolist()
 
 
 @pytest.mark.parametrize('seed', [

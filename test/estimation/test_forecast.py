@@ -83,13 +83,3 @@ def test_deviation_is_that_of_many_drives(name):
     # The standard deviation of 400 draws has an uncertainty of 3.5 %; three times that, and the same
     # again for nonlinearity.
     assert deviation_k == pytest.approx(np.std(arrivals_c), rel=0.2)
-
-
-def test_what_is_unsure_of_the_car_adds_to_the_traffic_to_come():
-    vehicle, route, _, plan = planned('reference')
-    trip, (_, covariance) = make_trip(vehicle, route), Belief.of(vehicle).expected()
-    variances_k2 = [arrival_deviation_k(trip, plan, estimate_with(share * covariance))**2
-                    for share in (1.0, 0.01, 0.0)]
-    unsure, sure, traffic = variances_k2
-    assert traffic > 0.0
-    assert unsure - traffic == pytest.approx(100.0 * (sure - traffic))

@@ -8,7 +8,6 @@ from bev_preheat.estimation.hypotheses import (
     Heater,
     HeaterReport,
     HEATERS,
-    is_suspect,
     judge,
     SHARES,
     Suspicion,
@@ -16,16 +15,12 @@ from bev_preheat.estimation.hypotheses import (
 )
 from bev_preheat.tunables import (
     FAILURE_S,
-    LEANING,
-    LEANING_COURSE_K,
-    LEANING_COURSE_S,
     LEAST_COURSE_K,
     LEAST_COURSE_S,
     LEAST_RISE,
     NO_CONTRADICTION,
     REPAIR_S,
     SUSPECT_FROM,
-    TOLD_FROM,
 )
 
 COUNT = len(SHARES)
@@ -48,19 +43,6 @@ def test_faults_come_and_go_at_the_rates_that_are_said():
     matrix = transitions(1.0)
     assert matrix[0, 1:].sum() == pytest.approx(1.0 / FAILURE_S, rel=1e-3)
     assert matrix[1:, 0] == pytest.approx(np.full(COUNT - 1, 1.0 / REPAIR_S), rel=1e-3)
-
-
-def test_a_fault_is_told_after_a_while_and_then_stays_told():
-    weights = weights_of(derated=TOLD_FROM + 0.002)
-    assert is_suspect(weights) and is_suspect(weights_of(derated=SUSPECT_FROM + 0.01))
-    assert not is_suspect(weights_of(derated=SUSPECT_FROM - 0.01))
-    reports = [judge(weights, None, Suspicion(LEANING_COURSE_S + more_s, 5.0, 0.0, 0.0), lambda _: LEANING)
-               for more_s in (-0.1, 0.0)]
-    assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
-    assert judge(
-        weights_of(
-            derated=0.5), reports[1], suspicion=Suspicion(
-            0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
 
 
 # Evidence specific to the fault
@@ -99,17 +81,6 @@ def test_temperature_alone_needs_a_long_course(kind, suspicion):
 def test_power_that_contradicts_a_fault_keeps_it_from_being_told(kind, suspicion):
     assert told(kind, suspicion, NO_CONTRADICTION + 0.1)
     assert not told(kind, suspicion, NO_CONTRADICTION - 0.1)
-
-
-@pytest.mark.parametrize('kind', ['dead', 'derated'])
-def test_power_that_leans_to_a_fault_shortens_the_course(kind):
-    # At least half of the commanded heat is missing.
-    course = Suspicion(LEANING_COURSE_S, 2.1 * LEANING_COURSE_K, 0.0, 0.0)
-    assert told(kind, course, LEANING + 0.1)
-    assert not told(kind, course, LEANING - 0.1)
-    assert not told(kind, course, None)
-    assert not told(kind, changed(course, lasts_s=LEANING_COURSE_S - 1.0), LEANING + 0.1)
-    assert not told(kind, changed(course, commanded_k=0.9 * LEANING_COURSE_K), LEANING + 0.1)
 
 
 def test_power_alone_is_not_enough_for_uncommanded_heat():

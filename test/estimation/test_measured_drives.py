@@ -20,9 +20,6 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
-from bev_preheat.estimation.state import HEATER, LEAKAGE
-from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
@@ -145,19 +142,3 @@ def test_a_spike_accuses_nobody(names, lasts_s, spike_k):
     for name in names:
         drive = Played(name, with_power=False, spike=(len(logged(name)['time_s']) // 2, lasts_s, spike_k))
         assert drive.heaters == {Heater.ANSWERS}
-
-
-# test_memory.py and test_state_file.py store and restore learned values daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('order', [
-    pytest.param(2 * SHORTEST, id='shortest'), pytest.param(NAMES, id='as driven'),
-    pytest.param(NAMES[::-1], id='backwards')])
-def test_a_state_file_over_the_drives_stays_where_nothing_was_told(order):
-    learned, leakages = None, []
-    for name in order:
-        drive = Played(name, learned=learned)
-        learned = from_entry(as_entry(learned_from(drive.estimate)))
-        leakages.append(drive.estimate.mean[LEAKAGE])
-    # The heater is never on, and a leakage of 3 W/K hardly cools the battery.
-    assert abs(drive.estimate.mean[HEATER]) < 0.005
-    assert np.abs(leakages).max() < FACTOR_DEVIATIONS[LEAKAGE]

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of signals: one battery, its voltage and charge, the scale of the percentage, the steps of sensors."""
 
-import random
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,13 +43,6 @@ def test_a_single_outlier_is_no_second_battery():
     states[20], states[40] = AUXILIARY, AUXILIARY
     # There and back: two jumps each, 20 states apart.
     assert feed(states[:39])[0] is None
-
-
-def test_noise_charging_and_heating_are_one_battery():
-    drawn = random.Random(4)
-    states = [(5.0 + 0.02 * second + drawn.gauss(0.0, 0.7), 0.4 + 4e-4 * second + drawn.gauss(0.0, 0.004),
-               380.0 + drawn.gauss(0.0, 15.0)) for second in range(900)]
-    assert feed(states)[0] is None
 
 
 # U = 365 + 75 s + 15 s^3 [V], R = 4.3125 / (T + 45) [ohm].

@@ -76,23 +76,6 @@ def test_a_command_never_asks_for_more_than_the_battery_can_give(segments, state
     assert (beyond_w <= 1e-6 * np.abs(most_w).max())[~surplus].all()
 
 
-def test_heat_on_its_way_counts_at_the_highest_temperature():
-    vehicle = replace(REFERENCE, heat_path=BOTH)
-    highest_c = vehicle.battery.temperature_range_c[1]
-    route = make_route({'duration_s': [30.0] * 60, 'speed_mps': [0.0], 'propulsion_power_w': [0.0],
-                        'ambient_temperature_c': [20.0], 'cabin_heating_power_w': [0.0]},
-                       vehicle.defaults)
-    trip = make_trip(vehicle, route)
-    schedule = drive_as_planned(trip, BatteryState(highest_c - 4.0, 0.8), trip.heater_limit_w)
-    # The heat that holds it there against the leakage is always on its way.
-    settled_c = schedule.temperature_c[-1] + (
-        15e3 * schedule.heat.coolant_excess_k[-1]
-        + vehicle.hvch.efficiency * 45.0 * schedule.heat.heater_power_w[-1]) / (
-            vehicle.battery.heat_capacity_j_per_k + 15e3)
-    assert settled_c == pytest.approx(highest_c, abs=1e-3)
-    assert highest_c - 1.0 < schedule.temperature_c.max() <= highest_c
-
-
 @pytest.mark.costly
 @pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
 @pytest.mark.parametrize('number', [3, 10, 20, 35])
@@ -132,20 +115,6 @@ def stranded_run():
     segment = {'duration_s': 30.0, 'speed_mps': 20.0, 'propulsion_power_w': 40e3, 'ambient_temperature_c': -10.0,
                'cabin_heating_power_w': 0.0, 'wanted_share': 0.5}
     return driven([segment] * 40, BatteryState(-5.0, 0.1, 3e3, 10.0), BOTH)
-
-
-def test_a_stranded_run_is_the_same_in_python():
-    _, found = stranded_run()
-    with without_core():
-        _, expected = stranded_run()
-    assert found.empty_at_s == pytest.approx(expected.empty_at_s, abs=1e-6)
-    assert 0.05 < found.empty_at_s % 30.0 < 29.95
-    for run in (found, expected):
-        assert (run.soc[-5:] == 0.0).all()
-    for name in ('soc', 'temperature_c', 'heater_power_w', 'driven_share'):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
-    for name in ('heater_power_w', 'coolant_excess_k', 'drawn_power_w', 'arriving_heat_w'):
-        np.testing.assert_allclose(getattr(found.heat, name), getattr(expected.heat, name), rtol=1e-9, atol=1e-6)
 
 
 def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():

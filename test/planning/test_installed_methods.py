@@ -271,14 +271,6 @@ def test_a_late_answer_is_refused_and_the_method_rests(powers, monkeypatch):
 # --- the same checks as for built-in methods ---
 
 
-def test_heat_that_would_cost_the_reserve_is_left_out(powers):
-    goal = Goal(25.0, minimum_arrival_soc=0.63)
-    plan = planned(powers, lambda situation: situation.heater_limit_w, goal=goal)
-    unheated = plan_unheated(VEHICLE, ROUTE, STATE, goal)
-    assert unheated.arrival_soc > 0.63
-    assert plan.status is Status.SOC_LIMITED and plan.arrival_soc == pytest.approx(unheated.arrival_soc, abs=1e-9)
-
-
 @pytest.mark.parametrize('goal, status', [
     (Goal(25.0, charging_planned=False), Status.NO_CHARGING_PLANNED),
     (Goal(25.0, heating_pays=False), Status.NOT_WORTH_IT)])

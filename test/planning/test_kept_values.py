@@ -55,7 +55,7 @@ def state_at(schedule, step):
     return BatteryState(float(schedule.temperature_c[step]), float(schedule.soc[step]), *late)
 
 
-@pytest.fixture(params=['core', 'Python'])
+@pytest.fixture(params=['core', pytest.param('Python', marks=pytest.mark.deep)])
 def engine(request):
     if request.param == 'core':
         assert core_in_words().startswith('used: ')
@@ -82,7 +82,8 @@ def test_the_rest_of_a_plan_is_the_plan_of_the_rest(name):
     assert rest.temperature_c[-1] == pytest.approx(first.temperature_c[-1], abs=0.01)
 
 
-@pytest.mark.parametrize('name', SITUATIONS)
+@pytest.mark.parametrize('name', ['at once', *(
+    pytest.param(name, marks=pytest.mark.deep) for name in ('over the pass', 'late'))])
 def test_core_and_python_follow_kept_values_alike(name):
     passed_s, plans = 37.0, []
     for is_on in (False, True):

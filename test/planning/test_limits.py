@@ -186,25 +186,7 @@ def test_brake_keeps_a_battery_from_being_overfilled():
     assert schedule.brake_power_w[-1] == pytest.approx(19e3 - 1.9e3, rel=1e-6)
 
 
-def test_surplus_of_one_step_by_hand():
-    # At -12 degC and half full: 0.3 of the way from cold to warm.
-    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
-    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
-    least_w = charge_w - r * (charge_w / u)**2
-    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0])
-    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
-        (5500.0, least_w - (-50e3 + 1500.0 + 400.0 + 5500.0)), rel=1e-9)
-
-
 # Highest temperature
-
-
-def test_heating_goes_to_the_highest_temperature():
-    trip = steady_trip(40, ambient_temperature_c=60.0, propulsion_power_w=0.0)
-    schedule = run(trip, BatteryState(57.5, 0.6), [5500.0] * 40)
-    # 5500 W for 20 min would make it 15 K warmer. The cut errs on the cold side, by less than the Joule heat of
-    # the heater's own current in a step, 1 % of its 0.4 K.
-    assert schedule.temperature_c.max() == pytest.approx(60.0, abs=4e-3)
 
 
 # Accounts

@@ -114,17 +114,6 @@ def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **optio
                            method='paper', no_regret=False, **options)
 
 
-def arrival_of(segments, heater_share):
-    """Arrival temperature of an Euler run written in this file, with a share of full heating all the way."""
-    runs = Algorithms(segments, START.temperature_c, START.soc)
-    soc, t = START.soc, START.temperature_c
-    for k, segment in enumerate(segments, start=1):
-        current_a, heating_k = runs.change(
-            k, soc, t, heater_share * (7000.0 - segment['cabin_heating_power_w']))
-        soc, t = soc - segment['duration_s'] * current_a / (200.0 * 3600.0), t + heating_k
-    return t
-
-
 @given(segments=SEGMENTS, cold_c=st.floats(-25.0, 10.0), rise_k=st.floats(0.0, 1.0),
        full_soc=st.floats(0.4, 0.95))
 def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, rise_k, full_soc):
@@ -151,27 +140,6 @@ def test_a_tenth_of_the_step_makes_a_tenth_of_the_arrival_error():
             plan_of(segments, terminal_soc=arrival_soc).arrival_temperature_c - 18.0)
     # First order; a second-order term shows a little at 60 s.
     assert errors_k[0] / errors_k[1] == pytest.approx(10.0, rel=0.15)
-
-
-def test_unreachable_target_says_by_how_many_kelvin_and_heats_all_the_way():
-    segments = drive(minutes=90, step_s=45.0)
-    arrival_c = arrival_of(segments, heater_share=1.0)
-    plan = plan_of(segments, arrival_c + 3.7)
-    assert (plan.status, plan.heating_start_s, plan.explanation) == (
-        Status.TARGET_UNREACHABLE, 0.0, 'Heating all the way is not enough: arrival in '
-        f'1:30:00 h at {arrival_c:.1f} degC, 3.7 K below the target {arrival_c + 3.7:.1f} degC.')
-    assert plan.shortfall_k == pytest.approx(3.7, abs=1e-9)
-    assert plan.hvch_battery_power_w.tolist() == [7000.0 - 1978.0] * 120
-
-
-def test_no_charging_planned_does_not_heat_and_says_how_warm_the_battery_arrives():
-    plan = plan_of(drive(), charging_planned=False)
-    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
-        Status.NO_CHARGING_PLANNED, None, False)
-    # Euler's 30 s steps make a difference in the second decimal.
-    assert plan.explanation == (
-        'No fast charging at the end of this route: the heater stays off; arrival in 40:00 min at '
-        f'{arrival_of(drive(), heater_share=0.0):.1f} degC.')
 
 
 def discharge_limit_w(soc, temperature_c):
@@ -212,14 +180,6 @@ def test_power_limited_says_when_and_by_how_much():
         Status.POWER_LIMITED, 270.0, f'In 4:30 min the route needs {deficit_w / 1000:.1f} kW '
         'more than the battery can deliver; heating is on; arrival in 40:00 min at '
         f'{plan.arrival_temperature_c:.1f} degC, target 59.0 degC.')
-
-
-@pytest.mark.parametrize('limit_w', [
-    pytest.param(discharge_limit_w, id='battery_limit_is_lower'),
-    pytest.param(lambda soc, temperature_c: NO_LIMIT_W, id='circuit_limit_is_lower')])
-def test_missing_power_is_in_watts(limit_w):
-    plan, deficit_w = too_much_to_ask_for(limit_w)
-    assert plan.undeliverable_power_w == pytest.approx(deficit_w, rel=1e-9)
 
 
 @pytest.mark.parametrize('state, goal, ambient_c, problem', [

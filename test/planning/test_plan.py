@@ -17,8 +17,6 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
-# Power that the cabin leaves the heater [W].
-LEFT_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
 
 
 def made_plan(target_c=25.0, charging_planned=True, method='paper', **how):
@@ -63,15 +61,6 @@ def test_dictionary_is_the_plan(plan):
         assert dictionary[name] == list(getattr(plan, name)), name
     assert set(dictionary['energy_wh']) == {
         'joule', 'drivetrain_heat', 'hvch_heat', 'hvch_electric', 'leakage', 'battery_total'}
-
-
-def test_a_heater_that_cannot_be_switched_off_takes_power_for_heat_that_comes_too_late():
-    # The middle of the last step, 90 s, lies 45 s before arrival.
-    energy_wh = made_plan(40.0, heats_throughout=True, heat_lag_s=47.0).energy_wh
-    in_time = made_plan(40.0, heat_lag_s=47.0).energy_wh
-    assert energy_wh.hvch_electric == pytest.approx(LEFT_W * 260.0 / 3600.0)
-    assert energy_wh.hvch_heat == pytest.approx(in_time.hvch_heat)
-    assert energy_wh.battery_total > in_time.battery_total + LEFT_W * 90.0 / 3600.0
 
 
 @dataclass(frozen=True)

@@ -114,15 +114,6 @@ def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
         assert (early_w > 3.0 * late_w) if is_early else (late_w > 3.0 * early_w)
 
 
-def test_a_grid_that_pays_is_no_reason_to_heat_early_and_hot():
-    # Ten hours at negative prices: the earliest heating would leak the most, and be paid the most.
-    plan = planned([-0.5] * 10, 0.0, 0.0, 35.0)
-    latest = plan_preheating(GRID, standing(10, 0.0), BatteryState(0.0, SOC), Goal(35.0))
-    assert plan.arrival_temperature_c == pytest.approx(35.0, abs=1e-3)
-    assert plan.battery_temperature_c.max() <= 35.0 + 0.01
-    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=STEP_S)
-
-
 @pytest.mark.parametrize('prices, insures', [([0.3] * 4, False), ([0.05] * 2 + [0.5] * 2, True)])
 def test_what_is_uncertain_is_answered_by_more_heat_only_where_that_is_cheap(prices, insures):
     # At one price a later hour repairs what turns out colder; after cheap hours it is dear, so more is stored.

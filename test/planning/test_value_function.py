@@ -19,16 +19,13 @@ from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import (
     as_driven,
-    check_method,
-    method_names,
     plan_preheating,
     plan_unheated,
-    replaced_in_words,
 )
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route import load_route, make_route
+from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
@@ -264,17 +261,6 @@ def test_heat_above_the_target_brings_more_energy_than_it_costs(number):
 
 # Reserve.
 
-def test_the_reserve_is_used_up_to_be_warm_and_said_in_kelvin():
-    route = drive((60, 15e3))
-    reserve = plan_of(route).arrival_soc + 0.008
-    plan = plan_of(route, minimum_arrival_soc=reserve)
-    minutes, seconds = divmod(round(plan.heating_start_s), 60)
-    assert plan.arrival_soc == pytest.approx(reserve, abs=1.1e-5)
-    assert (plan.status, plan.explanation) == (
-        Status.SOC_LIMITED, f'To keep the {100 * reserve:.1f} % reserve, the target is missed '
-        f'by {10.0 - plan.arrival_temperature_c:.1f} K: heating starts in {minutes}:{seconds:02d} '
-        f'min; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
-
 
 # Extremes: a status and finite numbers, neither an exception nor a warning.
 
@@ -317,35 +303,4 @@ def test_an_extreme_trip_has_a_status_and_finite_numbers(name):
     assert status in (None, plan.status)
 
 
-@pytest.mark.deep
-def test_steps_of_a_quarter_second_cost_what_longer_ones_tend_to():
-    short, half, long = (plan_of(drive((4800 // n, 15e3), (1200 // n, -60e3), (2400 // n, 20e3), step_s=0.25 * n))
-                         .energy_wh.battery_total for n in (1, 60, 120))
-    # Limits are kept at both ends of each step, so a step costs regeneration in proportion to its length.
-    assert short < half < long
-    assert short == pytest.approx(half - (long - half), abs=3.0)
-
-
-# With an almost empty battery even 10 kW are near the limit, until the end of the route.
-@pytest.mark.parametrize('soc', [0.07, 0.0625, 0.06])
-def test_a_climb_that_needs_no_heat_does_not_lead_beyond_the_target(soc):
-    car = load_vehicle('small_car')
-    route = make_route({
-        'duration_s': [30.0] * 11, 'speed_mps': [0.0],
-        'propulsion_power_w': [2000.0] * 4 + [10058.0] * 7, 'ambient_temperature_c': [0.0],
-        'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [364.0]}, car.defaults)
-    plan = plan_preheating(car, route, BatteryState(0.0, soc), Goal(1.0))
-    assert plan.arrival_temperature_c == pytest.approx(1.0, abs=1e-3)
-
-
 # The method of earlier versions.
-
-def test_the_name_of_the_earlier_method_is_accepted():
-    route = load_route('reference', VEHICLE.defaults)
-    check_method('merit_order')
-    plan = plan_preheating(VEHICLE, route, BatteryState(-7.0, 0.9), Goal(25.0), 'merit_order')
-    assert plan.method == 'value_function'
-    assert replaced_in_words('merit_order') == (
-        'method merit_order no longer exists; value_function took its place')
-    assert replaced_in_words('value_function') == replaced_in_words('no_such_method') == ''
-    assert 'merit_order' not in method_names()

@@ -45,16 +45,6 @@ def test_the_file_says_for_which_vehicle_it_was_made(tmp_path, comment):
     assert load_file_route(path, REFERENCE.defaults).made_for == 'my car'
 
 
-@pytest.mark.parametrize('text', [
-    f'{HEADER}\n{SEGMENT}\n',
-    f'# made for a vehicle: reference\n# vehicle:\n{HEADER}\n{SEGMENT}\n',
-    # Lines below the header belong to segments.
-    f'{HEADER}\n# vehicle: lorry ahead\n{SEGMENT} # vehicle: another\n'])
-def test_a_file_that_does_not_say_is_for_any_vehicle(tmp_path, text):
-    made = route_for(file_of(tmp_path, text), SMALL_CAR)
-    assert (made.made_for, made.warning) == (None, None)
-
-
 def test_two_vehicles_in_one_file_are_refused(tmp_path):
     path = file_of(tmp_path, f'# vehicle: a\n# vehicle: b\n{HEADER}\n{SEGMENT}\n')
     with pytest.raises(InvalidInput) as caught:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planned places of the vehicle on a route over time, and back."""
 
-import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,17 +16,6 @@ def a_route(durations_s, speeds_mps):
         'duration_s': durations_s, 'speed_mps': speeds_mps, 'propulsion_power_w': [10e3],
         'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0],
         'auxiliary_power_w': [0.0]}, None)
-
-
-# 100 m, 200 m, a stop of 30 s, 60 m, and 5 s of standing at the end.
-PLACES = Places.of_route(a_route([10.0, 10.0, 30.0, 20.0, 5.0], [10.0, 20.0, 0.0, 3.0, 0.0]))
-
-
-@pytest.mark.parametrize('distance_m, earliest_s, latest_s', [
-    (-1.0, -math.inf, 0.0), (0.0, -math.inf, 0.0), (40.0, 4.0, 4.0), (200.0, 15.0, 15.0),
-    (300.0, 20.0, 50.0), (330.0, 60.0, 60.0), (360.0, 70.0, math.inf), (361.0, 75.0, math.inf)])
-def test_a_place_has_the_times_at_which_the_vehicle_is_there(distance_m, earliest_s, latest_s):
-    assert (PLACES.earliest_s(distance_m), PLACES.latest_s(distance_m)) == pytest.approx((earliest_s, latest_s))
 
 
 SEGMENTS = st.lists(st.tuples(

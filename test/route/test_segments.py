@@ -72,15 +72,6 @@ def test_the_lowest_ambient_temperature_is_that_of_what_is_ahead(route, share):
     assert route.lowest_ambient_temperature_c == min(route.ambient_temperature_c)
 
 
-@pytest.mark.parametrize('count', [8, 100, 1000])
-def test_after_the_last_instant_there_is(count):
-    # Added in another order than in time_s, these durations give another sum.
-    route = route_of([(0.1, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)] * count)
-    rest = route.after(np.nextafter(route.total_duration_s, 0.0))
-    assert len(rest) == 1
-    assert 0.0 < rest.total_duration_s < 1e-9
-
-
 @pytest.mark.parametrize('instant_s', [-0.001, 18.0, 1e9, np.nan])
 def test_after_refuses_instants_that_are_not_on_the_route(instant_s):
     route = route_of([(7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (11.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)])
@@ -104,19 +95,6 @@ def test_steps_are_equally_long_but_for_the_last(route, step_s):
     steps = route.resampled(step_s)
     np.testing.assert_allclose(steps.duration_s[:-1], step_s, rtol=1e-9)
     assert 0.0 < steps.duration_s[-1] <= step_s * (1.0 + 1e-8)
-
-
-def test_a_step_holds_what_varies_between_the_segments_in_it():
-    # 10 s at 30 kW and 20 s at -6 kW: mean 6 kW, mean square (10 * 900 + 20 * 36) / 30 kW^2.
-    route = route_of([(10.0, 9.0, 30e3, 0.0, -4.0, 1.0, 2.0), (20.0, 3.0, -6e3, 0.0, -1.0, 1.0, 2.0)])
-    step = route.resampled(30.0)
-    assert step.propulsion_power_w == pytest.approx([6e3])
-    assert step.propulsion_power_rms_w == pytest.approx([1e3 * np.sqrt(324.0)])
-    assert step.propulsion_power_variance_w2 == pytest.approx([(324.0 - 36.0) * 1e6])
-    # (10 * 30 + 20 * 6) / 30 kW: more than the magnitude of the mean.
-    assert step.propulsion_power_magnitude_w == pytest.approx([14e3])
-    assert step.speed_mps == pytest.approx([5.0])
-    assert step.ambient_temperature_c == pytest.approx([-2.0])
 
 
 @pytest.mark.parametrize('step_s', [0.0, -30.0, np.nan, np.inf])
@@ -168,14 +146,6 @@ def test_values_beyond_the_limits_are_refused(field, side):
     values[1] = beyond
     assert problems_with(**{field: values})[0] == (
         f'{field}[1]: {beyond:.0f} is not allowed; it must be {low:.15g} ... {high:.0f}')
-
-
-@pytest.mark.parametrize('field', list(LIMITS))
-@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
-def test_values_that_are_not_finite_are_refused(field, value):
-    values = columns()[field]
-    values[2] = value
-    assert problems_with(**{field: values})[0].startswith(f'{field}[2]: {value:g} is not allowed; it must be ')
 
 
 def test_missing_columns_are_named():

@@ -10,7 +10,6 @@ import route_examples as examples
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route import route_for
-from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.route.sources.polyline import decode_flexible
 from bev_preheat.vehicle import load_vehicle
@@ -104,17 +103,6 @@ def test_waypoints_of_graphhopper_may_be_charging_stops(tmp_path):
     assert found.line is not None
 
 
-def test_elevations_in_lines_of_navigation_are_used(tmp_path):
-    """The energy of the net rise, against the same way without elevation."""
-    level, *hilly = (loaded(tmp_path, text).route for text in (
-        examples.graphhopper(), examples.graphhopper('elevation'), examples.graphhopper('plain'),
-        examples.here()))
-    rise_j = CAR.road_load.mass_kg * 9.80665 * (examples.ELEVATION[-1] - examples.ELEVATION[0])
-    for route in hilly:
-        gained_j = (route.propulsion_power_w - level.propulsion_power_w[0]) @ route.duration_s
-        assert gained_j == pytest.approx(rise_j, rel=0.5)
-
-
 @pytest.mark.parametrize('text, points', [
     ('BFoz5xJ67i1B1B7PzIhaxL7Y', [(50.10228, 8.69821, np.nan), (50.10201, 8.69567, np.nan),
                                   (50.10063, 8.69150, np.nan), (50.09878, 8.68752, np.nan)]),
@@ -145,19 +133,6 @@ def test_power_is_at_least_that_of_constant_speed_and_includes_the_hills(tmp_pat
         examples.ELEVATION[-1] - examples.ELEVATION[0]) / level.total_duration_s
     hilly_w = hilly.propulsion_power_w @ hilly.duration_s / hilly.total_duration_s
     assert hilly_w - mean_w == pytest.approx(rise_w, abs=0.1 * plain_w)
-
-
-@pytest.mark.parametrize('spacing_m, noise_m', [(5.0, 3.0), (50.0, 5.0), (300.0, 4.0), (15.0, 10.0)])
-def test_smoothed_elevations_are_near_the_truth(spacing_m, noise_m):
-    at_m = np.arange(0.0, 40e3, spacing_m)
-    truth_m = 500.0 + 150.0 * np.sin(at_m / 2000.0)
-    noise = np.random.default_rng(3).normal(0.0, noise_m, len(at_m))
-    smooth_m, remark = smooth_elevation(at_m, truth_m + noise)
-    assert np.sqrt(np.mean((smooth_m - truth_m)**2)) < 0.75 * noise_m
-    climbs = [np.maximum(np.diff(values), 0.0).sum() for values in (truth_m, smooth_m)]
-    assert climbs[1] == pytest.approx(climbs[0], rel=0.15)
-    assert np.abs(np.diff(smooth_m)).max() / spacing_m < 0.1
-    assert float(remark.split('about ')[1].split()[0]) == pytest.approx(noise_m, rel=0.15)
 
 
 def test_a_stop_stays_a_stop(tmp_path):

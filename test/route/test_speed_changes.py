@@ -32,25 +32,6 @@ DRIVES = sorted(path.stem for path in FOLDER.glob('Trip*.csv'))
 HARD_DRIVEN, HARD_DEVIATION = 'TripB38', 0.07
 
 
-def figures(motion, ambient_c=10.0):
-    """Return mean power, its rms and its mean magnitude of a whole drive [W]."""
-    columns = propulsion_columns(CAR, motion, np.full(len(motion.duration_s), ambient_c))
-    share = motion.duration_s / motion.duration_s.sum()
-    return (columns['propulsion_power_w'] @ share, np.sqrt(columns['propulsion_power_rms_w']**2 @ share),
-            columns['propulsion_power_magnitude_w'] @ share)
-
-
-def test_samples_have_the_power_of_each_second():
-    """From standstill to 20 m/s with 2 m/s^2, level: kinetic energy in closed form, air and tyres integrated."""
-    speed = np.linspace(0.0, 20.0, 11)
-    motion = Motion(np.ones(10), 0.5 * (speed[1:] + speed[:-1]), np.zeros(11), speed)
-    density = 101325.0 / (287.05 * 283.15)
-    middle = motion.speed_mps
-    at_wheels_j = 0.5 * 1500.0 * 20.0**2 + float(np.sum(
-        0.01 * 1500.0 * 9.80665 * middle + 0.5 * density * 0.6 * middle**3))
-    assert figures(motion)[0] * 10.0 == pytest.approx(at_wheels_j / 0.8, rel=1e-9)
-
-
 def test_the_share_within_segments_is_that_of_a_simulated_process():
     """An Ornstein-Uhlenbeck process of unit variance, sampled each tenth of a second, divided into segments."""
     random, step_s, count = np.random.default_rng(11), 0.1, 2_000_000

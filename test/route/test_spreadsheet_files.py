@@ -12,7 +12,6 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import load_route
-from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle.description import Defaults
 
@@ -163,16 +162,3 @@ def test_values_made_of_others_are_named_after_them(tmp_path):
         tmp_path, 'duration_s,speed_mps,propulsion_power_kw,propulsion_power_rms_kw,'
         'ambient_temperature_c\n30,10,5,4,-7\n') == (
         ', line 2: propulsion_power_rms_kw: 4000 is below the magnitude of the mean, 5000')
-
-
-LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
-       + ''.join(f'{second};72;12,5;0,9;-3;"ok; 1.500"\n' for second in range(60)))
-
-
-def test_a_drive_log_of_a_spreadsheet(tmp_path):
-    """Unused columns may contain anything."""
-    route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
-    assert route.duration_s.tolist() == [30.0, 30.0]
-    assert route.speed_mps == pytest.approx(20.0, rel=1e-12)
-    assert route.cabin_heating_power_w == pytest.approx(900.0, rel=1e-12)
-    assert route.propulsion_power_w == pytest.approx(12500.0 - 900.0 - 222.0, rel=1e-12)

@@ -89,20 +89,6 @@ def test_readings_come_each_period_with_what_was_true_then():
     assert car.time_s == 8.0
 
 
-def test_noise_has_the_deviation_asked_for():
-    errors_k = temperatures_c(temperature_noise_k=0.2) - temperatures_c()
-    # 901 values: 4 standard errors.
-    assert errors_k.mean() == pytest.approx(0.0, abs=4.0 * 0.2 / np.sqrt(901))
-    assert errors_k.std() == pytest.approx(0.2, abs=4.0 * 0.2 / np.sqrt(2 * 901))
-
-
-def test_temperature_is_rounded_after_the_noise():
-    exact = temperatures_c(temperature_noise_k=0.2)
-    whole = temperatures_c(temperature_noise_k=0.2, temperature_resolution_k=1.0)
-    assert whole.tolist() == np.round(exact).tolist()
-    assert len(set(whole)) > 1
-
-
 def test_a_delay_makes_readings_late_but_not_their_instants():
     car = make_car(sensors=Sensors(delay_s=3.0))
     assert drive(car, 2.9) == []
@@ -151,18 +137,6 @@ def test_the_trip_planner_says_at_the_start_how_long_the_car_stood_and_not_again
     drive(car, 55.0)
     assert car.route_news(0).standing_time_s == 0.0
     assert make_car().mission(NS_PER_S).standing_time_s == 0.0
-
-
-def test_news_come_once_when_they_are_due():
-    car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),))
-    drive(car, 54.0)
-    assert car.route_news(0) is None
-    drive(car, 55.0)
-    leg, = car.route_news(0).legs
-    assert not leg.charging_planned
-    assert leg.start_ns == 55 * NS_PER_S
-    assert leg.route.total_duration_s == pytest.approx(ROUTE.total_duration_s - 55.0)
-    assert car.route_news(0) is None
 
 
 def test_an_early_arrival_is_told_with_a_route_that_has_ended():

@@ -12,11 +12,3 @@ def test_time_follows_at_the_speed_asked_for():
         elapsed_s = pace.follow(700.0 + 0.01 * tick)
     assert elapsed_s == pytest.approx(40.0)
     assert pace.lost_s == 0.0
-
-
-def test_late_call_slows_time_down_and_is_counted():
-    pace = Pace(40.0)
-    pace.follow(700.0)
-    assert pace.follow(703.0) == pytest.approx(1.0)
-    assert pace.lost_s == pytest.approx(119.0)
-    assert pace.follow(703.01) == pytest.approx(1.4)

@@ -14,7 +14,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, DrivePhase, Park
-from bev_preheat.simulation.sensors import PositionReports, Sensors
+from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle
@@ -160,21 +160,6 @@ def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
                          news.legs[0].charging_planned))
     first = (700 - announced, 'home 2', 705, 600.0, True)
     assert sent == [first] if sent_after_s is None else [first, (720, 'home 2', 725, 0.0, False)]
-
-
-def test_a_car_says_where_it_is_while_it_drives():
-    car = a_car(Park(50.0, 0.0), DrivePhase(a_route(), Goal(20.0), position=PositionReports(10.0)),
-                position=PositionReports(10.0))
-    car.mission(0)
-    said = {}
-    for second in range(250):
-        car.advance_under(NO_LEASE, float(second))
-        car.route_news(0)
-        progress = car.progress(0)
-        if progress is not None:
-            said[second] = (progress.route_id, progress.route_start_ns // NS_PER_S, round(progress.distance_m))
-    assert said[50], said[160] == (('home', 0, 1000), ('home 2', 150, 200))
-    assert set(said) == {*range(0, 100, 10), *range(150, 250, 10)}
 
 
 def test_a_recording_that_is_played_again_begins_with_the_first_state():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: the shipped ones, and the messages about wrong ones."""
 
-from pathlib import Path
 import re
 
 import pytest
@@ -254,17 +253,3 @@ def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
     assert [(finding.what.split()[0], finding.good) for finding in findings] == [
         ('arrival', False), ('heater', False), ('statuses', True), ('statuses', False),
         ('command', False), ('command', True), ('heater', False)]
-
-
-SCENARIO = Path(__file__).resolve().parents[2] / 'config/scenarios/two_batteries.yaml'
-
-
-def test_whole_numbers_of_another_battery_are_floats(tmp_path):
-    contents = yaml.safe_load(SCENARIO.read_text())
-    contents['sensors']['other'].update(temperature_c=20, soc=1, voltage_v=12)
-    file = tmp_path / 'whole.yaml'
-    file.write_text(yaml.safe_dump(contents))
-    other = load_scenario(file).imperfections.sensors.other
-    numbers = (other.temperature_c, other.soc, other.voltage_v)
-    assert numbers == (20.0, 1.0, 12.0)
-    assert all(isinstance(number, float) for number in numbers)

@@ -112,15 +112,6 @@ def test_a_chain_that_never_came_to_its_end_is_no_good():
 TARGET_C = 14.0
 
 
-@pytest.mark.parametrize('powers_w, count, first_s', [
-    ([], 0, None), ([0.0, 0.0], 0, None), ([5.0, 5.0, 0.0], 1, 0.0), ([0.0, 1.0, 2.0, 0.0, 3.0], 2, 10.0)])
-def test_rises_from_0_are_counted(powers_w, count, first_s):
-    switching = Switching()
-    for number, power_w in enumerate(powers_w):
-        switching.note(10.0 * number, power_w)
-    assert (switching.switch_ons, switching.first_switch_on_s) == (count, first_s)
-
-
 def test_the_score_is_that_of_the_commands_that_the_car_got():
     vehicle = load_vehicle('reference')
     route = make_route({'duration_s': [30.0] * 20, 'speed_mps': [15.0], 'propulsion_power_w': [15e3],

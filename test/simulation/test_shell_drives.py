@@ -53,7 +53,8 @@ def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
 
 
 @pytest.mark.parametrize('sensor, silent_s', [
-    ('shell', ()), ('core', ()), ('mean', ()), ('shell', ((900.0, 1000.0),))])
+    ('core', ()), ('shell', ((900.0, 1000.0),)), *(
+        pytest.param(sensor, (), marks=pytest.mark.deep) for sensor in ('shell', 'mean'))])
 def test_the_core_arrives_warm_wherever_the_sensor_is(sensor, silent_s):
     car = shell_car(sensor)
     drive = ImperfectCar(car, route(), START, Goal(TARGET_C), Imperfections(

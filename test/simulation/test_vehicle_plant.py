@@ -8,7 +8,6 @@ import pytest
 
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
-from bev_preheat.simulation import vehicle_plant
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
@@ -69,25 +68,6 @@ def test_heat_balance_closes():
     heat_wh = energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
     stored_wh = HEAT_CAPACITY_J_PER_K * (plant.temperature_c - 3.0) / 3600.0
     assert stored_wh == pytest.approx(heat_wh, rel=1e-9)
-
-
-def test_battery_energy_pays_for_power_and_joule_heat():
-    plant = winter_plant()
-    plant.advance(plant.duration_s, 0.0)
-    power_ws = ((18e3 + 1800.0 + 350.0) * 31.0 + (-7e3 + 2600.0 + 350.0) * 47.5
-                + (42e3 + 900.0 + 350.0) * 60.0 + (6200.0 + 350.0) * 12.25)
-    assert plant.energy_wh.battery_total == pytest.approx(
-        power_ws / 3600.0 + plant.energy_wh.joule, rel=1e-12)
-
-
-def test_halved_steps_change_nothing_that_matters(monkeypatch):
-    coarse = winter_plant()
-    coarse.advance(coarse.duration_s, 3000.0)
-    monkeypatch.setattr(vehicle_plant, 'LONGEST_PLANT_STEP_S', 0.5)
-    fine = winter_plant()
-    fine.advance(fine.duration_s, 3000.0)
-    assert coarse.temperature_c == pytest.approx(fine.temperature_c, abs=1e-10)
-    assert coarse.soc == pytest.approx(fine.soc, abs=1e-13)
 
 
 def test_power_ends_with_the_lease_within_a_step():

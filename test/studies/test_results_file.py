@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results files: records are read back, a half-written line is dropped, another study is refused."""
 
-from dataclasses import asdict, dataclass, replace
-import json
+from dataclasses import asdict, dataclass
 
 import pytest
-from short_drives import made_drive, made_result
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat_studies.results_file import ResultsFile, value_of
-from bev_preheat_studies.robustness.cars import CarResult
+from bev_preheat_studies.results_file import ResultsFile
 
 STUDY = {'study': 'sweep', 'seed': 1, 'vehicle': 'reference (17ab)', 'methods': ['a', 'b']}
 
@@ -92,10 +89,3 @@ def test_a_line_that_is_no_result_is_named(path):
         file.write('{"numbre": 0}\n')
     with pytest.raises(InvalidInput, match='line 5 is not a result of this study'):
         read(path)
-
-
-def test_a_tree_of_results_is_read_back_to_the_last_bit():
-    result = made_result(4, made_drive(arrival_error_k=0.1 + 0.2), planner=made_drive(
-        verdicts=('dead', 'stuck on'), fault_shown_s=1.0 / 3.0))
-    result = replace(result, mismatch=replace(result.mismatch, heat_capacity=1.0 / 0.9), pace=1.1)
-    assert value_of(CarResult, json.loads(json.dumps(asdict(result)))) == result

@@ -102,20 +102,6 @@ def test_leaving_a_study_kills_its_workers():
     assert psutil.wait_procs(set(psutil.Process().children()) - before, 10.0)[1] == []
 
 
-def test_finished_results_are_shown_and_written(tmp_path, capsys):
-    path = tmp_path / 'made.json'
-
-    def show(console, results):
-        console.print(f'{len(results)} cubes')
-        return {'sum': sum(result.cube for result in results)}
-
-    assert study().conduct(arguments('--json', str(path)), show) == 0
-    assert capsys.readouterr().out == '6 cubes\n'
-    written = json.loads(path.read_text())
-    assert (written['study'], written['complete'], written['sum']) == ('made', True, 225)
-    assert [result['cube'] for result in written['results']] == [0, 1, 8, 27, 64, 125]
-
-
 def test_an_interrupted_study_shows_what_is_finished(tmp_path, capsys):
     def until_three(number):
         if number == 3:

@@ -16,7 +16,7 @@ from bev_preheat_studies.__main__ import main
 from bev_preheat_studies.value_picture import worth_over_cost
 
 VEHICLE = load_vehicle('reference')
-ROUTE = load_route('alpine_pass', VEHICLE.defaults)
+ROUTE = load_route('alpine_pass', VEHICLE.defaults).resampled(120.0)
 STATE, GOAL = BatteryState(-10.0, 0.9), Goal(25.0)
 SITUATION = ['--vehicle', 'reference', '--temperature', '-10', '--soc', '0.9']
 

@@ -129,11 +129,3 @@ def test_class_curves_hold_the_maximum_once_and_get_fuller_with_the_fit(
     # Points are joined by lines, so a power of a shape lies up to 1 % below its own line.
     assert (np.interp(soc, more.soc, more.power_kw)
             >= np.interp(soc, curve.soc, curve.power_kw) - 0.01 * most_kw).all()
-
-
-def test_the_car_of_a_shape_has_the_published_curve():
-    curve = class_curve(NMC, 350.0, 62.0, 100.0)
-    for percent, power_kw in ((0, 100), (30, 100), (70, 50), (80, 50), (94, 25)):
-        assert np.interp(percent / 100, curve.soc, curve.power_kw) == pytest.approx(power_kw, abs=0.5)
-    lfp = class_curve(LFP, 340.0, 60.0, 170.0)
-    assert np.interp(0.2, lfp.soc, lfp.power_kw) == pytest.approx(129.0, abs=0.5)

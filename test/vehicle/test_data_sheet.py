@@ -65,14 +65,6 @@ def test_open_circuit_voltage_times_charge_is_the_usable_energy(request, car, kw
     assert trapezoids_kwh(request.getfixturevalue(car)[1]) == pytest.approx(kwh, rel=1e-4)
 
 
-@pytest.mark.parametrize('soc, temperature_c, share', [
-    # A warm battery less than half full accepts all; a full one nothing.
-    (0.1, 25.0, 1.0), (0.2, 40.0, 1.0), (1.0, 25.0, 0.0)])
-def test_charging_power_is_the_given_one_when_warm(id4, soc, temperature_c, share):
-    limit_w = id4[0].battery.charge_power_limit.function(FLOATS)(soc, temperature_c)
-    assert limit_w == pytest.approx(-135e3 * share, abs=1.0)
-
-
 def test_resistance_is_that_of_the_published_cell_in_a_pack_of_this_size(id4):
     """96 cells in series, with as many 94 Ah cells of 0.819 mohm in parallel as the charge needs."""
     battery = id4[0].battery
@@ -97,14 +89,6 @@ def test_joule_heat_at_25_degc_in_closed_form(id4):
     assert joule_w == pytest.approx(ohm * current_a**2, rel=1e-9)
     # A familiar order of magnitude: about 1 % of the power.
     assert 0.005 < joule_w / 40e3 < 0.02
-
-
-def test_a_made_car_is_of_the_order_of_the_shipped_ones(id4):
-    """The reference and the small car have other sizes, so only quantities independent of size are compared."""
-    own, others = meaning_of(id4[0]), [meaning_of(load_vehicle(name)) for name in ('reference', 'small_car')]
-    for figure in ('one_hour_drop', 'heat_capacity_kj_per_k_kwh', 'heating_at_rest_k_per_10_min'):
-        values = [getattr(other, figure) for other in others]
-        assert 0.5 * min(values) < getattr(own, figure) < 2.0 * max(values), figure
 
 
 def test_a_made_car_keeps_warm_as_long_as_parked_cars_do(id4):

@@ -12,7 +12,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
+from bev_preheat.vehicle.variants import with_shell
 
 REFERENCE = load_vehicle('reference')
 PACK_J_PER_K, EFFICIENCY = REFERENCE.battery.heat_capacity_j_per_k, REFERENCE.hvch.efficiency
@@ -88,9 +88,3 @@ def test_with_a_good_conductance_it_is_a_battery_of_one_mass():
         one = step(*one, 30.0, 19e3, 0.0, 300.0 + EFFICIENCY * 4e3, 45.0)[:2]
     _, core_c, _, excess_k = course(shell_car(1e8), 40, 30.0, 4e3, 15e3, 300.0, 45.0)[-1]
     assert (core_c, excess_k) == (pytest.approx(one[1], abs=2e-3), pytest.approx(0.0, abs=1e-3))
-
-
-def test_a_factor_on_the_heat_capacity_is_that_of_both_masses():
-    car = corrected_vehicle(shell_car(), Corrections(heat_capacity=1.1))
-    both_j_per_k = car.battery.heat_capacity_j_per_k + car.heat_path.coolant_heat_capacity_j_per_k
-    assert (both_j_per_k, car.pack_heat_capacity_j_per_k) == (pytest.approx(1.1 * PACK_J_PER_K),) * 2

@@ -11,7 +11,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.description import Charging, DIRECT, HeatPath, RoadLoad, Uncertainty
+from bev_preheat.vehicle.description import Charging
 
 GOOD = {
     'name': 'test car',
@@ -42,7 +42,6 @@ NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
 THERMAL = {'shell_share': 0.25, 'conductance_w_per_k': 300, 'sensor': 'shell'}
-ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29, 'rolling_resistance': 0.011}
 
 
 def with_change(key, value):
@@ -88,60 +87,6 @@ def test_every_number_of_the_file_finds_its_place(tmp_path):
         vehicle.defaults.target_battery_temperature_c,
     ) == ('test car', 111.0, 399600.0, 222000.0, 31.0, 0.7, (0.04, 0.97), (-33.0, 57.0),
           0.91, 0.72, 123000.0, 6500.0, 0.86, 1234.0, 432.0, 22.0)
-
-
-def test_road_load_and_regeneration_are_optional(tmp_path):
-    without = load_vehicle(written(tmp_path, GOOD))
-    assert without.road_load is None
-    # The same as for driving.
-    assert without.drivetrain.maximum_regeneration_power_w == 123000.0
-
-    contents = with_change('road_load', ROAD_LOAD)
-    contents['drivetrain']['maximum_regeneration_power_w'] = 87000
-    given = load_vehicle(written(tmp_path, contents))
-    assert given.road_load == RoadLoad(mass_kg=1500.0, frontal_area_m2=2.1, drag_coefficient=0.29,
-                                       rolling_resistance=0.011)
-    assert given.drivetrain.maximum_regeneration_power_w == 87000.0
-
-
-@pytest.mark.parametrize('curve, soc, temperature_c, expected', [
-    # 300 + 60/2 - 20/4 + 15/8
-    ('open_circuit_voltage', 0.5, -9.0, 326.875),
-    # 5.5/(-8 + 48)
-    ('resistance', 0.6, -8.0, 0.1375),
-    # half way from 1 kW to 50 kW; over soc only
-    ('discharge_power_limit', 0.2, 3.0, 25500.0),
-    # a third of the way from -2 kW to -70 kW; over temperature only
-    ('charge_power_limit', 0.8, -10.0, -2000.0 - 68000.0 / 3)])
-def test_curves_of_the_file(tmp_path, curve, soc, temperature_c, expected):
-    battery = load_vehicle(written(tmp_path, GOOD)).battery
-    value = getattr(battery, curve).function(FLOATS)(soc, temperature_c)
-    assert value == pytest.approx(expected, rel=1e-14)
-
-
-def test_table_over_both_axes_has_a_row_for_each_soc(tmp_path):
-    contents = with_change(RESISTANCE, {'table': {
-        'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 40],
-        'values': [[0.41, 0.22, 0.13], [0.34, 0.19, 0.08]]}})
-    resistance = load_vehicle(written(tmp_path, contents)).battery.resistance.function(FLOATS)
-    assert (resistance(0.1, 40.0), resistance(0.9, -20.0)) == pytest.approx((0.13, 0.34))
-
-
-def test_the_path_of_the_heat_is_optional_and_so_is_each_part_of_it(tmp_path):
-    assert load_vehicle(written(tmp_path, GOOD)).heat_path == DIRECT
-    whole = {'heater_lag_s': 35, 'coolant_heat_capacity_j_per_k': 12000,
-             'coolant_conductance_w_per_k': 480, 'sensor_lag_s': 15}
-    for node, path in ((whole, HeatPath(35.0, 12e3, 480.0, 15.0)), ({}, DIRECT),
-                       ({'sensor_lag_s': 20}, HeatPath(sensor_lag_s=20.0))):
-        assert load_vehicle(written(tmp_path, with_change('heat_path', node))).heat_path == path
-
-
-def test_the_uncertainty_is_optional_and_so_is_each_part_of_it(tmp_path):
-    assert load_vehicle(written(tmp_path, GOOD)).uncertainty == Uncertainty(None, None, None, None)
-    whole = {'heat_capacity': 0.03, 'leakage': 1, 'resistance': 0.005, 'heater_efficiency': 0.02}
-    for node, expected in ((whole, Uncertainty(0.03, 1.0, 0.005, 0.02)), ({}, Uncertainty()),
-                           ({'resistance': 0.1}, Uncertainty(resistance=0.1))):
-        assert load_vehicle(written(tmp_path, with_change('uncertainty', node))).uncertainty == expected
 
 
 def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
