@@ -53,9 +53,9 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
     print_records(console, f'Log {Path(path).name}',
-                  ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps', 'longest gap [s]'),
+                  ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps (longest [s])'),
                   [_row(recording.signals[signal], signal, samplings[signal]) for signal in recording.signals],
-                  ('left', *('right',) * 6))
+                  ('left', *('right',) * 5))
     console.say(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} '
                 f'min{begun}')
     for signal, names in recording.sources.items():
@@ -72,7 +72,7 @@ def run(arguments: Namespace) -> int:
 def _row(series: Series, signal: str, found: Sampling) -> tuple[str, ...]:
     return (signal, figure(float(series.value.min()), 5), figure(float(series.value.max()), 5),
             str(len(series.value)), '' if np.isnan(found.interval_s) else figure(found.interval_s, 3),
-            str(found.gaps or ''), figure(found.longest_gap_s, 3) if found.gaps else '')
+            f'{found.gaps} ({figure(found.longest_gap_s, 3)})' if found.gaps else '')
 
 
 def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[str, object]:
