@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
 EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
+# Spreadsheets count days from 1899-12-30; as seconds of a day, such steps would be less than a millisecond.
+EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
 LEAST_STEP_MS = 100.0
 DAY_S = 86400.0
@@ -29,7 +31,8 @@ OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
 DATE_TIME = re.compile(
     r'(\d{1,4})([./-])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})(?:[:.](\d{2})(?:[.,:](\d+))?)?'
     r'\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
-TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d+))?)?\s*([AaPp]\.?[Mm]\.?)?')
+TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d\d):)(\d+))?'
+                         r'\s*([AaPp]\.?[Mm]\.?)?')
 
 
 class Clock:
@@ -84,6 +87,9 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
         if EARLIEST_S <= middle * each <= LATEST_S:
             scale, absolute = each, True
             break
+    if scale is None and EPOCH_DAYS <= middle <= LATEST_DAYS and 0.0 < step < LARGEST_STEP_DAYS:
+        return Clock(lambda texts: np.round((read_numbers(texts, decimal)[0] - EPOCH_DAYS) * DAY_S, 3), True,
+                     'times have no unit; they are taken as days of a spreadsheet')
     if scale is None:
         scale = 1.0
         if step >= LEAST_STEP_MS:
@@ -126,7 +132,7 @@ def iso_seconds(text: str) -> float:
     """Return seconds since the epoch of a time as in ISO 8601, NaN of another text; no zone means UTC."""
     text = text.strip().replace(',', '.')
     # datetime takes bare digits for a date.
-    if len(text) < 10 or text[4:5] != '-':
+    if len(text) < 10 or (text[4:5] != '-' and text[8:9] not in ('T', ' ')):
         return np.nan
     try:
         moment = datetime.fromisoformat(text.removesuffix(' UTC').replace('  ', ' '))

@@ -218,6 +218,9 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
                                int(far.sum()), 'reading')
             time_s, values, places = time_s[~far], values[~far], places[~far]
     steps_s = np.diff(time_s)
+    if log.absolute and len(steps_s) and np.mean(steps_s < 0.0) > 1.0 - MOST_OUT_OF_ORDER:
+        remarks.add_shared('newest', f'{path}: begins with the newest reading; the readings are sorted', 1, '')
+        time_s, values, places, steps_s = time_s[::-1], values[::-1], places[::-1], -steps_s[::-1]
     back = np.flatnonzero(steps_s < 0.0)
     if back.size:
         at = back[0] + 1

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray, IntArray
 
 # Headings of the columns with names, values and units of readings.
-NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|'
-                  r'path|item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
+NAME = re.compile(r'^(pid|name|series|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|'
+                  r'topic|path|item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
 # InfluxDB's own columns; Home Assistant writes the unit as the measurement.
 INFLUX_NAME, MEASUREMENT = re.compile('_field'), re.compile('_measurement')
 VALUE = re.compile(r'^(_?value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
@@ -33,6 +33,7 @@ UNIT = re.compile(r'^(.*\.)?(units?|einheit(en)?|uom|unidad(es)?|unités?|еди
                   r'unit_of_measurement)$', re.IGNORECASE)
 OWN = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?|vin|(car|veh(icle)?)[ _]?(id|no|nr|num(ber)?|name)?)$',
                  re.IGNORECASE)
+TIME_NAME = re.compile(r'time|zeit|dat(e|um)', re.IGNORECASE)
 # More channels are texts, not names.
 MOST_CHANNELS = 5000
 
@@ -107,9 +108,12 @@ class TextLog:
         self._time = find_time_column(layout.header, layout.units, layout.rows, layout.decimal, signal_map)
         if self._time is None:
             where = f', line {layout.header_line}' if layout.header_line else ''
+            shown = next((f'; {name}: {quoted(layout.rows[0][at])} is not read as one; write 2026-01-31T08:00:00'
+                          for at, name in enumerate(layout.header[:len(layout.rows[0])])
+                          if TIME_NAME.search(name)), '')
             raise InvalidInput(f'{self._table.path}{where}: no {self._column} holds the time; the {self._column}s '
-                               f'are {quoted(", ".join(layout.header))}; name it (time_s) or give a signal map '
-                               'with time')
+                               f'are {quoted(", ".join(layout.header))}{shown}; name it (time_s) or give a signal '
+                               'map with time')
         self.absolute = self._time.clock.absolute
         self.times = tuple(layout.header[at] for at in self._time.columns)
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -117,6 +117,9 @@ def find_doubts(signals: Signals) -> tuple[Doubt, ...]:
     for check in CHECKS:
         for doubt in check(signals):
             found.setdefault(doubt.signal, doubt)
+    if any((doubt.factor, doubt.offset) == (1.0, 0.0) for doubt in found.values()):
+        # Times in another unit look like many mix-ups.
+        found = {signal: replace(doubt, is_clear=False) for signal, doubt in found.items()}
     return tuple(found.values())
 
 
@@ -153,9 +156,14 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
             scale = ('its integral over the change of the state of charge gives a capacity of '
                      f'{figure(capacity, 3)} '
                      f'{unit} (plausible: {low:g} ... {high:g}); a factor of {figure(factor)} is missing')
+        # Of readings that stay far from zero an offset may be missing as well.
+        sizes = np.abs(series.value)
+        is_clear = not scale or bool(np.quantile(sizes, 0.05) < 0.5 * np.median(sizes))
+        scale += '' if is_clear else ', or an offset'
         turned = 'it grows while the state of charge rises; positive must mean discharging' if sign < 0.0 else ''
         if scale or turned:
-            yield Doubt(signal, f'{signal}: {" and ".join(filter(None, (turned, scale)))}', sign * factor)
+            yield Doubt(signal, f'{signal}: {" and ".join(filter(None, (turned, scale)))}', sign * factor,
+                        is_clear=is_clear)
 
 
 def _resistance(signals: Signals) -> Iterator[Doubt]:
@@ -301,7 +309,10 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
     quick = step_s <= 2.5
     if quick.sum() >= 60:
         hardest = float(np.quantile(np.abs(np.diff(speed.value)[quick] / step_s[quick]), 0.995))
-        if hardest > HARDEST_MPS2 and np.median(moving) > 15.0:
+        if hardest > 3.6 * HARDEST_MPS2:
+            yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; are the times in seconds?',
+                        is_clear=False)
+        elif hardest > HARDEST_MPS2 and np.median(moving) > 15.0:
             yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; km/h taken as '
                                      'm/s?', 1.0 / 3.6)
     if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_TRAVEL_MPS:

@@ -103,7 +103,7 @@ def hypotheses(numbers: FloatArray, given: Hypothesis, source: Source) -> tuple[
 
 def _signs(numbers: FloatArray, given: Hypothesis, source: Source) -> Iterator[Hypothesis]:
     finite = numbers[np.isfinite(numbers)]
-    if not source.signal.endswith('_c') or not finite.size or finite.min() < 0.0:
+    if not source.signal.endswith(('_c', '_a')) or not finite.size or finite.min() < 0.0:
         return
     for size, steps in ((256.0, STEPS_OF_BYTE), (65536.0, STEPS_OF_WORD)):
         for step in steps:

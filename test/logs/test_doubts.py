@@ -45,6 +45,18 @@ def test_a_mix_up_is_named_and_repaired_on_request_only(tmp_path, signal, mixed,
     assert kept is None or not np.allclose(kept.value, np.interp(kept.time_s, log['time_s'], expected), rtol=0.01)
 
 
+@pytest.mark.parametrize('changes, words', [
+    ({'current_a': lambda value: value + 1000.0}, 'a factor of 0.1 is missing, or an offset; name the unit'),
+    ({'time_s': lambda value: value / 1000.0}, 'are the times in seconds? name the unit')])
+def test_a_mix_up_that_no_factor_explains_is_not_repaired(tmp_path, changes, words):
+    log = drive(2400.0)
+    mixed = log | {name: change(log[name]) for name, change in changes.items()}
+    recording = read_recording(write_wide(tmp_path / 'a.csv', mixed), repair=True)
+    assert any(words in remark for remark in recording.remarks)
+    for signal in ('current_a', 'speed_mps'):
+        np.testing.assert_allclose(recording.signals[signal].value, mixed[signal], rtol=1e-5)
+
+
 def test_power_is_compared_with_voltage_times_current(tmp_path):
     log = drive(300.0)
     # Otherwise the state of charge tells it.

@@ -49,7 +49,25 @@ def test_absolute_times(tmp_path, form):
     assert recording.remarks == ()
 
 
+def test_the_newest_reading_may_be_the_first(tmp_path):
+    log = drive(60.0)
+    path = write_wide(tmp_path / 'a.csv', {name: column[::-1] for name, column in log.items()},
+                      times=moments(log, '%Y-%m-%dT%H:%M:%SZ')[::-1])
+    recording = read_recording(path)
+    assert_is(recording, log)
+    assert [remark.partition(': ')[2] for remark in recording.remarks] == [
+        'begins with the newest reading; the readings are sorted']
+
+
+def test_a_time_in_another_form_is_shown_with_advice(tmp_path):
+    log = drive(60.0)
+    with pytest.raises(InvalidInput, match="time_s: 'Tue Nov 14 22:13:20 CET 2023' is not read as one; write"):
+        read_recording(write_wide(tmp_path / 'a.csv', log, times=moments(log, '%a %b %d %H:%M:%S CET %Y')))
+
+
 @pytest.mark.parametrize('heading, times, start_s', [
+    ('time', lambda second: f'{int(second) // 60:02}:{second % 60:04.1f}', None),
+    ('Zeit', lambda second: f'{25569.0 + (START_S + second) / 86400.0:.9f}', START_S),
     ('time_ms', lambda second: f'{1000.0 * second:.0f}', None),
     ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
@@ -62,8 +80,8 @@ def test_relative_times(tmp_path, heading, times, start_s):
                                           times=[times(second) for second in log['time_s']]))
     assert_is(recording, log)
     assert recording.signals['soc'].time_s[-1] == pytest.approx(60.0)
-    assert recording.start_s is start_s
-    assert len(recording.remarks) == (heading == 't')
+    assert recording.start_s == start_s
+    assert len(recording.remarks) == (heading in ('t', 'Zeit'))
 
 
 def test_headings_of_a_german_spreadsheet(tmp_path):

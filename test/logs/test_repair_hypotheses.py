@@ -33,6 +33,14 @@ def test_negative_values_of_an_unsigned_word_are_named_and_repaired(tmp_path, mo
     assert said.endswith('repaired')
 
 
+def test_regeneration_that_lost_its_sign_is_repaired(tmp_path):
+    log = drive(600.0, 2.0)
+    true_a = np.round(log['current_a'] - 20.0)
+    path = write_wide(tmp_path / 'a.csv', log | {'current_a': np.where(true_a < 0.0, true_a + 65536.0, true_a)})
+    assert any('as negative ones (minus 65536)' in remark for remark in read_recording(path).remarks)
+    np.testing.assert_allclose(read_recording(path, repair=True).signals['current_a'].value, true_a)
+
+
 def test_a_byte_that_is_all_negative_is_repaired_beside_the_outside_temperature_only(tmp_path):
     true_c = np.round(np.linspace(-9.0, -5.0, 301))
     log = log_of(true_c + 256.0)
