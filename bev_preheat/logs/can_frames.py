@@ -7,7 +7,6 @@ import base64
 from collections.abc import Collection, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
-from datetime import datetime, UTC
 from itertools import chain, islice
 import logging
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.input_files import check_input
 from bev_preheat.files.table import encoding_of, line_blocks, read_head
-from bev_preheat.files.times import COUNTER, EARLIEST_S, LATEST_S, Rounds
+from bev_preheat.files.times import COUNTER, EARLIEST_S, iso_seconds, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
 from bev_preheat.optional_packages import require
@@ -98,13 +97,8 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
         data = base64.b64decode(parts['coded'] or '', validate=False)
     else:
         data = b''.join(bytes.fromhex(each.zfill(2)) for each in re.findall(f'{HEX}{{1,2}}', parts['data'] or ''))
-    return Frame(_seconds(time) * scale, int(identifier, 16), data, is_extended, parts.get('remote') is not None)
-
-
-def _seconds(text: str) -> float:
-    if ':' in text:
-        return datetime.fromisoformat(text.strip()).replace(tzinfo=UTC).timestamp()
-    return float(text)
+    seconds = iso_seconds(time) if ':' in time else float(time)
+    return Frame(seconds * scale, int(identifier, 16), data, is_extended, parts.get('remote') is not None)
 
 
 # Values that the DBC gives such a name are no readings.

@@ -15,7 +15,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.times import iso_seconds
 from bev_preheat.route.sources.json_values import checked, in_words, items
-from bev_preheat.route.sources.navigation import leg_of, Service
+from bev_preheat.route.sources.navigation import leg_of, points_of, Service
 from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of_pieces, Pieces
 from bev_preheat.route.sources.track import journey_of_points
 
@@ -35,15 +35,14 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     lines = _lines(contents, 'GeoJSON', {})
     if not lines:
         raise InvalidInput(f'has no LineString; its type is {quoted(str(contents.get("type")))}')
-    points = [_points(coordinates, place) for coordinates, place, _ in lines]
+    points = [points_of(coordinates, f'{place}.coordinates') for coordinates, place, _ in lines]
     for (one, other), (_, place, _) in zip(zip(points, points[1:]), lines[1:]):
-        gap_m = float(distances_m(*np.stack((one[-1], other[0]), axis=1)[[1, 0]])[0])
+        gap_m = float(distances_m(*np.stack((one[-1], other[0]), axis=1)[:2])[0])
         if gap_m > MOST_GAP_M:
             raise InvalidInput(f'{place}: begins {gap_m / 1e3:.1f} km from the end of the line before it; keep '
                                'one route in the file')
     remarks = [f'{len(lines)} lines are joined in their order'] if len(lines) > 1 else []
-    array = np.concatenate(points)
-    longitude_deg, latitude_deg, elevation_m = array.T
+    latitude_deg, longitude_deg, elevation_m = np.concatenate(points).T
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
@@ -83,24 +82,6 @@ def _lines(node: Any, place: str, properties: dict[str, Any]) -> list[tuple[list
             lines.append((line, f'{place}.coordinates[{at}]', {}))
         return lines
     return []
-
-
-def _points(coordinates: list[Any], place: str) -> FloatArray:
-    """Return longitudes, latitudes and elevations (NaN: none) of a line, shape (M, 3)."""
-    rows = []
-    for at, position in enumerate(coordinates):
-        where = f'{place}.coordinates[{at}]'
-        if not isinstance(position, list) or len(position) < 2:
-            raise InvalidInput(f'{where}: must be [longitude, latitude] or [longitude, latitude, elevation], not '
-                               f'{in_words(position)}')
-        longitude, latitude = checked(position[0], f'{where}[0]', -180.0, 180.0), checked(
-            position[1], f'{where}[1]', -90.0, 90.0)
-        height = position[2] if len(position) > 2 else None
-        rows.append((longitude, latitude, np.nan if height is None else checked(
-            height, f'{where}[2]', -500.0, 9000.0)))
-    if len(rows) < 2:
-        raise InvalidInput(f'{place}: has {len(rows)} coordinates; a route needs at least 2')
-    return np.array(rows)
 
 
 def _times(properties: dict[str, Any], count: int) -> FloatArray | None:

@@ -290,15 +290,20 @@ def _points(value: Any, place: str, length_m: float, service: Service) -> FloatA
     if inner is not None:
         return _points(inner[1], f'{place}.{inner[0]}', length_m, service)
     if isinstance(value, list):
-        points = np.array([_point(point, f'{place}[{at}]') for at, point in enumerate(value)])
-        if len(points) < 2:
-            raise InvalidInput(f'{place}: has {len(points)} points; at least 2 are needed')
-        return points
+        return points_of(value, place)
     try:
         return decode_flexible(value) if service.routes and service.legs == 'sections' else \
             decode_points_by_length(value, length_m)
     except InvalidInput as error:
         raise InvalidInput([f'{place}: {problem}' for problem in error.problems]) from error
+
+
+def points_of(values: list[Any], place: str) -> FloatArray:
+    """Return latitude, longitude and elevation (NaN: none) of the points in a list, shape (M, 3)."""
+    points = np.array([_point(point, f'{place}[{at}]') for at, point in enumerate(values)])
+    if len(points) < 2:
+        raise InvalidInput(f'{place}: has {len(points)} points; at least 2 are needed')
+    return points
 
 
 def _point(point: Any, place: str) -> list[float]:
