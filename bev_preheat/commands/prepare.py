@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from datetime import datetime, timedelta
+from functools import partial
 import os
 import re
 import time
@@ -206,6 +207,9 @@ def run_week(arguments: Namespace) -> int:
         console, title, ('departure', 'energy from', 'battery [degC]', 'heating', 'heater [kWh]', f'cost{unit}',
                          f'latest{unit}'), [_row(one, departures.zone) for one in prepared],
         ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
+    without = sum(one.occurrence.departure.is_plugged_in and one.cost is None for one in prepared)
+    if prices is not None and without:
+        console.say(f'note: {arguments.prices}: has no prices for {without} of {len(prepared)} preparations')
     paid = [(one.cost, one.latest_cost) for one in prepared
             if one.cost is not None and one.latest_cost is not None]
     if paid:
@@ -226,7 +230,10 @@ def _from_ns(text: str | None, zone: tzinfo) -> int:
 
 def _row(one: PreparedDeparture, zone: tzinfo) -> tuple[str, ...]:
     departure, plan = one.occurrence.departure, one.plan
-    heating = ', '.join(f'{local(begin, zone):%H:%M}-{local(end, zone):%H:%M}' for begin, end in one.heating_ns())
+    # The clock changes within some intervals.
+    heating = ', '.join(f'{begin:%H:%M}-{end:%H:%M}' if begin.tzname() == end.tzname() else
+                        f'{begin:%H:%M %Z}-{end:%H:%M %Z}'
+                        for begin, end in (map(partial(local, zone=zone), each) for each in one.heating_ns()))
     return (f'{departure.name}, {in_words(one.occurrence.instant_ns, zone)}',
             'grid' if departure.is_plugged_in else 'battery',
             f'{plan.arrival_temperature_c:.1f} of {plan.target_temperature_c:.1f}', heating or 'none',

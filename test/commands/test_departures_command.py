@@ -55,6 +55,23 @@ def test_costs_are_the_heating_times_at_the_tariff(prepare, tmp_path, capfd):
     assert sports['cost'] is None
 
 
+def test_both_hours_of_a_clock_change_and_prices_of_other_days_are_named(prepare, tmp_path, capfd):
+    (tmp_path / 'week.yaml').write_text(WEEK.replace('friday', 'sunday').replace('07:30', '04:30'))
+    (tmp_path / 'dated.yaml').write_text("""
+time_zone: Europe/Berlin
+dated:
+- {from: '2026-10-24T22:00+02:00', price_per_kwh: 0.40}
+- {from: '2026-10-25T02:00+02:00', price_per_kwh: 0.10}
+- {from: '2026-10-25T02:00+01:00', price_per_kwh: 0.50, until: '2026-10-25T06:00Z'}
+""")
+    begin = ('--departures', 'week.yaml', '--vehicle', 'small_car', '--prices', 'dated.yaml', '--from')
+    assert prepare(*begin, '2026-10-24T22:00+02:00') == 0
+    # The cheap hour is the first of the two.
+    assert '-02:00 CET' in capfd.readouterr().out
+    assert prepare(*begin, '2026-11-26 12:00') == 0
+    assert 'note: dated.yaml: has no prices for 1 of 2 preparations' in capfd.readouterr().out
+
+
 def test_the_week_is_drawn(prepare, tmp_path):
     assert prepare(*OFFLINE, '--prices', 'tariff.yaml', '--plot', 'week.svg') == 0
     labels = (tmp_path / 'week.svg').read_text()

@@ -37,7 +37,7 @@ M_PER_UNIT = {'kilometers': 1000.0, 'km': 1000.0, 'miles': 1609.344, 'mi': 1609.
 ELEVATION_INTERVAL_M = 30.0
 # GraphHopper's sign of an instruction at a waypoint.
 WAYPOINT_REACHED = 5
-LATITUDE_LONGITUDE = re.compile(r'-?[0-9.]{1,20},-?[0-9.]{1,20}(,.*)?')
+LATITUDE_LONGITUDE = re.compile(r'(-?[0-9]{1,3}(?:\.[0-9]*)?),(-?[0-9]{1,3}(?:\.[0-9]*)?)(,.*)?')
 # Names of coordinates: a latitude and its longitude.
 COORDINATES = (('latitude', 'longitude'), ('lat', 'lng'), ('lat', 'lon'))
 
@@ -308,9 +308,9 @@ def points_of(values: list[Any], place: str) -> FloatArray:
 
 def _point(point: Any, place: str) -> list[float]:
     """Return latitude, longitude, elevation (NaN: none) of an object, or of [longitude, latitude, elevation]."""
-    if isinstance(point, str) and LATITUDE_LONGITUDE.fullmatch(point):
+    if isinstance(point, str) and (match := LATITUDE_LONGITUDE.fullmatch(point)):
         # HERE's version 7.
-        point = dict(zip(COORDINATES[0], map(float, point.split(','))))
+        point = dict(zip(COORDINATES[0], map(float, match.group(1, 2))))
     if isinstance(point, dict):
         for names in COORDINATES:
             if all(name in point for name in names):
