@@ -66,6 +66,12 @@ def test_plans_of_short_trips_are_the_same():
             'OUT_OF_CHARGE'} <= set(seen)
 
 
+@pytest.mark.deep
+@pytest.mark.parametrize('part', range(10))
+def test_plans_of_10_000_situations_are_the_same(part):
+    assert sum(check(range(1000 * part, 1000 * (part + 1)), most_steps=120).values()) == 1000
+
+
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
 
 
