@@ -23,7 +23,8 @@ NO_READING = frozenset((
     'bz', 'zaehler', 'qbit', 'qf', 'qual', 'quality', 'qualifier', 'valid', 'validity', 'invalid', 'plausible',
     'index', 'idx', 'position', 'pos', 'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning',
     'warn', 'alarm', 'alert', 'status', 'timeout', 'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll',
-    'request', 'req', 'cmd', 'enable', 'mode', 'derating'))
+    'request', 'req', 'cmd', 'enable', 'mode', 'derating', 'delta', 'diff', 'difference', 'spread', 'rate',
+    'gradient'))
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active', 'q'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'

@@ -37,6 +37,11 @@ def chosen(signal, **units):
      ('Battery temp (min)', 'Battery temp (max)')),
     ('battery_temperature_c', {'battery temp %': 'percent', 'battery temp': ''}, ('battery temp',)),
     ('soc', {'A__BatSOC_cold': 'percent', 'A__BatSOC': 'percent'}, ('A.BatSOC',)),
+    ('battery_temperature_c', {'Battery fan temp': '', 'Battery charger temp': '', 'BMS PCB temp': ''}, ()),
+    ('battery_temperature_c', {'Battery temp delta': '', 'Cell temp 1': '', 'Cell temp 2': ''},
+     ('Cell temp 1', 'Cell temp 2')),
+    ('speed_mps', {'Average speed': '', 'Max speed': '', 'Blower speed': ''}, ()),
+    ('soc', {'12V SOC': '', 'Min SOC': '', 'Display SOC': ''}, ('Display SOC',)),
     ('soc', {'Battery Temp [%]': 'percent'}, ()), ('soc', {'Battery [%]': 'percent'}, ('Battery [%]',)),
     ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
@@ -83,10 +88,10 @@ def test_sensors_that_are_far_apart_are_not_averaged(tmp_path):
 
 
 def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):
-    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,foo,battery temp,battery temp target',
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,foo,battery temp,battery temp limit',
                                      [(at, 1, 2, 3) for at in range(9)]))
     assert recording.sources == {'battery_temperature_c': ('battery temp',)}
-    assert recording.unused == ('battery temp target', 'foo')
+    assert recording.unused == ('battery temp limit', 'foo')
     assert any('battery temp: has no unit; its readings are taken as degC' in each for each in recording.remarks)
 
 
