@@ -57,7 +57,7 @@ test: build ## all tests
 
 # The tests use the checkout's Python files, so only changed messages, equations and C files need a build.
 test-quick: setup ## the quick tests without DDS, for use while editing
-	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/code_generation bev_preheat/native bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
+	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/code_generation bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
 	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
 test-deep: build ## all tests, including the long ones: all scenarios over DDS, EXAMPLES (1000) for each property

@@ -33,7 +33,7 @@ ENTRY_POINTS = {
 # colcon installs the files of config/ in the share folder and builds the C core as a package of its own; without
 # colcon (pip, build) both are parts of the Python package.
 WITH_COLCON = 'COLCON' in os.environ
-CONFIGURATION, CORE = f'{PACKAGE}.config', f'{PACKAGE}.native.libbev_preheat_core'
+CONFIGURATION, CORE = f'{PACKAGE}.config', f'{PACKAGE}.vehicle.libbev_preheat_core'
 # The oldest supported versions are those of scripts/requirements-oldest.txt.
 REQUIREMENTS = ['argcomplete>=3.1.4', 'jsonschema>=4.10.3', 'numpy>=1.26.4', 'pyyaml>=6.0.1', 'rich>=13.7.1']
 EXTRAS = {

@@ -37,6 +37,14 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.messages.fields import Figure, nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
+from bev_preheat.nodes.installed_drive import (
+    drive_with_nodes,
+    log_files,
+    ObservedDrive,
+    reserved_domain_id,
+    ScenarioFailed,
+)
+from bev_preheat.nodes.simulated_drive import ARRIVED
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
@@ -44,14 +52,6 @@ from bev_preheat.recording.ring import recording_beside
 from bev_preheat.route import route_file
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
-from bev_preheat.simulator.installed_drive import (
-    drive_with_nodes,
-    log_files,
-    ObservedDrive,
-    reserved_domain_id,
-    ScenarioFailed,
-)
-from bev_preheat.simulator.simulated_drive import ARRIVED
 from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.nodes.simulated_drive import SimulatedDriveReport
     from bev_preheat.simulation.scenario import Scenario
-    from bev_preheat.simulator.simulated_drive import SimulatedDriveReport
 
 GOOD_ARRIVAL_K = 1.0
 # Simulated time between two lines on the drive [s].

@@ -9,7 +9,7 @@ in. `…` goes on with the row above.
 
 Sizes, formats and units stand where they are used, spreads of the estimator's whole state in
 `estimation/belief.py` and `prior.py`, and what an integrator sets in `control/settings.py`. The C core takes its
-numbers from here, too (`native/interface.py`).
+numbers from here, too (`vehicle/core_interface.py`).
 """
 
 

@@ -28,9 +28,9 @@ from bev_preheat.nodes import (
     nlp_checker_node,
     planner_node,
     route_publisher_node,
+    vehicle_simulator_node,
 )
 from bev_preheat.planning.status import Status
-from bev_preheat.simulator import vehicle_simulator_node
 
 ROOT = Path(__file__).resolve().parents[1]
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,

@@ -36,7 +36,7 @@ settings.register_profile(
 settings.load_profile('daily')
 
 NO_DOMAIN = 'none without the fixture dds'
-# Beyond those of tests over DDS (bev_preheat.simulator.installed_drive.DOMAIN_IDS).
+# Beyond those of tests over DDS (bev_preheat.nodes.installed_drive.DOMAIN_IDS).
 SILENT_DOMAIN = '101'
 
 gc.disable()

@@ -308,8 +308,8 @@ def test_every_topic_is_described():
         nlp_checker_node,
         planner_node,
         route_publisher_node,
+        vehicle_simulator_node,
     )
-    from bev_preheat.simulator import vehicle_simulator_node
     page = (ROOT / 'docs/reference/topics.md').read_text()
     for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
                  heater_controller_node, vehicle_simulator_node, bus_gateway_node, dashboard_node):

@@ -140,8 +140,8 @@ def test_what_is_missing_is_named_in_one_line(answers, command):
 
 
 def test_the_native_core_is_in_the_wheel_and_used(site):
-    done = run(site, '-c', 'from bev_preheat.native.library import core_in_words; print(core_in_words())')
-    assert done.stdout.strip() == f'used: {site}/bev_preheat/native/libbev_preheat_core.so'
+    done = run(site, '-c', 'from bev_preheat.vehicle.core_library import core_in_words; print(core_in_words())')
+    assert done.stdout.strip() == f'used: {site}/bev_preheat/vehicle/libbev_preheat_core.so'
 
 
 def test_the_module_is_the_command(site):

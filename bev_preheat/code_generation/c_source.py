@@ -18,9 +18,9 @@ import sys
 from textwrap import fill
 
 from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS, written_out
-from bev_preheat.native.interface import constant_lines, constants, read_headers
 from bev_preheat.numerics import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import model
+from bev_preheat.vehicle.core_interface import constant_lines, constants, read_headers
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, HeatPath, Hvch, Leakage, Vehicle
 from bev_preheat.vehicle.heated_step import make_heated_step

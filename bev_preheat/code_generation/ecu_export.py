@@ -17,13 +17,13 @@ from bev_preheat.code_generation.ecu_vectors import draw_vectors, first_heated, 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import installed_prefix
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
-from bev_preheat.native.structs import NativeVehicle, NotDescribed, TABLE, VehicleStruct
+from bev_preheat.vehicle.core_structs import NativeVehicle, NotDescribed, TABLE, VehicleStruct
 from bev_preheat.vehicle.model import TRIP_COLUMNS
 
 if TYPE_CHECKING:
     from bev_preheat.code_generation.ecu_vectors import Vector
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.native.structs import CurveStruct
+    from bev_preheat.vehicle.core_structs import CurveStruct
     from bev_preheat.vehicle.description import Vehicle
 
 HEAD = """\

@@ -15,13 +15,13 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.native.library import without_core
 from bev_preheat.planning import engine
 from bev_preheat.planning.methods import is_best, leaves_enough, plan_by_values
 from bev_preheat.planning.outcome import find_outcome, NoRegretCheck
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.core_library import without_core
 
 if TYPE_CHECKING:
     from bev_preheat.planning.one_interval import SwitchPlan

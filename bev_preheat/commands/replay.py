@@ -15,7 +15,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
-from bev_preheat.recording.player import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
+from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
 
 if TYPE_CHECKING:
     from argparse import Namespace

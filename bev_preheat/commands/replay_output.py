@@ -16,10 +16,10 @@ from bev_preheat.recording.flight import FLIGHT_RECORDER, moment
 if TYPE_CHECKING:
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.monitoring.pages import ReportText
+    from bev_preheat.recording.changes import Changes
     from bev_preheat.recording.course import Course
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.player import Changes
     from bev_preheat.recording.what_if import Replayed
 
 FIGURES = ('begins', 'length', 'heating begins after', 'switch-ons', 'HVCH commanded [Wh]', 'HVCH delivered [Wh]',

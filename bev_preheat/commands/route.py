@@ -21,10 +21,10 @@ from bev_preheat.commands.situation import (
 from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.identification.recorded_route import load_drive_logs
 from bev_preheat.interface.inputs import route_or_log
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import rounded, save_route
-from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.for_vehicle import ambient_of
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.road_load import compare_averages

@@ -113,7 +113,7 @@ def _recording(arguments: Namespace, scenario: Scenario) -> Path | None:
 def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
-        from bev_preheat.simulator.installed_drive import log_files
+        from bev_preheat.nodes.installed_drive import log_files
         outputs += [OutputFile('--logs', path) for scenario in scenarios
                     for path in log_files(scenario.name, arguments.logs)]
     outputs += [OutputFile('--record', _recording(arguments, scenario)) for scenario in scenarios]
@@ -123,7 +123,7 @@ def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
 def _drive(arguments: Namespace, name: str, scenario: Scenario,
            report: Callable[[float], None]) -> DriveRecord:
     if arguments.nodes:
-        from bev_preheat.simulator.installed_drive import drive_with_nodes, ScenarioFailed
+        from bev_preheat.nodes.installed_drive import drive_with_nodes, ScenarioFailed
         try:
             return drive_with_nodes(
                 scenario, name, arguments.logs, _recording(arguments, scenario)).record
@@ -135,7 +135,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
 
     recording = _recording(arguments, scenario)
     if recording is not None:
-        from bev_preheat.simulator.recorded_scenario import drive_recorded
+        from bev_preheat.nodes.recorded_scenario import drive_recorded
         return drive_recorded(scenario, recording, warn, progress)
     from bev_preheat.simulation.scenario_drive import drive_scenario
     return drive_scenario(scenario, progress)

@@ -56,9 +56,6 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.native.calls import Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
-from bev_preheat.native.library import operation
-from bev_preheat.native.structs import belief_terms
 from bev_preheat.numerics import array_exp, frozen, truncated_moments
 from bev_preheat.tunables import (
     CLIPPED_DEVIATIONS,
@@ -78,6 +75,9 @@ from bev_preheat.tunables import (
     SOC_NOISE,
     UNKNOWN_K,
 )
+from bev_preheat.vehicle.core_calls import Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
+from bev_preheat.vehicle.core_library import operation
+from bev_preheat.vehicle.core_structs import belief_terms
 from bev_preheat.vehicle.description import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import with_coolant_in_battery
 
@@ -85,8 +85,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.estimation.prior import Lags
-    from bev_preheat.native.structs import BeliefTermsStruct
     from bev_preheat.numerics import FloatArray
+    from bev_preheat.vehicle.core_structs import BeliefTermsStruct
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.variants import DriveInputs
 

@@ -20,11 +20,11 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.native.calls import arrival_variance as native_variance
-from bev_preheat.native.calls import vehicle_in_core
-from bev_preheat.native.library import operation
 from bev_preheat.numerics import array_exp
 from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
+from bev_preheat.vehicle.core_calls import arrival_variance as native_variance
+from bev_preheat.vehicle.core_calls import vehicle_in_core
+from bev_preheat.vehicle.core_library import operation
 from bev_preheat.vehicle.variants import DriveInputs, with_coolant_in_battery
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import time_message
-from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Level
+from bev_preheat.vehicle.core_library import core_in_words, DECLINES
 from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:

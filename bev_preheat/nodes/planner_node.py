@@ -26,7 +26,6 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
-from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
@@ -40,6 +39,7 @@ from bev_preheat.nodes.topics import CommandPublisher, RouteListener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
+from bev_preheat.vehicle.core_library import core_in_words
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.native.library import use_core
 from bev_preheat.nodes.departure_keeper import check_departure_parameters
 from bev_preheat.nodes.node import LIFECYCLE
 from bev_preheat.nodes.parameters import Parameter
@@ -16,6 +15,7 @@ from bev_preheat.nodes.state_keeper import check_parameter
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import use_core
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -14,10 +14,6 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import calls
-from bev_preheat.native.calls import vehicle_in_core
-from bev_preheat.native.library import Declined, operation
-from bev_preheat.native.structs import NativeTrip, NativeVehicle
 from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
@@ -26,11 +22,14 @@ from bev_preheat.planning.one_interval import is_driven_as_planned, SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
 from bev_preheat.planning.schedule import HeatingInterval, REASONS, Schedule, ScheduleOutcome
 from bev_preheat.planning.two_switches import switched_off
+from bev_preheat.vehicle import core_calls as calls
+from bev_preheat.vehicle.core_calls import vehicle_in_core
+from bev_preheat.vehicle.core_library import Declined, operation
+from bev_preheat.vehicle.core_structs import NativeTrip, NativeVehicle
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
-    from bev_preheat.native.structs import SwitchPlanStruct
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.limited_drive import WantedHeat
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.core_structs import SwitchPlanStruct
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Integrator, TripColumns
 

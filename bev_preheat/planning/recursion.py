@@ -32,7 +32,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.structs import VALUE_POINTS
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.steps_ahead import best_of, Layer
 from bev_preheat.planning.value_path import ValuePath
@@ -62,6 +61,7 @@ from bev_preheat.tunables import (
     WIDE_STEP_K,
     WIDER_DEVIATIONS,
 )
+from bev_preheat.vehicle.core_structs import VALUE_POINTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

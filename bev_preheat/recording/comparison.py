@@ -16,12 +16,12 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import read_text, version
-from bev_preheat.native.library import core
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import FLIGHT_RECORDER
 from bev_preheat.recording.records import command_values
+from bev_preheat.vehicle.core_library import core
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command

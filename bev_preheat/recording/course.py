@@ -12,11 +12,12 @@ from bev_preheat.messages.diagnostics import heater_sentence
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.changes import changes_in_words
 from bev_preheat.recording.heater_account import FULL_FROM, HeaterAccount, RECORDED_HOLD_NS, Span
-from bev_preheat.recording.player import changes_in_words
 
 if TYPE_CHECKING:
-    from bev_preheat.recording.player import Changes, Played
+    from bev_preheat.recording.changes import Changes
+    from bev_preheat.recording.player import Played
 
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_REPORTED_K = 0.5

@@ -34,7 +34,7 @@ from bev_preheat.vehicle import load_vehicle, vehicle_contents
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording, Series
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.recording.player import Changes
+    from bev_preheat.recording.changes import Changes
 
 # The recorder's first message is near the start of a file.
 SEARCHED_RECORDS = 20

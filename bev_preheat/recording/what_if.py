@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
+    from bev_preheat.recording.changes import Changes
     from bev_preheat.recording.flight import Flight, Given
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.player import Changes, Played
+    from bev_preheat.recording.player import Played
 
 # Steps between two reports to a watcher.
 REPORTED_EACH = 100

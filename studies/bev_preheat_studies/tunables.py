@@ -23,10 +23,10 @@ from bev_preheat.commands.output import add_json_argument, json_output, write_js
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
-from bev_preheat.native.library import use_core
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import use_core
 from bev_preheat_studies.robustness.cars import drive_car
 from bev_preheat_studies.robustness.drawn_cars import Conditions
 from bev_preheat_studies.study import Study

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bev_preheat.code_generation.c_source import constants_header
-from bev_preheat.native.interface import constants, NAMES
+from bev_preheat.vehicle.core_interface import constants, NAMES
 
 CHECKOUT = Path(__file__).parents[2]
 SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),

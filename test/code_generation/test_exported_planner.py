@@ -22,8 +22,8 @@ from bev_preheat.code_generation.ecu_vectors import (
     vectors_text,
 )
 from bev_preheat.errors import InvalidInput
-from bev_preheat.native.library import without_core
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath, Leakage
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections

@@ -14,8 +14,8 @@ import pytest
 
 from bev_preheat.commands.main import main as preheat
 from bev_preheat.demo import main, verdict
+from bev_preheat.nodes.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.dynamics import Energies
-from bev_preheat.simulator.simulated_drive import ARRIVED, SimulatedDriveReport
 
 ROUTE = """# four minutes
 duration_s,speed_mps,propulsion_power_w,ambient_temperature_c

@@ -9,7 +9,7 @@ import time
 import pytest
 from terminal_process import CTRL_C, TerminalProcess
 
-from bev_preheat.simulator.installed_drive import reserved_domain_id
+from bev_preheat.nodes.installed_drive import reserved_domain_id
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']
 # Process start and first view, on a busy computer.

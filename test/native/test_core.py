@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.native import calls
-from bev_preheat.native import library as library_module
-from bev_preheat.native.calls import place, vehicle_in_core
-from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
-from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.engine import run_forward, trip_in_core
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle import core_calls as calls
+from bev_preheat.vehicle import core_library as library_module
+from bev_preheat.vehicle.core_calls import place, vehicle_in_core
+from bev_preheat.vehicle.core_library import core, core_in_words, Declined, use_core, without_core
+from bev_preheat.vehicle.core_structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step

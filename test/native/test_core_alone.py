@@ -8,10 +8,10 @@ import subprocess
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import core_in_words
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.core_library import core_in_words
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 

@@ -7,10 +7,10 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import without_core
 from bev_preheat.planning.trip import make_trip, Trip, uncached_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_STEP_S
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.model import TRIP_COLUMNS
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])

@@ -11,14 +11,14 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import SENSOR, SIZE, TEMPERATURE, UNDER_WAY
-from bev_preheat.native.calls import arrival_variance, Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
-from bev_preheat.native.library import core, Declined, without_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import MOST_APART_K
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_calls import arrival_variance, Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
+from bev_preheat.vehicle.core_library import core, Declined, without_core
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import DriveInputs, with_shell

@@ -8,11 +8,11 @@ import drawn_situations
 import pytest
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.limits import run_unheated
 from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.core_library import core_in_words, without_core
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 

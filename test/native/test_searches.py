@@ -8,13 +8,13 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native.calls import vehicle_in_core
-from bev_preheat.native.library import core, LEFT, without_core
-from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.planning.engine import trip_in_core
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.core_calls import vehicle_in_core
+from bev_preheat.vehicle.core_library import core, LEFT, without_core
+from bev_preheat.vehicle.core_structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 

@@ -9,13 +9,6 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native.calls import place, vehicle_in_core
-from bev_preheat.native.library import core, without_core
-from bev_preheat.native.structs import (
-    NativeVehicle,
-    room,
-    SwitchPlanStruct,
-)
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.engine import plan_by_paper, plan_switch, trip_in_core
 from bev_preheat.planning.heat_run import roll_heated
@@ -25,6 +18,13 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.core_calls import place, vehicle_in_core
+from bev_preheat.vehicle.core_library import core, without_core
+from bev_preheat.vehicle.core_structs import (
+    NativeVehicle,
+    room,
+    SwitchPlanStruct,
+)
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_terminal_limits
 

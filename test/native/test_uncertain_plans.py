@@ -7,10 +7,10 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.core_library import core_in_words, without_core
 
 
 def check(numbers, most_steps):

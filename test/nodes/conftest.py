@@ -30,7 +30,7 @@ from rclpy.context import Context
 from rehearsal import Rehearsal
 from spinning import spun_node
 
-from bev_preheat.simulator.installed_drive import reserved_domain_id
+from bev_preheat.nodes.installed_drive import reserved_domain_id
 
 # Files of 8 s and more, processor time or waiting, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (

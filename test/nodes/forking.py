@@ -18,7 +18,7 @@ import sys
 import time
 
 POLL_S = 0.005
-MODULES = ('simulator.vehicle_simulator_node', *(f'nodes.{name}_node' for name in (
+MODULES = ('nodes.vehicle_simulator_node', *(f'nodes.{name}_node' for name in (
     'planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'heater_controller', 'bus_gateway')))
 # The messages that nearly every node has; their type support is loaded when the first publisher is made.
 MESSAGES = (('bev_preheat_msgs.msg', ('HvchCommand', 'HvchStatus', 'PreheatPlan', 'RoutePlan', 'RouteProgress')),

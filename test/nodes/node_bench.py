@@ -10,7 +10,7 @@ import time
 from ament_index_python.packages import get_package_prefix
 from spinning import take_down, TIME_LIMIT_S
 
-from bev_preheat.simulator.installed_drive import NodeProcess
+from bev_preheat.nodes.installed_drive import NodeProcess
 
 POLL_S = 0.005
 ANSWER_TIME_S = 5.0

@@ -27,8 +27,8 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
-from bev_preheat.native.library import use_core
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.core_library import use_core
 
 START_NS = 1_700_000_000 * NS_PER_S
 # A wait fails after this time of the rehearsal; events at one instant are a loop after this number.
@@ -39,7 +39,7 @@ CLASSES = {
     'charger_adviser': ('nodes.charger_adviser_node', 'ChargerAdviserNode'),
     'heater_controller': ('nodes.heater_controller_node', 'HeaterControllerNode'),
     'route_publisher': ('nodes.route_publisher_node', 'RoutePublisherNode'),
-    'vehicle_simulator': ('simulator.vehicle_simulator_node', 'VehicleSimulatorNode'),
+    'vehicle_simulator': ('nodes.vehicle_simulator_node', 'VehicleSimulatorNode'),
     'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode')}
 
 
@@ -545,7 +545,7 @@ class Rehearsal:
         """Give the modules of the nodes the rehearsal's steady time instead of the computer's."""
         by_hand = _Time(self)
         for name, module in list(sys.modules.items()):
-            if name.startswith(('bev_preheat.nodes.', 'bev_preheat.simulator.')):
+            if name.startswith('bev_preheat.nodes.'):
                 for attribute, value in list(vars(module).items()):
                     if value is time:
                         self._patches.setattr(module, attribute, by_hand)

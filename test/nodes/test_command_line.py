@@ -23,8 +23,8 @@ from bev_preheat.nodes import (
     nlp_checker_node,
     planner_node,
     route_publisher_node,
+    vehicle_simulator_node,
 )
-from bev_preheat.simulator import vehicle_simulator_node
 
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'charger_adviser': charger_adviser_node,

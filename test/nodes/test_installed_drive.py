@@ -16,10 +16,10 @@ from sensor_msgs.msg import BatteryState
 from spinning import spun_node
 import yaml
 
+from bev_preheat.nodes import installed_drive
+from bev_preheat.nodes.installed_drive import drive_with_nodes, reserved_domain_id
+from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulator import installed_drive
-from bev_preheat.simulator.installed_drive import drive_with_nodes, reserved_domain_id
-from bev_preheat.simulator.recorded_scenario import drive_recorded
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 BUSY_LOOPS = 2

@@ -20,9 +20,9 @@ from bev_preheat.nodes import (
     heater_controller_node,
     nlp_checker_node,
     planner_node,
+    vehicle_simulator_node,
 )
 from bev_preheat.planning.status import Status
-from bev_preheat.simulator import vehicle_simulator_node
 from bev_preheat_msgs.msg import HvchCommand
 
 SHARE = Path(get_package_share_directory('bev_preheat'))

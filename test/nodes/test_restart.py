@@ -13,8 +13,8 @@ from sensor_msgs.msg import BatteryState
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.player import Changes
 from bev_preheat.recording.recordings import open_recording, Sources
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay

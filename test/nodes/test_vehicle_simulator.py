@@ -14,11 +14,11 @@ from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.nodes.simulated_drive import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal
 from bev_preheat.route import make_route, save_route
-from bev_preheat.simulator.simulated_drive import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import without_core
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
@@ -21,6 +20,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.description import HeatPath, Hvch, Leakage
 
 REFERENCE = load_vehicle('reference')

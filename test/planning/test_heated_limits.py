@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import without_core
 from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
@@ -17,6 +16,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_terminal_limits

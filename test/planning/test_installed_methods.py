@@ -15,7 +15,6 @@ from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.native.library import use_core
 from bev_preheat.planning import installed_methods
 from bev_preheat.planning.installed_methods import (
     InstalledMethod,
@@ -38,6 +37,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import use_core
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import core_in_words, without_core
 from bev_preheat.planning.methods import KeptValues, plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import VALUES_KEPT_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import core_in_words, without_core
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import limited_by_coldest_cell
 

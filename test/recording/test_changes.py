@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bev_preheat.commands.main import main
-from bev_preheat.recording.player import signal_change, UNITS
+from bev_preheat.recording.changes import signal_change, UNITS
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 

@@ -9,9 +9,9 @@ from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
 from bev_preheat.control.heater import HeaterAnswerReport, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.changes import Changes, SignalChange
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.heater_account import alter_status, HeaterShares
-from bev_preheat.recording.player import Changes, SignalChange
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.vehicle.heater_controller import Refusal

@@ -9,7 +9,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.player import Changes
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.recordings import open_recording, Sources
 from bev_preheat_msgs.msg import RoutePlan
 

@@ -21,8 +21,8 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.player import Changes
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry
 

@@ -10,13 +10,13 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.nodes import flight_recording
+from bev_preheat.nodes.recorded_scenario import drive_recorded, MessageWire
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight, Start
-from bev_preheat.recording.player import Changes
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulator.recorded_scenario import drive_recorded, MessageWire
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.identification.recorded_route import load_drive_logs
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults

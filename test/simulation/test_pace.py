@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.simulator.simulated_time import Pace
+from bev_preheat.nodes.simulated_time import Pace
 
 
 def test_time_follows_at_the_speed_asked_for():

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import call, core, Declined, EMPTY, LEFT
-from bev_preheat.native.structs import (
+from bev_preheat.vehicle.core_library import call, core, Declined, EMPTY, LEFT
+from bev_preheat.vehicle.core_structs import (
     address_of,
     BeliefStruct,
     DOUBLE_BYTES,
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from bev_preheat.native.structs import BeliefTermsStruct, NativeTrip
     from bev_preheat.numerics import FloatArray
+    from bev_preheat.vehicle.core_structs import BeliefTermsStruct, NativeTrip
     from bev_preheat.vehicle.description import Leakage, Vehicle
     from bev_preheat.vehicle.model import Integrator
     from bev_preheat.vehicle.variants import DriveInputs

@@ -17,8 +17,8 @@ from functools import lru_cache, wraps
 import os
 from typing import Any, ParamSpec, TypeVar
 
-from bev_preheat.native.interface import constants, fields_of, Interface
-from bev_preheat.native.structs import (
+from bev_preheat.vehicle.core_interface import constants, fields_of, Interface
+from bev_preheat.vehicle.core_structs import (
     BeliefStruct,
     BeliefTermsStruct,
     CurveStruct,

@@ -27,6 +27,8 @@ from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, print_error, run_node
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
+from bev_preheat.nodes.simulated_drive import trip_diagnostics
+from bev_preheat.nodes.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -35,8 +37,6 @@ from bev_preheat.simulation.heater import HeaterSide
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulator.simulated_drive import trip_diagnostics
-from bev_preheat.simulator.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.node import Values
     from bev_preheat.simulation.sensors import Reading
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
-
 
 PARAMETERS = (
     Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which also '

@@ -25,12 +25,12 @@ from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
 from bev_preheat.nodes.listening import listening
+from bev_preheat.nodes.simulated_drive import ARRIVED, outcome_from_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
-from bev_preheat.simulator.simulated_drive import ARRIVED, outcome_from_diagnostics
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
@@ -41,9 +41,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
+    from bev_preheat.nodes.simulated_drive import SimulatedDriveReport
     from bev_preheat.simulation.scenario import Scenario
-    from bev_preheat.simulator.simulated_drive import SimulatedDriveReport
-
 
 # Domains whose UDP ports lie below Linux's ephemeral ports; 0 is the default domain.
 DOMAIN_IDS = range(1, 101)
