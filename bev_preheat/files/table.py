@@ -99,6 +99,8 @@ def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str
 
 
 SEPARATORS = ('\t', ';', ',', '|')
+# Of columns whose names have a blank: Time (s)  Speed (mph).
+SEVERAL_BLANKS = '  '
 SEPARATOR_LINE = re.compile('"?sep=(.)?"?[;,\\t]*', re.IGNORECASE)
 # Lines that determine the layout.
 SAMPLE_LINES = 400
@@ -109,7 +111,8 @@ MOST_UNNAMED, LEAST_NAMED = 8, 20
 @dataclass(frozen=True)
 class Layout:
     """
-    Layout of a table: separator (None: blanks), names of the columns and their units, number of the header's line.
+    Layout of a table: separator (None: blanks; two blanks: at least two), names of the columns and their units,
+    number of the header's line.
 
     `units` are those of a line of units below the header, else those in the names, '' if unknown. `first` is the
     number of the first line of values, `rows` are cells of the first ones, `cells` is the usual number of cells in
@@ -130,6 +133,8 @@ def split_line(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line, stripped; empty ones at its end stay."""
     if separator is None:
         return line.split()
+    if separator == SEVERAL_BLANKS:
+        return re.split(r'\s{2,}', line.strip())
     if '"' not in line:
         return [cell.strip() for cell in line.split(separator)]
     try:
@@ -147,7 +152,7 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     """Return the Layout of a file that begins with these lines, None if it is no table with a header."""
     wanted = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)
               if not is_blank(line.lstrip('\ufeff'))]
-    separators: tuple[str | None, ...] = (*SEPARATORS, None)
+    separators: tuple[str | None, ...] = (*SEPARATORS, SEVERAL_BLANKS, None)
     if wanted and (match := SEPARATOR_LINE.fullmatch(wanted[0][1].strip())):
         separators, wanted = (match[1] or ',',), wanted[1:]
     found = [layout for separator in separators if (layout := _layout(wanted, separator)) is not None]

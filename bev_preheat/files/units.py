@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 # By quantity, named by its own unit: (unit, factor, offset, spellings in lower case without blanks). A value in
 # the own unit is factor * value + offset.
 QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
-    'degC': (('degC', 1.0, 0.0, '°c degc c celsius ºc ℃ deg_c degrecelsi'),
+    'degC': (('degC', 1.0, 0.0,
+              '°c degc c celsius ºc ℃ deg_c degrecelsi gradc gradcelsius degcelsius degreescelsius'),
              ('degF', 1.0 / 1.8, -32.0 / 1.8, '°f degf f fahrenheit ºf ℉ deg_f'), ('kelvin', 1.0, -273.15, 'k')),
     '1': (('1', 1.0, 0.0, 'share - m/m fraction ratio riseoverrun'), ('percent', 0.01, 0.0, '% pct prozent')),
     'volt': (('volt', 1.0, 0.0, 'v volts'), ('millivolt', 1e-3, 0.0, 'mv'), ('kilovolt', 1e3, 0.0, 'kv')),

@@ -266,6 +266,7 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'colour,speed_mps\nred,2\nblue,4\n', 'line 1: no column holds the time'),
     (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
     (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
+    (b'SQLite format 3\0\0 arbitration_id \0', 'convert it with can_logconvert'),
     (b'PAR1\0\0', 'a Parquet file, which is not read; write it as CSV'), (b'PK\x03\x04', 'save the sheet as CSV'),
     (b'car,vin=x soc=1,t=2 1700000000000000000\n', 'line protocol, which is not read; export it as CSV'),
     (b'<?xml version="1.0"?><gpx/>', 'give it to --route'),

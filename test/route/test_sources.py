@@ -169,6 +169,7 @@ EPA_ROWS = '0\t0\n1\t0.2\n2\t4\n3\t9\n4\t12\n5\t16\n'
     f'UDDSCOL.TXT\tLA4 or FTP-72, First 1372 seconds of FTP\nTest Time, secs\tTarget Speed, mph\n{EPA_ROWS}',
     f'Test Time, secs\tTarget Speed, mph\n{EPA_ROWS}', f'A schedule\n\ntime,speed\n[s],[mph]\n{EPA_ROWS}'.replace(
         '\t', ','),
+    'Time (s)   Speed (mph)\n' + EPA_ROWS.replace('\t', '   '),
     'Zeit, s;Speed, mph\n' + EPA_ROWS.replace('\t', ';').replace('.', ','),
     'Speed trace of a drive, with a title\n"Time, s","Speed, mph"\n' + EPA_ROWS.replace('\t', ',')])
 def test_titles_and_separators_within_names_do_not_hide_the_header(tmp_path, text):
