@@ -120,7 +120,7 @@ def _grouped(names: tuple[str, ...], units: Mapping[str, str], source: Source) -
 NAMES = (
     r'^(epoch|unix|posix)', r'^(time_?stamp|utc|date[ _/-]?time|zeitstempel|datum[ _/-]?(uhr)?zeit|ts)\b',
     r'^(device|log|local)[ _]?time', r'^last[ _]?(changed|updated|reported|seen)$',
-    r'^(created|recorded|logged|received)[ _]?(at|on)$', r'^(time|zeit)_',
+    r'^(created|recorded|logged|received|fetched|updated)[ _]?(at|on)$', r'^(time|zeit)_', r'^tst$',
     r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
     r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
     r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')

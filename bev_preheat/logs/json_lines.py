@@ -27,7 +27,7 @@ LONGEST_CHANNEL_LIST = 1000
 # Fields of an object that is one reading: name, value, unit, time.
 MOST_OF_NAMED = 4
 TIME = re.compile(r'(^|[_ ]|[a-z](?=[TD]))(time(_?stamp)?|date|utc|ts|epoch|t|'
-                  r'(created|recorded|logged|received)_?at)($|[_ ])', re.IGNORECASE)
+                  r'(created|recorded|logged|received|fetched|updated)_?at|tst)($|[_ ])', re.IGNORECASE)
 
 
 def records(value: Any) -> Iterator[dict[str, str]]:
@@ -49,11 +49,16 @@ def records(value: Any) -> Iterator[dict[str, str]]:
             yield from records(shared | each if isinstance(each, dict) else each)
     elif isinstance(value, dict):
         columns = _columns(value)
-        lists = sorted(_lists(value, 0), key=len, reverse=True) if columns is None else []
-        if len(lists) > 1 and lists[0][0].keys() == lists[1][0].keys():
-            raise InvalidInput(f'has several lists of {quoted(", ".join(lists[0][0]))}; a log must be one drive '
-                               'of one car: split it')
-        for each in columns or (lists[0] if lists else [value]):
+        lists = sorted(_lists(value), key=lambda found: len(found[1]), reverse=True) if columns is None else []
+        longest = lists[0][1] if lists else [value]
+        alike = [(name, found) for name, found in lists if found[0].keys() == longest[0].keys()]
+        if len(alike) > 1 and any(map(VALUE.match, longest[0])):
+            # A list of readings for each channel.
+            longest = [{'name': name, **each} for name, found in alike for each in found]
+        elif len(alike) > 1:
+            raise InvalidInput(f'has several lists of {quoted(", ".join(longest[0]))}; a log must be one drive of '
+                               'one car: split it')
+        for each in columns or longest:
             yield flat(each)
 
 
@@ -76,24 +81,23 @@ def _tables(value: Any, depth: int = 0) -> Iterator[list[dict[str, Any]]]:
     yield [dict(zip([names[0], title] if isinstance(title, str) else names, row)) for row in rows]
 
 
-def _lists(value: Any, depth: int) -> Iterator[list[dict[str, Any]]]:
-    """Yield the lists of objects with a time in a value; those at the same place of several parents are one."""
+def _lists(value: Any, name: str = '', depth: int = 0) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yield names and lists of objects with a time; those at the same place of several parents are one list."""
     if depth > DEEPEST or not isinstance(value, dict | list):
         return
     if isinstance(value, list):
         if len(value) > 1 and all(isinstance(each, dict) and _has_time(each) for each in value):
-            inner = [found for each in value for found in _lists(each, depth + 1)]
             # Drives, each with its instants.
-            joined = [each for found in inner for each in found]
-            yield joined if len(joined) > len(value) else value
+            joined = [each for item in value for _, found in _lists(item, name, depth + 1) for each in found]
+            yield name, joined if len(joined) > len(value) else value
             return
-    inside = value if isinstance(value, list) else value.values()
-    for each in inside:
-        yield from _lists(each, depth + 1)
+    for key, each in value.items() if isinstance(value, dict) else ((name, item) for item in value):
+        yield from _lists(each, key, depth + 1)
 
 
-def _has_time(item: Mapping[str, Any]) -> bool:
-    return any(TIME.search(key) for key in item)
+def _has_time(item: Mapping[str, Any], depth: int = 0) -> bool:
+    return any(TIME.search(key) or (isinstance(each, dict) and depth < DEEPEST and _has_time(each, depth + 1))
+               for key, each in item.items())
 
 
 def _columns(value: Any, depth: int = 0) -> list[dict[str, Any]] | None:
@@ -158,6 +162,8 @@ MOST_SEARCHED, SAMPLE, CELLS_AT_ONCE = 200_000, 400, 1_000_000
 LARGEST_ARRAY = 1 << 28
 # First line of an object that wraps an array.
 WRAPPED = re.compile(r'\{\s*"[^"]*"\s*:\s*\[?')
+BETWEEN = re.compile(r'[\s,]*')
+INDEXED = re.compile(r'(^|\.)\d+\.')
 Item = Mapping[str, str]
 
 
@@ -179,6 +185,9 @@ class JsonRows:
                 raise InvalidInput(f'{path}: its objects have more than {MOST_CHANNELS} fields; this is no log')
         if not found:
             raise InvalidInput(f'{path}: has no JSON object with fields')
+        if len(sample) == 1 and any(map(INDEXED.search, found)):
+            raise InvalidInput(f'{path}: is one object whose lists have no time ({quoted(next(iter(found)))}, '
+                               '...); write an object with a time a line')
         header = tuple(found)
         # {"path": "Vehicle.Speed", "value": 12} is one reading, not two fields.
         self.roles = roles_of(list(sample[0]))
@@ -216,11 +225,16 @@ class JsonRows:
         if Path(self.path).stat().st_size > LARGEST_ARRAY:
             raise InvalidInput(f'{self.path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an object '
                                'a line')
+        values, decoder, at = [], json.JSONDecoder(), 0
+        text = Path(self.path).read_text(encoding=self._encoding).strip()
         try:
-            values = json.loads(Path(self.path).read_text(encoding=self._encoding))
+            while at < len(text):
+                value, end = decoder.raw_decode(text, at)
+                values.append(value)
+                at = BETWEEN.match(text, end).end()  # type: ignore[union-attr]
         except (ValueError, RecursionError) as error:
             raise InvalidInput(f'{self.path}: is not JSON: {error}') from error
-        yield from enumerate(self._records(values), start=1)
+        yield from enumerate(self._records(values if len(values) > 1 else values[0]), start=1)
 
     def _records(self, value: Any) -> Iterator[Item]:
         try:
@@ -239,7 +253,8 @@ def _is_array(path: str | Path, encoding: str) -> bool:
             if not text.startswith('{'):
                 following = next((each for each in map(str.strip, lines[1:]) if each), '')
                 return text != '[' or not _is_object(following)
-            return text in ('{', '{"') or WRAPPED.fullmatch(text) is not None
+            return text in ('{', '{"') or WRAPPED.fullmatch(text) is not None or not (
+                any(map(str.strip, lines[1:])) or _is_object(text))
     return False
 
 

@@ -30,6 +30,10 @@ def read(tmp_path, text):
                            {'start_date': TIMES_S[30], 'details': OBJECTS[30:]}]}),
     '\n'.join(json.dumps({'batch': OBJECTS[first:first + 20]}) for first in (0, 20, 40)),
     json.dumps({'data': {'timestamp': TIMES_S, 'battery_temperature_c': TEMPERATURES_C}}),
+    ''.join(map(json.dumps, OBJECTS)), '\n'.join(json.dumps(each, indent=2) for each in OBJECTS),
+    json.dumps({'features': [{'geometry': {}, 'properties': each} for each in OBJECTS]}),
+    json.dumps({'data': {name: [{'value': value, 'timestamp': time_s} for time_s, value in zip(TIMES_S, values)]
+                         for name, values in (('battery_temperature_c', TEMPERATURES_C), ('x', TIMES_S))}}),
     json.dumps({'timestamp': dict(enumerate(TIMES_S)), 'battery_temperature_c': dict(enumerate(TEMPERATURES_C))}),
     json.dumps({'columns': ['time', 'battery_temperature_c'], 'index': [0, 1],
                 'data': list(zip(TIMES_S, TEMPERATURES_C))}),
@@ -43,11 +47,12 @@ def read(tmp_path, text):
         for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C))],
     ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server',
          'array under keys', 'several drives', 'an array a line', 'an array a channel',
+         'objects in a row', 'objects of several lines', 'a nested time', 'a list of readings a channel',
          'a column a channel', 'names and rows', 'a row of names',
          'a table a channel', 'names and values'])
 def test_each_form_has_the_same_readings(tmp_path, text):
     _, recording = read(tmp_path, text)
-    assert recording.format == 'JSON lines'
+    assert recording.format.startswith('JSON lines')
     temperature = recording.signals['battery_temperature_c']
     np.testing.assert_allclose(temperature.value, TEMPERATURES_C)
     np.testing.assert_allclose(temperature.time_s + recording.start_s, TIMES_S)
@@ -62,6 +67,11 @@ def test_a_history_of_home_assistant_names_entity_and_unit_once(tmp_path):
     _, recording = read(tmp_path, text)
     for signal in ('battery_temperature_c', 'ambient_c'):
         np.testing.assert_allclose(recording.signals[signal].value, TEMPERATURES_C, atol=1e-3)
+
+
+def test_a_list_without_times_is_refused_and_not_averaged(tmp_path):
+    with pytest.raises(InvalidInput, match='is one object whose lists have no time .*; write an object'):
+        read(tmp_path, json.dumps({'time': 0, 'points': [{'battery_temperature_c': at} for at in range(99)]}))
 
 
 def test_lists_of_two_cars_are_refused(tmp_path):
