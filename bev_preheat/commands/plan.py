@@ -24,9 +24,9 @@ from bev_preheat.commands.situation import (
     warn,
 )
 from bev_preheat.commands.terminal import result_console
-from bev_preheat.control.charging_doubt import given_target_pays_from
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
+from bev_preheat.control.target import given_target_pays_from
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text

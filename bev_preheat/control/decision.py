@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import goal_of_leg, Leg
 from bev_preheat.control.settings import defaults_of
-from bev_preheat.control.target_choice import TargetChoice
+from bev_preheat.control.target import TargetChoice
 from bev_preheat.estimation.forecast import Forecast
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.plan import Plan

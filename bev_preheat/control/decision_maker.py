@@ -22,7 +22,8 @@ from bev_preheat.control.forecast_plan import (
     seen_from_now,
 )
 from bev_preheat.control.regime import Regime
-from bev_preheat.control.target_choice import TargetChoice, TargetChooser, TargetSearchInput
+from bev_preheat.control.target import TargetChoice
+from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.soak import temperature_after
 from bev_preheat.numerics import NS_PER_S

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.departures import GridPrices
-    from bev_preheat.control.target_choice import TargetChoice
+    from bev_preheat.control.target import TargetChoice
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices
     from bev_preheat.vehicle.description import Vehicle

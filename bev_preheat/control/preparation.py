@@ -25,7 +25,7 @@ from bev_preheat.control.preparation_goal import (
     PreparationOutcome,
     PreparationProgress,
 )
-from bev_preheat.control.target_choice import TargetChoice, TargetSource
+from bev_preheat.control.target import TargetChoice, TargetSource
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import NS_PER_S

@@ -17,7 +17,6 @@ probability needs no plan: the targets found so far are weighed again at once.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import IntEnum
 import math
 from typing import Any, TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -25,7 +24,15 @@ from weakref import WeakKeyDictionary
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import CERTAIN, held_prospect, refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
-from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from
+from bev_preheat.control.target import (
+    ChargingDoubt,
+    given_target,
+    given_target_pays_from,
+    TargetChoice,
+    TargetSource,
+    unchosen,
+    with_figures,
+)
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -55,46 +62,6 @@ if TYPE_CHECKING:
 NO_CHARGER = "the route plan does not say the charger's power"
 
 
-class TargetSource(IntEnum):
-    """Source of the target; the numbers are those of PreheatPlan's constants TARGET_...."""
-
-    UNKNOWN = 0
-    GIVEN = 1
-    DEFAULT = 2
-    CHOSEN = 3
-
-
-@dataclass(frozen=True)
-class TargetChoice:
-    """
-    The target of a leg [deg C], its source and the reason as a sentence.
-
-    `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
-    with the target and without any further heating, from the latest search; NaN if unknown, infinite if
-    the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is
-    that of the Goal.
-    """
-
-    source: TargetSource
-    reason: str
-    target_c: float | None = None
-    heating_pays: bool = True
-    charging_time_s: float = math.nan
-    unheated_charging_time_s: float = math.nan
-    bought_energy_wh: float = math.nan
-    unheated_bought_energy_wh: float = math.nan
-    doubt: ChargingDoubt | None = None
-    heats_until_arrival: bool = False
-
-    def goal(self, goal: Goal) -> Goal:
-        """Return the Goal with this target."""
-        if self.heating_pays and self.target_c is None:
-            return goal
-        target_c = goal.target_temperature_c if self.target_c is None else self.target_c
-        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays,
-                       heats_until_arrival=self.heats_until_arrival)
-
-
 @dataclass(frozen=True, eq=False)
 class TargetSearchInput:
     """
@@ -118,7 +85,7 @@ class TargetSearchInput:
     @property
     def given(self) -> str:
         """The source of a given target, as a sentence; '' if no target is given."""
-        return _given(self.leg, self.settings)
+        return given_target(self.leg, self.settings)
 
     @property
     def remaining_s(self) -> float:
@@ -209,7 +176,7 @@ class TargetChooser:
 
     def without_charger(self, leg: Leg, settings: Settings) -> tuple[TargetChooser, TargetChoice]:
         """Return the TargetChoice of a leg whose charger is unknown, and that charges for certain."""
-        return TargetChooser(self.is_outdated), _unchosen(leg, settings, NO_CHARGER)
+        return TargetChooser(self.is_outdated), unchosen(leg, settings, NO_CHARGER)
 
     def choose(self, now: TargetSearchInput) -> tuple[TargetChooser, TargetChoice]:
         """
@@ -235,7 +202,7 @@ class TargetChooser:
                 chooser = chooser._revised(now)
             chooser = chooser._gone_on(now, charger)
         except (InvalidInput, PlanningFailure, ArithmeticError) as error:
-            chooser = replace(chooser, search=None, weighed=None, choice=_unchosen(
+            chooser = replace(chooser, search=None, weighed=None, choice=unchosen(
                 now.leg, now.settings, f'no target can be chosen: {error}'))
         assert chooser.choice is not None
         return chooser, chooser.choice
@@ -246,13 +213,13 @@ class TargetChooser:
         chooser = self if key == self.key else TargetChooser(self.is_outdated, key)
         held, choice = held_prospect(chooser.held, prospect.seen_from(now.remaining_s)), chooser.choice
         if prospect.probability == 1.0:
-            choice = _unchosen(now.leg, now.settings, why)
+            choice = unchosen(now.leg, now.settings, why)
         elif choice is None or held is not chooser.held or chooser._is_due(now):
             chooser = replace(chooser, is_outdated=False, searched=now, held=held)
             pays_from = given_target_pays_from(
                 now.vehicle, now.route, now.state, now.goal, held, now.settings.prices, now.plan_to)
             choice = replace(
-                _unchosen(now.leg, now.settings, why),
+                unchosen(now.leg, now.settings, why),
                 heating_pays=chooser._goes_on() or held.probability >= pays_from,
                 doubt=ChargingDoubt(held.probability, pays_from, chooser._starts_by_ns(
                     now, now.goal.target_temperature_c)))
@@ -360,7 +327,7 @@ class TargetChooser:
         """
         best, without, before = search.best(), search.without, self.choice
         if math.isinf(best.cost):
-            return self, _with_figures(_unchosen(now.leg, now.settings, search.verdict(best)), without, without)
+            return self, with_figures(unchosen(now.leg, now.settings, search.verdict(best)), without, without)
         kept, kept_c, chooser = without, None, self
         if before is not None and before.heating_pays and before.target_c is not None:
             kept_c = before.target_c
@@ -374,13 +341,13 @@ class TargetChooser:
                 step = search.look_at(step_c)
                 if step.cost < kept.cost:
                     kept, kept_c, chooser = step, step_c, replace(self, is_outdated=True)
-        return chooser, _with_figures(TargetChoice(
+        return chooser, with_figures(TargetChoice(
             TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None,
             heats_until_arrival=now.heats_until_arrival), kept, without)
 
 
 def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
-    return _with_figures(
+    return with_figures(
         TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
         search.without)
 
@@ -394,26 +361,9 @@ def _obstacle(now: TargetSearchInput) -> str:
     return ''
 
 
-def _given(leg: Leg, settings: Settings) -> str:
-    """Return the source of a given target, as a sentence; '' if no target is given."""
-    if leg.target_temperature_c is not None:
-        return 'The target is given by the route plan.'
-    if settings.target_temperature_c is not None:
-        return 'The target is given by the parameter target_battery_temperature.'
-    return ''
-
-
-def _unchosen(leg: Leg, settings: Settings, why: str) -> TargetChoice:
-    """Return the TargetChoice if no target is chosen: the given target, or the default for the reason `why`."""
-    given = _given(leg, settings)
-    if given:
-        return TargetChoice(TargetSource.GIVEN, given)
-    return TargetChoice(TargetSource.DEFAULT, f"The target is the vehicle's default: {why.rstrip('.')}.")
-
-
 def _nothing_to_charge(now: TargetSearchInput, arrival_soc: float, wanted_soc: float | None) -> TargetChoice:
     if wanted_soc is None:
-        return _unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
+        return unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
                          'the state of charge for departure is unknown')
     choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
         TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and departure '
@@ -444,10 +394,3 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
                 f'arrival would save less than {share} of the cost. Some heating pays as soon as an hour is '
                 f'worth {search.break_even_per_h():.2f} to you.')
     return f'The earlier target stays: no other is cheaper by {share}.'
-
-
-def _with_figures(choice: TargetChoice, heated: TargetWorth, without: TargetWorth) -> TargetChoice:
-    return replace(choice, charging_time_s=heated.charging_time_s,
-                   unheated_charging_time_s=without.charging_time_s,
-                   bought_energy_wh=heated.bought_energy_wh,
-                   unheated_bought_energy_wh=without.bought_energy_wh)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Mission
-    from bev_preheat.control.target_choice import TargetChoice
+    from bev_preheat.control.target import TargetChoice
     from bev_preheat.planning.plan import Plan
 
 # Fields of the message that are NaN without a plan, by the fields of Plan.

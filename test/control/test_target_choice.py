@@ -28,7 +28,8 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.control.target_choice import TargetChooser, TargetSource
+from bev_preheat.control.target import TargetSource
+from bev_preheat.control.target_choice import TargetChooser
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
 from bev_preheat.planning.planner import plan_preheating, plan_unheated

@@ -28,7 +28,8 @@ from bev_preheat.charging.target_worth import TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.target_choice import TargetChooser, TargetSource
+from bev_preheat.control.target import TargetSource
+from bev_preheat.control.target_choice import TargetChooser
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -15,7 +15,7 @@ from stepwise import Stepwise
 from bev_preheat.control.decision import Decision
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.target_choice import TargetSource
+from bev_preheat.control.target import TargetSource
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message

@@ -13,15 +13,15 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.nonlinear_program import charging_steps, symbols
-from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
-from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step
+from bev_preheat.nonlinear_program import symbols
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
+from bev_preheat_studies.optimality import charging_program
+from bev_preheat_studies.optimality.charging_program import ChargingProgram, solve_charging, symbolic_charging_step
 
 REFERENCE, LFP = load_vehicle('reference'), load_vehicle('mid_size_lfp')
 COOLANT = replace(REFERENCE, heat_path=HeatPath(40.0, 8e3, 600.0, 0.0))
@@ -126,7 +126,7 @@ def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
 def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     # With hardly rounded corners, only the session's own equations remain.
     monkeypatch.setattr(symbols, 'TEMPERATURE_WIDTH_K', 0.01)
-    monkeypatch.setattr(charging_steps, 'SWITCH_K', 0.05)
+    monkeypatch.setattr(charging_program, 'SWITCH_K', 0.05)
     stop = ChargingStop(88e3, 0.5, -8.0, 1500.0, 400.0)
     session = charge(vehicle, stop, BatteryState(9.0, 0.2, 0.0, 0.0))
     step = symbolic_charging_step(vehicle, stop)

@@ -103,7 +103,7 @@ def run(arguments: Namespace) -> int:
 
 def compare_trip(seed: int, number: int) -> WorthGap:
     """Return the WorthGap of one drawn trip."""
-    from bev_preheat.nonlinear_program.charging_program import solve_charging
+    from bev_preheat_studies.optimality.charging_program import solve_charging
     trip = draw_charging_trip(seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     car = trip.vehicle.name, not trip.vehicle.heat_path.is_direct, charging_of(trip.vehicle).cooling is not None

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The plan of a vehicle that may not charge: its sentence, and a given target in doubt.
+The target of a leg as a value, with its source and reason, also of a vehicle that may not charge.
 
 A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's
 default, is kept or not heated to at all: it is heated to from the probability on from which that costs less
@@ -9,7 +9,9 @@ than no heating. Once it is, the decision stays until the probability changes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from datetime import datetime
+from enum import IntEnum
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.charging.target_worth import Prices
+    from bev_preheat.charging.target_worth import Prices, TargetWorth
+    from bev_preheat.control.inputs import Leg
+    from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
@@ -98,3 +102,68 @@ def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, 
         # It arrives that warm anyway.
         return 0.0
     return pays_from_probability(target, search.without)
+
+
+class TargetSource(IntEnum):
+    """Source of the target; the numbers are those of PreheatPlan's constants TARGET_...."""
+
+    UNKNOWN = 0
+    GIVEN = 1
+    DEFAULT = 2
+    CHOSEN = 3
+
+
+@dataclass(frozen=True)
+class TargetChoice:
+    """
+    The target of a leg [deg C], its source and the reason as a sentence.
+
+    `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
+    with the target and without any further heating, from the latest search; NaN if unknown, infinite if
+    the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is
+    that of the Goal.
+    """
+
+    source: TargetSource
+    reason: str
+    target_c: float | None = None
+    heating_pays: bool = True
+    charging_time_s: float = math.nan
+    unheated_charging_time_s: float = math.nan
+    bought_energy_wh: float = math.nan
+    unheated_bought_energy_wh: float = math.nan
+    doubt: ChargingDoubt | None = None
+    heats_until_arrival: bool = False
+
+    def goal(self, goal: Goal) -> Goal:
+        """Return the Goal with this target."""
+        if self.heating_pays and self.target_c is None:
+            return goal
+        target_c = goal.target_temperature_c if self.target_c is None else self.target_c
+        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays,
+                       heats_until_arrival=self.heats_until_arrival)
+
+
+def given_target(leg: Leg, settings: Settings) -> str:
+    """Return the source of a given target, as a sentence; '' if no target is given."""
+    if leg.target_temperature_c is not None:
+        return 'The target is given by the route plan.'
+    if settings.target_temperature_c is not None:
+        return 'The target is given by the parameter target_battery_temperature.'
+    return ''
+
+
+def unchosen(leg: Leg, settings: Settings, why: str) -> TargetChoice:
+    """Return the TargetChoice if no target is chosen: the given target, or the default for the reason `why`."""
+    given = given_target(leg, settings)
+    if given:
+        return TargetChoice(TargetSource.GIVEN, given)
+    return TargetChoice(TargetSource.DEFAULT, f"The target is the vehicle's default: {why.rstrip('.')}.")
+
+
+def with_figures(choice: TargetChoice, heated: TargetWorth, without: TargetWorth) -> TargetChoice:
+    """Return a TargetChoice with the figures of its session, and of that without any further heating."""
+    return replace(choice, charging_time_s=heated.charging_time_s,
+                   unheated_charging_time_s=without.charging_time_s,
+                   bought_energy_wh=heated.bought_energy_wh,
+                   unheated_bought_energy_wh=without.bought_energy_wh)
