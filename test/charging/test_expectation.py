@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Expected cost of preheating if charging is uncertain: by hand, its limits, its optimum, and refused inputs."""
-
 from dataclasses import replace
 import math
 
@@ -15,16 +14,25 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
+from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
+from bev_preheat_msgs.msg import RoutePlan
 
 REFERENCE, PRICES = load_vehicle('reference'), Prices(0.6, 30.0)
 STATE, GOAL = BatteryState(-7.0, 0.5), Goal(25.0)
 ROUTE = Route(np.full(25, 60.0), *(np.full(25, value) for value in (25.0, 15e3, 15e3, -8.0, 1500.0, 400.0, 15e3)))
+
+
+def problems_of(message):
+    with pytest.raises(InvalidInput) as refusal:
+        mission_from_message(message, REFERENCE.defaults, 30.0)
+    return refusal.value.problems
 
 
 def worth(prospect, vehicle=REFERENCE):
@@ -123,3 +131,11 @@ def test_a_car_that_waits_for_the_charger_pays_the_wait_and_a_session_from_colde
     assert waited.charged_cost == charged.charged_cost
     # Half an hour at 30 per hour.
     assert waited.not_charged_cost - 15.0 > waited.charged_cost
+
+
+@pytest.mark.parametrize('field', [
+    'charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
+@pytest.mark.parametrize('value', [math.nan, -0.1, math.inf])
+def test_a_bad_prospect_in_a_message_is_refused(field, value):
+    assert any(problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
+               for problem in problems_of(RoutePlan(**{field: value})))

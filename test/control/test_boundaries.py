@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boundary values, and the rules of gate and inbox: behaviour exactly at a limit, and just beyond it."""
-
-
 import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 
@@ -12,7 +10,9 @@ from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
 
 STATE = BatteryState(-7.0, 0.8)
 
@@ -89,3 +89,35 @@ def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
     assert hint in sentences[0]
     assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentences[1]
     assert inbox.scale_verdict.since_ns == at(8.0)
+
+
+@pytest.mark.parametrize('status', [Status.HEATING, Status.TARGET_UNREACHABLE])
+def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
+    """A heater that was switched off a moment ago waits, regardless of the plan's status."""
+    trip, target_c = steady_leg(480.0), 25.0
+    # So cold that heating all the way misses the target by a tenth of a kelvin, or by a kelvin more.
+    cold_c = 10.0
+    for _ in range(3):
+        cold_c += plan_preheating(VEHICLE, trip.route, BatteryState(cold_c, 0.8),
+                                  Goal(target_c)).shortfall_k - 0.1
+    cold_c -= status is Status.TARGET_UNREACHABLE
+    supervisor = Supervisor(VEHICLE, Settings(
+        estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=120.0))
+    warm = BatteryState(target_c + 1.0, 0.8)
+
+    def step(after_s, *events):
+        supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
+        return supervisor.state.latest_command
+
+    def state(after_s, battery):
+        return BatteryStateArrived(Measurement(battery, NOW_NS + after_s * NS_PER_S))
+
+    step(0, RouteArrived(Mission('home', (trip,))))
+    assert step(0, state(0, BatteryState(cold_c, 0.8))).battery_heating_power_w > 0.0
+    assert step(1, state(1, warm)).battery_heating_power_w == 0.0
+    # Another status must hold for 10 s. Warmed as if heated meanwhile, or the target would be out of reach.
+    for after_s in (2, 12):
+        command = step(after_s, state(after_s, BatteryState(cold_c + 0.015 * after_s, 0.8)))
+    waits = Status.WAITING if status is Status.HEATING else status
+    shown = supervisor.state.decision.status
+    assert (command.battery_heating_power_w, command.reason, shown) == (0.0, waits, waits)

@@ -345,3 +345,12 @@ def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
     heated_s = tau_s * log((heated_c - start_c) / (heated_c - wanted_c))
     assert sum(cheap_w) * STEP_S == pytest.approx(FULL_W * heated_s, rel=0.05)
     assert sum(dear_w) < 0.05 * sum(cheap_w)
+
+
+def test_nothing_happens_until_its_window():
+    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
+    car.tick()
+    assert car.goal is None and car.state is DepartureState.LATER
+    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
+    car.go(2 * MINUTE)
+    assert car.goal is not None

@@ -170,3 +170,10 @@ def test_what_the_model_does_not_describe_teaches_nothing():
     assert after.log_factors == pytest.approx(before.log_factors, abs=0.02)
     assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.05)
     assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+
+
+def test_without_voltage_and_current_the_route_goes_by_time():
+    car = Car(reports_power=False)
+    car.go(200, DRIVE_W)
+    car.go(300, 0.0, 0.0)
+    assert (car.planner.state.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)

@@ -544,3 +544,11 @@ def test_a_goal_that_takes_hours_is_given_up_after_six():
         assert not car.outcomes
         car.state(hour * 3600.0)
     assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
+
+
+@pytest.mark.parametrize('below_k, ending', [(0.19, PreparationEnding.REACHED), (0.21, PreparationEnding.MISSED)])
+def test_a_battery_a_fifth_of_a_kelvin_below_the_target_is_warm(below_k, ending):
+    car = Car()
+    preparation_goal = car.want(600.0)
+    car.state(600.0, temperature_c=TARGET_C - below_k)
+    assert car.ended(preparation_goal).ending is ending

@@ -188,3 +188,27 @@ def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
     trip.here_m += SPEED_MPS * 6.0
     trip.tell(ProgressArrived(Progress(trip.here_m, trip.clock_ns, 'home')))
     assert trip.planner.state.place.latest.distance_m == trip.here_m
+
+
+def test_positions_after_the_end_are_no_fault_and_count_no_more():
+    trip = arrived_early()
+    trip.is_over = True
+    for distance_m in (7000.0, 6900.0, 3000.0, 0.0):
+        trip.step(DRIVE_W, CONSUMERS_W)
+        trip.send_position(distance_m)
+    assert (trip.violations, trip.planner.state.inbox.refused_progress) == ([], None)
+    assert trip.planner.state.place.has_ended
+
+
+def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
+    trip = Trip(has_position=False)
+    for number in range(80):
+        trip.step(DRIVE_W * (0.3 if number % 2 else 0.6), CONSUMERS_W)
+    assert (trip.status, trip.command_w) == (Status.ARRIVED, 0.0)
+    # Of a moment before the end, which was assumed only.
+    route_id, stamp_ns, length_m = trip.route
+    trip.route = route_id, stamp_ns + 300 * NS_PER_S, length_m
+    trip.here_m, trip.fixed_m = 0.0, None
+    trip.send_again()
+    # 80 s of its time are left.
+    assert 70 <= trip.heats(30) <= 80

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The native core compared with the Python equations, at random points, and its refusals."""
-
+from ctypes import addressof
 from dataclasses import replace
 from math import inf, isfinite, nan
 
@@ -226,3 +226,20 @@ def test_arrays_of_any_layout_are_taken(make_integrator):
     assert ends[0] == ends[1] == ends[2]
     assert (run_forward(trip, make_integrator, 0.8, -4.0, whole)[1].tolist()
             == run_forward(trip, make_integrator, 0.8, -4.0, whole.astype(float))[1].tolist())
+
+
+def test_an_axis_that_does_not_rise_is_refused():
+    table = Table((0.1, 0.4, 0.4), (0.0,), ((1.0,), (2.0,), (3.0,)))
+    native = NativeVehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=table)))
+    assert core().bev_check_vehicle(native.address) == -2
+
+
+@pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
+def test_an_input_that_is_no_number_is_refused(column):
+    trip = trip_of_situation()
+    native = trip_in_core(trip)
+    trip.columns.column(column)[0] = nan
+    states = np.full((2, len(trip.route) + 1), 0.5)
+    assert core().bev_run(vehicle_in_core(trip.vehicle).address, 2, native.address, 0, None, None,
+                          *map(place, states)) == -3
+    assert addressof(native.struct) == native.address

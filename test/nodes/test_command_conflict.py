@@ -101,3 +101,16 @@ def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
         commands.clear()
         commands.wait_for(heats, 'heat again')
         assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
+
+
+def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
+    with feeding(rehearsal) as car:
+        commands, diagnostics = car.commands, car.diagnostics
+        rehearsal.start('planner', *QUICK)
+        rehearsal.start('planner', *QUICK)
+        diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
+        # One detects the other slightly earlier; together they send 40 commands per second.
+        rehearsal.wait_until(lambda: len(commands.messages) >= 40
+                             and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
+        commands.clear()
+        assert all(map(is_in_conflict, commands.wait_for_count(40)))

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for vehicles with a heat path, against a fine simulation of the equations written here."""
-
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import cache
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
@@ -297,3 +297,10 @@ def test_coolant_that_takes_more_heat_than_it_gives_leaves_a_plan(is_on):
         plan = plan_preheating(car, route, BatteryState(-20.0, 0.9), Goal(50.0))
     assert np.isfinite(plan.battery_temperature_c).all()
     assert plan.arrival_temperature_c == pytest.approx(50.0, abs=0.01)
+
+
+@pytest.mark.parametrize('field, value', [('heater_power_w', 7001.0), ('heater_power_w', -1.0),
+                                          ('coolant_excess_k', 200.0)])
+def test_impossible_states_of_heater_and_coolant_are_refused(field, value):
+    with pytest.raises(InvalidInput, match=f'{value:g} is not allowed'):
+        plan_preheating(slow(BOTH), ROUTE, replace(STATE, **{field: value}), GOAL)

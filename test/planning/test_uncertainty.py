@@ -5,10 +5,10 @@ Plans under an Uncertainty, against a recursion of the test's own on a battery w
 The oracle knows C T' = eta P + gamma (T_ambient - T) only: no charge, no resistance. Its temperatures are finer
 and its expectation is a sum over nine deviations of a normal distribution, not a diffusion.
 """
-
 import numpy as np
 import pytest
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
@@ -94,3 +94,9 @@ def test_a_heater_that_is_on_stays_on_where_one_that_is_off_stays_off():
     at_edge = [[planned(edge_c + above_k, 1.0, is_heating).heating_start_s == 0.0
                 for above_k in np.arange(-1.5, 1.5, 0.1)] for is_heating in (False, True)]
     assert sum(at_edge[1]) > sum(at_edge[0]) > 0
+
+
+@pytest.mark.parametrize('deviation_k', [np.nan, np.inf, -0.1, 10.1])
+def test_an_uncertainty_that_is_none_is_refused(deviation_k):
+    with pytest.raises(InvalidInput, match='uncertainty of the arrival: .* is not allowed; it must be 0'):
+        planned(2.0, deviation_k)

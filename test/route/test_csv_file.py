@@ -119,3 +119,14 @@ def test_the_reference_names_every_column():
     reference = (Path(__file__).parents[2] / 'docs' / 'reference' / 'files.md').read_text()
     table = reference.partition('## Route CSV')[2].partition('\n## ')[0]
     assert [name for name in LIMITS if f'\n| `{name}` |' not in table] == []
+
+
+def test_rows_of_another_length_are_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,10,5e3,6e3,-7,1500,500\n30,10,5e3,6e3,-7,1500,500\n'
+                         '30,10,5e3,6e3,-7,1500\n') == [', line 4: has 6 values; the header names 7 columns']
+
+
+def test_cells_that_are_no_numbers_are_refused(tmp_path):
+    assert problems_with(tmp_path, f'{HEADER}\n30,ten,5e3,6e3,-7,1500,500\n30,nan,5e3,6e3,-7,1500,500\n'
+                         '30,,5e3,6e3,-7,1500,500\n') == [
+        f', line {line}: speed_mps: {text!r} is not a number' for line, text in ((2, 'ten'), (3, 'nan'), (4, ''))]

@@ -211,3 +211,11 @@ def test_each_segment_keeps_its_mean_its_square_and_its_magnitude(name):
         assert sums / route.duration_s == pytest.approx(expected_w, rel=1e-9, abs=1e-6)
     assert driven.total_duration_s == pytest.approx(route.total_duration_s, rel=1e-12)
     assert driven.distance_m == pytest.approx(route.distance_m, rel=1e-12)
+
+
+@pytest.mark.parametrize('field', list(LIMITS))
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_refused(field, value):
+    values = columns()[field]
+    values[2] = value
+    assert problems_with(**{field: values})[0].startswith(f'{field}[2]: {value:g} is not allowed; it must be ')

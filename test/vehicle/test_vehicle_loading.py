@@ -300,3 +300,9 @@ def test_unknown_name(name, hint):
         load_vehicle(name)
     assert str(refused.value).startswith(f"vehicle '{name}' is unknown{hint}; known: ")
     assert 'reference, shell_and_core, small_car' in str(refused.value)
+
+
+def test_key_written_twice_is_refused(tmp_path):
+    text = yaml.safe_dump(GOOD).replace('  efficiency: 0.86', '  efficiency: 0.86\n  efficiency: 0.68')
+    problem, = problems_of(written(tmp_path, text))
+    assert problem.startswith('is not YAML: ') and "'efficiency' is a duplicate key" in problem
