@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 
 from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.electrical import fit_electrical
-from bev_preheat.identification.parameters import ALWAYS, IN_THE_FILE, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.parameters import ALL_STRUCTURES, ALWAYS, NAMES, parameters_of, STRUCTURES
 from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.thermal import Course
@@ -114,16 +114,16 @@ class Fitter:
         """Return the Electrical of the kept trips (indices; None: all)."""
         return fit_electrical(self.vehicle, [self.trips[at] for at in self._kept(kept)])
 
-    def find_dispersion(self, electrical: Electrical) -> ThermalFit:
+    def find_dispersion(self, electrical: Electrical, structures: Iterable[str] = STRUCTURES) -> ThermalFit:
         """
-        Set the readings' noise and `dispersion` from a fit of one mass to all trips; return that fit.
+        Set the readings' noise and `dispersion` from the best fit of `structures` to all trips; return that fit.
 
         If the model were exact, the trips' gradients would vary as their information says. They vary more by the
         factor that is found here, because errors of model and sensor last (quasi-likelihood).
         """
-        structure = IN_THE_FILE[-1]
         self.dispersion = LEAST_DISPERSION
-        fit = self.fit(structure, None, electrical)
+        fit = min((self.fit(structure, None, electrical) for structure in structures), key=lambda fit: fit.cost)
+        structure = fit.structure
         model = self.model(structure)
         sensors_c = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, electrical)[0]
                      for course, start_c in zip(self.courses, fit.starts_c)]
@@ -148,8 +148,9 @@ class Fitter:
     def free_names(self, structure: str, kept: Sequence[int] | None = None) -> list[str]:
         """Return the names of the free thermal parameters of a structure for the kept trips."""
         heating = any(self.has_heating[at] for at in self._kept(kept))
-        return [name for name in NAMES if name in ALWAYS or name in STRUCTURES[structure]
-                or (heating and name == 'heat_lag')]
+        own = ALL_STRUCTURES[structure]
+        return [name for name in NAMES if name in ALWAYS or name in own.names
+                or (heating and not own.has_shell and name == 'heat_lag')]
 
     def fit(self, structure: str, kept: Sequence[int] | None = None, electrical: Electrical | None = None,
             begin: ThermalFit | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
@@ -226,7 +227,9 @@ class Fitter:
     def model(self, structure: str) -> ThermalModel:
         """Return the ThermalModel of a structure."""
         if structure not in self._models:
-            self._models[structure] = ThermalModel(self.vehicle, (*ALWAYS, 'heat_lag', *STRUCTURES[structure]))
+            own = ALL_STRUCTURES[structure]
+            self._models[structure] = ThermalModel(
+                self.vehicle, (*ALWAYS, *own.names, *(() if own.has_shell else ('heat_lag',))), own)
         return self._models[structure]
 
     def trip_residuals(self, model: ThermalModel, at: int, theta: FloatArray, start_offset_k: float,

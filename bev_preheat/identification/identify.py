@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
 from bev_preheat.identification.fit import Fitter
-from bev_preheat.identification.parameters import NAMES, STRUCTURES
+from bev_preheat.identification.parameters import IN_CORE, NAMES, STRUCTURES, structures_of
 from bev_preheat.identification.result import Estimated, Identification, record_next, ResistanceCurve, verdict_of
 from bev_preheat.identification.structures import (
     baselines,
@@ -41,7 +40,7 @@ from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.numerics import ARRAYS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import ThermalFit
@@ -54,27 +53,27 @@ AT_BOUND = 1e-4
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
              tell: Callable[[str], None] = lambda stage: None,
-             structures_tried: Iterable[str] = tuple(STRUCTURES)) -> Identification:
+             structures_tried: Sequence[str] = ()) -> Identification:
     """
     Return the Identification of the car that drove the Trips, from a START vehicle; it is called `name`.
 
-    `tell` gets each stage; `structures_tried` must include those of a vehicle file. Raises InvalidInput with
+    `tell` gets each stage; without `structures_tried` they are those of START. Raises InvalidInput with
     reasons if the trips determine too little, and names the recordings that are missing.
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
-    if vehicle.heat_path.is_shell:
-        raise InvalidInput('START: thermal: its values are not identified, and all others would be fitted to one '
-                           'mass; leave it out of START, and add it to the result again')
     fitter = Fitter(vehicle, trips)
     tell('voltage and current')
     electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
-    fitter.find_dispersion(electrical)
-    structures, fits = try_structures(fitter, structures_tried, electrical, electricals, tell)
-    structure = chosen_structure(structures)
+    tried = structures_tried or structures_of(vehicle, any(fitter.has_heating))
+    fitter.find_dispersion(electrical, tried)
+    structures, fits = try_structures(fitter, tried, electrical, electricals, tell)
+    structure = chosen_structure(structures, [trip.kind for trip in trips])
     tell('intervals')
     full = fits[structure]
     intervals = intervals_of(fitter, full)
+    if STRUCTURES[structure].has_shell:
+        intervals = wider(fitter, intervals, fitter.fit(structure + IN_CORE, None, electrical, full))
     held, fit = keep_start(fitter, full, intervals)
     if held:
         intervals = wider(fitter, intervals, fit)

@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import figure
 from bev_preheat.identification.check import rms
-from bev_preheat.identification.structures import graded, LEAST_GAIN
+from bev_preheat.identification.structures import graded, misfit_gains
 from bev_preheat.identification.uncertainty import QUANTILE, SYSTEMATIC_DEVIATIONS
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
         if one in labels and other in labels:
             yield f'Known only together (correlation {ratio:+.2f}): {labels[one]} and {labels[other]}.'
     if left_out:
-        yield from _structures(structures, structure)
+        yield from _structures(structures, structure, [trip.kind for trip in left_out])
 
 
 def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
@@ -102,19 +102,14 @@ def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
     yield f'Resistance above {high_c:.0f} degC is extrapolated.'
 
 
-def _structures(structures: Sequence[StructureResult], structure: str) -> Iterator[str]:
-    own = next(result for result in structures if result.structure == structure)
-    better = [result for result in structures if not result.in_the_file
-              and result.rmse_k < own.rmse_k * (1.0 - LEAST_GAIN)]
+def _structures(structures: Sequence[StructureResult], structure: str, kinds: Sequence[str]) -> Iterator[str]:
+    first, own = structures[0], next(result for result in structures if result.structure == structure)
     diverging = [result.structure for result in structures if result.diverges]
-    if better:
-        best = min(better, key=lambda result: result.rmse_k)
-        yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out). '
-               f'{best.structure} predicts them with {best.rmse_k:.2f} K (worst {best.worst_k:.2f} K), but plans, '
-               'program and core have one mass, so it stays out of the file.')
-    else:
-        yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
-               'no other structure predicts unseen trips clearly better.')
+    yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
+           + ('no other structure explains unseen trips clearly better.' if own is first else
+              f'it explains unseen trips better than {first.structure}, by '
+              f'{figure(float(misfit_gains(first, own, kinds).sum()), 3)} in the log-likelihood '
+              f'(RMSE {first.rmse_k:.2f} K, worst {first.worst_k:.2f} K).'))
     if diverging:
         yield f'On these trips the fit diverges: {", ".join(diverging)}.'
 
@@ -271,9 +266,8 @@ class Identification:
 
 def _row(result: StructureResult) -> dict[str, Any]:
     return {'structure': result.structure, 'rmse_k': _or_none(result.rmse_k), 'worst_k': _or_none(result.worst_k),
-            'cost': _or_none(result.cost), 'misfit': _or_none(result.misfit),
-            'errors_k': list(map(float, result.errors_k)),
-            'in_the_file': result.in_the_file}
+            'cost': _or_none(result.cost), 'misfits': list(result.misfits),
+            'errors_k': list(map(float, result.errors_k))}
 
 
 def _or_none(value: float) -> float | None:

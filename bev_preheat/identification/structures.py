@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_preheat.identification.check import predict, rms
 from bev_preheat.identification.coverage import LEAST_TRIPS
-from bev_preheat.identification.parameters import IN_THE_FILE
+from bev_preheat.identification.parameters import STRUCTURES
 from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import Fitter, ThermalFit
+    from bev_preheat.numerics import FloatArray
 
-# A structure with more parameters must predict the arrivals of unseen trips better by this share to be named as
-# better, and explain their readings better by this part of the misfit to be chosen.
-LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
+# A structure other than the first must explain the readings of unseen trips better by this part of the misfit for
+# each of its own parameters, and by the standard error of the gain; to be tried on them, those of all trips.
+LEAST_MISFIT_GAIN = 2.0
 SENSOR_NOISE_K = 0.1
 # From this error on [K] the equations diverge; no battery errs so much.
 MOST_ERROR_K = 200.0
@@ -32,17 +33,15 @@ MOST_ERROR_K = 200.0
 @dataclass(frozen=True)
 class StructureResult:
     """
-    A structure's fit cost, and its misfit and errors [K] on trips left out.
+    A structure's fit cost, and its misfits and errors [K] on trips left out.
 
-    The misfit is the negative log-likelihood of the readings of all trips left out, relative to the best course;
-    `in_the_file`: a vehicle file can hold the structure.
+    A misfit is the negative log-likelihood of the readings of a trip left out, relative to the best course.
     """
 
     structure: str
     cost: float
-    misfit: float
+    misfits: tuple[float, ...]
     errors_k: tuple[float, ...]
-    in_the_file: bool
 
     @property
     def diverges(self) -> bool:
@@ -97,14 +96,21 @@ def left_out_electricals(fitter: Fitter) -> list[Electrical]:
 
 def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical, electricals: Sequence[Electrical],
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
-    """Return the StructureResult of each of `structures`, and its fit to all trips; `tell` gets each name."""
-    results, fits = [], {}
+    """
+    Return the StructureResult of each of `structures` that may be chosen, and its fit to all trips.
+
+    `tell` gets each name.
+    """
+    results: list[StructureResult] = []
+    fits: dict[str, ThermalFit] = {}
     if len(fitter.trips) < LEAST_TRIPS:
         electricals = ()
     for structure in structures:
         tell(f'structure: {structure}')
-        fit = fits[structure] = fitter.fit(structure, None, whole)
-        errors_k, misfit = [], 0.0
+        fit = fitter.fit(structure, None, whole)
+        if results and fit.cost > min(result.cost for result in results) - LEAST_MISFIT_GAIN:
+            continue
+        fits[structure], errors_k, misfits = fit, [], []
         for at, electrical in enumerate(electricals):
             tell(f'structure: {structure}, without {fitter.trips[at].name}')
             without = fitter.fit(structure, _others(fitter, at), electrical, fit)
@@ -112,16 +118,28 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
             trip = course.trip
             readings_c, _ = fitter.model(structure).course(course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
-            misfit += fitter.misfit(without, at)
-        results.append(StructureResult(structure, fit.cost, misfit, tuple(errors_k), structure in IN_THE_FILE))
+            misfits.append(fitter.misfit(without, at))
+        results.append(StructureResult(structure, fit.cost, tuple(misfits), tuple(errors_k)))
     return results, fits
 
 
-def chosen_structure(results: Sequence[StructureResult]) -> str:
-    """Return the simplest structure of a vehicle file unless another explains unseen trips better."""
-    best, *others = [result for result in results if result.in_the_file]
+def misfit_gains(one: StructureResult, other: StructureResult, kinds: Sequence[str]) -> FloatArray:
+    """
+    Return by how much another structure explains each trip left out better; `kinds` are those of all trips.
+
+    A lonely trip of its kind is not counted: the others do not determine its part of the model.
+    """
+    told = [kinds.count(kind) > 1 for kind in kinds]
+    return (np.array(one.misfits) - np.array(other.misfits))[told] if one.misfits else np.zeros(0)
+
+
+def chosen_structure(results: Sequence[StructureResult], kinds: Sequence[str]) -> str:
+    """Return the first structure unless another explains unseen trips better; `kinds` are those of all trips."""
+    best, *others = results
     for result in others:
-        if result.misfit < best.misfit - LEAST_MISFIT_GAIN:
+        gains = misfit_gains(best, result, kinds)
+        error = math.sqrt(len(gains)) * float(gains.std(ddof=1)) if len(gains) else 0.0
+        if gains.sum() > max(LEAST_MISFIT_GAIN * len(STRUCTURES[result.structure].names), error):
             best = result
     return best.structure
 
@@ -168,7 +186,7 @@ def baselines(fitter: Fitter) -> dict[str, StructureResult]:
         coefficients, *_ = np.linalg.lstsq(columns[kept], warmed_k[kept], rcond=None)
         errors_k.append(float(columns[at] @ coefficients - warmed_k[at]))
     found = {'constant temperature': tuple(-warmed_k), 'regression on I^2': tuple(errors_k)}
-    return {name: StructureResult(name, math.nan, math.nan, errors, False) for name, errors in found.items()}
+    return {name: StructureResult(name, math.nan, (), errors) for name, errors in found.items()}
 
 
 def _others(fitter: Fitter, left_out: int) -> list[int]:

@@ -19,12 +19,12 @@ import casadi
 import numpy as np
 
 from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
-from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.parameters import NAMES, Structure, STRUCTURES
 from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.description import DIRECT, HeatPath, Leakage
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
     from bev_preheat.vehicle.description import Vehicle
 
-# Core, shell, heat under way, sensor.
-STATES = 4
+# Battery or core, heat under way, sensor.
+STATES = 3
 INPUTS = 8
 # Offset, slope and curvature that correct the open-circuit voltage; the resistance over charge follows.
 VOLTAGES = 3
@@ -49,6 +49,7 @@ DRIVE_STEP_S, STAND_STEP_S = 15, 300
 SETTLING_S = 7200.0
 # A signal with steps below this is continuous [K].
 LEAST_RESOLUTION_K = 0.2
+ONE_MASS = STRUCTURES['one mass']
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,15 +151,14 @@ class ThermalModel:
     Parameters (PARAMETERS,) are coordinates: those of `parameters.NAMES`, then the resistance's log factors.
     """
 
-    def __init__(self, vehicle: Vehicle, free: Collection[str]) -> None:
+    def __init__(self, vehicle: Vehicle, free: Collection[str], structure: Structure = ONE_MASS) -> None:
         """
         Take the START vehicle; the step and its derivatives are derived at first use.
 
-        Slopes over names that are not `free` are 0. Without its parameters there is no shell.
+        Slopes over names that are not `free` are 0.
         """
-        self._vehicle = vehicle
+        self._vehicle, self._structure = vehicle, structure
         self._free = [name in free for name in NAMES] + [True] * len(KNOTS_C)
-        self._has_shell = 'shell_share' in free
         self._over: dict[int, casadi.Function] = {}
 
     @cached_property
@@ -189,7 +189,7 @@ class ThermalModel:
 
     def _after(self, state: list[AnyNumber], inputs: list[AnyNumber], theta: list[AnyNumber],
                electrical: list[AnyNumber]) -> AnyNumber:
-        temperature_c, shell_c, under_way_k, sensor_c = state
+        temperature_c, under_way_k, sensor_c = state
         duration_s, power_w, square_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
         (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag,
          shell_share, log_conductance), log_factors = theta[:len(NAMES)], theta[len(NAMES):]
@@ -197,15 +197,18 @@ class ThermalModel:
         vehicle = replace(self._vehicle, battery=replace(battery, open_circuit_voltage=CorrectedVoltage(
             battery.open_circuit_voltage, *electrical[:VOLTAGES])))
         exp = SYMBOLS.exp
-        capacity, conductance = exp(log_capacity), exp(log_conductance)
+        capacity, path, heat_lag_s = exp(log_capacity), DIRECT, exp(log_heat_lag)
         leakage = Leakage(exp(log_leakage), per_speed)
-        core = capacity * (1.0 - shell_share) if self._has_shell else capacity
+        if self._structure.has_shell:
+            # The step asks only whether there is a shell, and where the sensor is.
+            path = HeatPath(shell_share=0.5, sensor_rise={
+                'core': 0.0, 'mean': 1.0, 'shell': 1.0 / shell_share}[self._structure.sensor])
+            heat_lag_s = shell_share * (1.0 - shell_share) * capacity / exp(log_conductance)
         car = replace(
-            vehicle, hvch=replace(vehicle.hvch, efficiency=efficiency),
+            vehicle, heat_path=path, hvch=replace(vehicle.hvch, efficiency=efficiency),
             drivetrain=replace(vehicle.drivetrain, heat_recovery_efficiency=drivetrain_heat, efficiency=0.0),
             battery=replace(
-                vehicle.battery, heat_capacity_j_per_k=core,
-                leakage=Leakage(0.0, 0.0) if self._has_shell else leakage,
+                vehicle.battery, heat_capacity_j_per_k=capacity, leakage=leakage,
                 resistance=CorrectedResistance(vehicle.battery.resistance, log_factors, electrical[VOLTAGES:])))
         rates, ones = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean), (1.0,) * 5
         steady = DriveInputs(speed_mps, ambient_c, power_w, 0.0, magnitude_w, 0.0, 0.0, heater_w)
@@ -217,24 +220,22 @@ class ThermalModel:
 
         def rates_at(core_c: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
             rate, soc_rate, joule_w = rates(core_c, soc, ones, drive)
-            if self._has_shell:
-                rate = rate - conductance * (core_c - shell_c) / core
+            if self._structure.has_shell:
+                # The air is at the shell.
+                rate = rate - leakage.coefficient_w_per_k(speed_mps) * under_way_k / shell_share / capacity
+            if self._structure.joule_in_core:
+                joule_w = joule_w / (1.0 - shell_share)
             return rate, soc_rate, joule_w
 
         # Midpoint rule: the lags are solved within the step.
         middle_c = temperature_c + 0.5 * duration_s * rates_at(temperature_c)[0]
         now = rates_at(middle_c)
-        heat_lag_s, sensor_lag_s = casadi.exp(log_heat_lag), casadi.exp(log_sensor_lag)
+        sensor_lag_s = exp(log_sensor_lag)
         lagging = Lagging(
             temperature_c, soc, under_way_k, sensor_c, 0.0, heat_lag_s, sensor_lag_s,
             casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 1.0, 0.0, 0.0)
         end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(lagging, now, heater_w, duration_s)
-        shell_end_c = shell_c
-        if self._has_shell:
-            shell_rate = (conductance * (middle_c - shell_c) + leakage.coefficient_w_per_k(speed_mps)
-                          * (ambient_c - shell_c)) / (capacity * shell_share)
-            shell_end_c = shell_c + duration_s * shell_rate
-        return casadi.vertcat(end_c, shell_end_c, under_way_end_k, sensor_end_c)
+        return casadi.vertcat(end_c, under_way_end_k, sensor_end_c)
 
     def course(self, course: Course, theta: FloatArray, start_c: float,
                electrical: Electrical) -> tuple[FloatArray, FloatArray]:
@@ -248,7 +249,7 @@ class ThermalModel:
         if steps not in self._over:
             self._over[steps] = self._step.mapaccum('course', steps, {'base': 4})
         slopes = casadi.project(_start_slopes(), self._carried).nonzeros()
-        state = np.concatenate(([start_c, start_c, 0.0, start_c], slopes))
+        state = np.concatenate(([start_c, 0.0, start_c], slopes))
         _, rows = self._over[steps](state, course.inputs, *(
             np.tile(values[:, np.newaxis], steps) for values in (
                 theta, np.concatenate((electrical.voltage_v, electrical.soc_factors)))))
@@ -260,6 +261,6 @@ class ThermalModel:
 def _start_slopes() -> casadi.DM:
     """Return the slopes of the states at the start (STATES, PARAMETERS + 1): those over the start temperature."""
     slopes = casadi.DM(STATES, PARAMETERS + 1)
-    for state in (0, 1, 3):
+    for state in (0, 2):
         slopes[state, PARAMETERS] = 1.0
     return slopes

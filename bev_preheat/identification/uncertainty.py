@@ -118,7 +118,7 @@ def intervals_of(fitter: Fitter, fit: ThermalFit) -> dict[str, Interval]:
 
 
 def wider(fitter: Fitter, intervals: dict[str, Interval], fit: ThermalFit) -> dict[str, Interval]:
-    """Return Intervals that also contain those of a fit that holds some of the parameters."""
+    """Return Intervals that also contain those of a fit with held parameters, or of another structure."""
     drawn, found = dict(zip(np.flatnonzero(fit.free).tolist(), bootstrap_intervals(fit))), {}
     for name, interval in intervals.items():
         parameter, own = fitter.parameters[name], drawn.get(NAMES.index(name), interval)

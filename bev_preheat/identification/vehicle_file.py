@@ -16,11 +16,11 @@ from bev_preheat.estimation.state import nominal_heat_lag_s
 from bev_preheat.estimation.state_file import LAG_NAMES, load_state
 from bev_preheat.estimation.state_file import NAMES as FACTOR_NAMES
 from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_SOC, resistance_table, voltage_table
-from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.parameters import NAMES, STRUCTURES
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE, with_deviations
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
-from bev_preheat.vehicle.description import Leakage
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.description import HeatPath, Leakage
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
 from bev_preheat.vehicle.writing import file_text
 
 if TYPE_CHECKING:
@@ -54,7 +54,9 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
     voltage: Curve = battery.open_circuit_voltage
     if electrical.used:
         voltage = voltage_table(CorrectedVoltage(voltage, *map(float, electrical.voltage_v)), battery.soc_range)
-    path = vehicle.heat_path
+    path, structure = vehicle.heat_path, STRUCTURES[fit.structure]
+    if path.is_shell or structure.has_shell:
+        path = HeatPath(path.heater_lag_s, sensor_lag_s=path.sensor_lag_s)
     if _is_free(fit, 'heat_lag'):
         coolant = path.coolant_heat_capacity_j_per_k or (
             vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w * values['heat_lag'] / COOLANT_EXCESS_K)
@@ -64,7 +66,7 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
         path = replace(path, sensor_lag_s=values['sensor_lag'])
     losses = 1.0 - vehicle.drivetrain.efficiency
     share = min(values['drivetrain_heat'] / losses, 1.0) if losses > 0.0 else 0.0
-    return replace(
+    found = replace(
         vehicle, heat_path=path, hvch=replace(vehicle.hvch, efficiency=values['heater_efficiency']),
         drivetrain=replace(vehicle.drivetrain, heat_recovery_efficiency=share),
         battery=replace(
@@ -73,6 +75,8 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
             open_circuit_voltage=voltage, resistance=resistance_table(
                 battery, fit.theta[len(NAMES):], electrical.soc_factors),
             leakage=Leakage(values['leakage'], values['leakage_with_speed'])))
+    return found if not structure.has_shell else with_shell(
+        found, values['shell_share'], values['shell_conductance'], structure.sensor)
 
 
 def _is_free(fit: ThermalFit, name: str) -> bool:
@@ -104,8 +108,15 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, not
     contents['drivetrain']['heat_recovery_efficiency'] = _rounded(vehicle.drivetrain.heat_recovery_efficiency)
     lags = {key: _rounded(value) for key, value in asdict(path).items()
             if value > 0.0 and (not path.is_shell or key in ('heater_lag_s', 'sensor_lag_s'))}
+    contents.pop('heat_path', None)
     if lags:
         contents['heat_path'] = lags
+    contents.pop('thermal', None)
+    if path.is_shell:
+        contents['thermal'] = {
+            'shell_share': _rounded(path.shell_share),
+            'conductance_w_per_k': _rounded(path.coolant_conductance_w_per_k),
+            'sensor': path.sensor_place}
     deviations = {key: value for key, value in vars(vehicle.uncertainty).items() if value is not None}
     contents.pop('uncertainty', None)
     if deviations:
@@ -113,6 +124,8 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, not
     assumed = [key for key in contents.pop('assumed', [])
                if key != 'battery.connection_resistance_ohm'
                and not any(key == done or key.startswith(f'{done}.') for done in identified)]
+    if path.is_shell and 'thermal' not in start:
+        assumed += sorted(key for key in notes if key.startswith('thermal.') and key not in identified)
     if assumed:
         contents['assumed'] = assumed
     return file_text(contents, notes, head)
@@ -164,7 +177,8 @@ def identified_keys(result: Identification) -> frozenset[str]:
 
 def _in_the_file(item: Estimated, vehicle: Vehicle) -> tuple[float, float, str]:
     """Return the interval of an estimate as that of the file's value at its key, and the unit."""
-    coolant_j_per_k = vehicle.heat_path.coolant_heat_capacity_j_per_k
+    path = vehicle.heat_path
+    coolant_j_per_k = 0.0 if path.is_shell else path.coolant_heat_capacity_j_per_k
     losses = 1.0 - vehicle.drivetrain.efficiency
     if item.name == 'heat_capacity':
         return item.low - coolant_j_per_k, item.high - coolant_j_per_k, item.unit
@@ -178,7 +192,7 @@ def _in_the_file(item: Estimated, vehicle: Vehicle) -> tuple[float, float, str]:
 
 def _note(item: Estimated, low: float, high: float, unit: str) -> str:
     if not item.is_identified:
-        return "START's value: the logs do not tell it"
+        return "the logs do not tell it: START's value, or the prior's"
     return f'identified, 90 % interval {figure(low, 4)} ... {figure(high, 4)} {unit}'.rstrip()
 
 

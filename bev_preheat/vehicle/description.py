@@ -48,6 +48,11 @@ class HeatPath:
         return self.shell_share > 0.0
 
     @property
+    def sensor_place(self) -> str:
+        """Where the sensor of a battery of two masses is, as `thermal` of a vehicle file names it; else ''."""
+        return '' if not self.is_shell else {0.0: 'core', 1.0: 'mean'}.get(self.sensor_rise, 'shell')
+
+    @property
     def has_coolant(self) -> bool:
         """Whether the heat passes through coolant, or a shell."""
         return self.is_shell or self.coolant_heat_capacity_j_per_k > 0.0

@@ -2,9 +2,9 @@
 """
 Write the files of the tutorial from_files.md: six drives and a night of a car, and a track of its drive to work.
 
-The logs have one reading a line, as an app writes them. The battery has a core and a shell (235 and 100 kJ/K,
-2500 W/K between them), its sensor is on the shell, which the coolant warms late. The heater's efficiency is 0.9;
-at stand the battery loses 9 W/K.
+The logs have one reading a line, as an app writes them. The battery has cells in a core and a shell (235 and 100
+kJ/K, 600 W/K between them), its sensor is on the shell, which the coolant warms late. The heater's efficiency is
+0.9; at stand the battery loses 9 W/K.
 """
 
 from datetime import datetime, timedelta
@@ -26,9 +26,10 @@ def write_log(path, seconds, temperature_c, air_c, heats_from_s=0, heats_to_s=0,
         open_v, ohm = 350 + 60 * soc, 0.13 * exp(-0.02 * (core_c - 10))
         current_a = (power_w + heater_w) / (open_v - ohm * (power_w + heater_w) / open_v)
         late_w += (0.9 * heater_w - late_w) / 60
-        between_w = 2500 * (shell_c - core_c)
-        core_c += (ohm * current_a**2 + between_w) / 235e3
-        shell_c += (late_w + 0.02 * abs(power_w) - between_w - (9 + 0.4 * v) * (shell_c - air_c)) / 100e3
+        between_w = 600 * (shell_c - core_c)
+        core_c += (0.7 * ohm * current_a**2 + between_w) / 235e3
+        shell_c += (late_w + 0.02 * abs(power_w) + 0.3 * ohm * current_a**2 - between_w
+                    - (9 + 0.4 * v) * (shell_c - air_c)) / 100e3
         soc -= current_a / 3600 / 160
         if s % (2 if drives else 60) == 0:
             rows += [(s, 'Speed', round(3.6 * v), 'km/h'), (s, 'HV battery current', -round(current_a, 1), 'A'),

@@ -16,8 +16,7 @@ def a_result():
     """Return the page of an Identification, with long words in each table and sentence."""
     estimate = SimpleNamespace(label=WIDE, unit='kJ/K', start=1.0, estimate=2.0, low=1.5, high=2.5, prior_low=0.5,
                                prior_high=5.0, arrival_k=0.3, prior=WIDE, is_identified=True)
-    structure = SimpleNamespace(structure=WIDE, rmse_k=1.0, worst_k=2.0, cost=3.0, in_the_file=True,
-                                diverges=False)
+    structure = SimpleNamespace(structure=WIDE, rmse_k=1.0, worst_k=2.0, cost=3.0, diverges=False)
     return SimpleNamespace(
         vehicle=SimpleNamespace(name=WIDE), start_name=WIDE, verdict=(WIDE,), record_next=(WIDE,),
         coverage=SimpleNamespace(trips=1, drives=1, nights=0, charging_sessions=0, hours=1.0),
