@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.
 LONGEST_CHANNEL_LIST = 1000
+# Share of the objects in a list that have a time.
+LEAST_WITH_TIME = 0.9
 # Fields of an object that is one reading: name, value, unit, time.
 MOST_OF_NAMED = 4
 TIME = re.compile(r'(^|[_ ]|[a-z](?=[TD]))(time(_?stamp)?|date|utc|ts|epoch|t|'
@@ -86,7 +88,8 @@ def _lists(value: Any, name: str = '', depth: int = 0) -> Iterator[tuple[str, li
     if depth > DEEPEST or not isinstance(value, dict | list):
         return
     if isinstance(value, list):
-        if len(value) > 1 and all(isinstance(each, dict) and _has_time(each) for each in value):
+        if len(value) > 1 and all(isinstance(each, dict) for each in value) and (
+                sum(map(_has_time, value)) > LEAST_WITH_TIME * len(value)):
             # Drives, each with its instants.
             joined = [each for item in value for _, found in _lists(item, name, depth + 1) for each in found]
             yield name, joined if len(joined) > len(value) else value
