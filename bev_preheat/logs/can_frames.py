@@ -232,11 +232,12 @@ def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | Non
             if kind == 'PCAN TRC' else _blf_reader(path))
         with reader as source:
             frames = iter(source)
-            head = list(islice(frames, SAMPLE))
+            # Of damaged binary files the frames before the damage are not looked at ahead.
+            head = list(islice(frames, {'candump on a screen': SAMPLE, 'ASC': 1}.get(kind, 0)))
             frames = chain(head, frames)
             if getattr(reader, 'timestamps_format', '') == 'relative':
                 frames = _summed(frames, reader.start_time)
-            elif kind == 'candump on a screen' and _are_intervals(head):
+            elif _are_intervals(head):
                 frames = _summed(frames, 0.0)
             yield from frames
     except (GeneratorExit, InvalidInput):
