@@ -229,7 +229,7 @@ class JsonRows:
             raise InvalidInput(f'{self.path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an object '
                                'a line')
         values, decoder, at = [], json.JSONDecoder(), 0
-        text = Path(self.path).read_text(encoding=self._encoding).strip()
+        text = Path(self.path).read_text(encoding=self._encoding, errors='replace').strip()
         try:
             while at < len(text):
                 value, end = decoder.raw_decode(text, at)

@@ -69,6 +69,12 @@ def test_a_history_of_home_assistant_names_entity_and_unit_once(tmp_path):
         np.testing.assert_allclose(recording.signals[signal].value, TEMPERATURES_C, atol=1e-3)
 
 
+def test_an_array_with_bytes_of_no_text_is_read(tmp_path):
+    path = tmp_path / 'log.json'
+    path.write_bytes(json.dumps(OBJECTS).replace('car', '__').encode().replace(b'__', b'\x90\xff'))
+    assert len(read_recording(path).signals['battery_temperature_c'].value) == len(OBJECTS)
+
+
 def test_a_list_without_times_is_refused_and_not_averaged(tmp_path):
     with pytest.raises(InvalidInput, match='is one object whose lists have no time .*; write an object'):
         read(tmp_path, json.dumps({'time': 0, 'points': [{'battery_temperature_c': at} for at in range(99)]}))
