@@ -72,13 +72,12 @@ class Rows(Protocol):
 class TextLog:
     """An open log of Rows; see RawLog. With `Roles` a row has a single reading, else a reading of each channel."""
 
-    place = 'line'
-
-    def __init__(self, table: Rows, roles: Roles | None, kind: str = 'CSV', column: str = 'column') -> None:
-        """Take the rows, the kind of file and its word for a column; with Roles, read the channels' names."""
-        self._table, self._roles, self._column = table, roles, column
+    def __init__(self, table: Rows, roles: Roles | None, kind: str = 'CSV', column: str = 'column',
+                 place: str = 'line') -> None:
+        """Take the rows, the file's kind, its words for column and row; with Roles, read the channels' names."""
+        self._table, self._roles, self._column, self.place = table, roles, column, place
         layout = table.layout
-        self.format = kind if roles is None else f'{kind}, one reading a line'
+        self.format = kind if roles is None else f'{kind}, one reading a {place}'
         self.decimal, self.absolute = layout.decimal, False
         self.times: tuple[str, ...] = ()
         # Columns that are channels: of a log of readings those of the coordinates and of the car.
@@ -125,15 +124,16 @@ class TextLog:
             remarks.add('clock', f'{path}: {time.clock.remark}')
 
         def drop(number: int, fault: str) -> None:
-            remarks.add('length', f'{path}, line {number}: {fault}; the line is dropped', noun='line')
+            remarks.add('length', f'{path}, {self.place} {number}: {fault}; the {self.place} is dropped',
+                        noun=self.place)
 
         for numbers, cells in self._table.blocks(drop):
             time_s = time.clock.seconds([' '.join(parts) for parts in zip(*(cells[at] for at in time.columns))])
             bad = ~np.isfinite(time_s)
             if bad.any():
                 at = int(np.argmax(bad))
-                remarks.add('time', f'{path}, line {numbers[at]}: {quoted(cells[time.columns[0]][at])} is not a '
-                            'time; the line is dropped', int(bad.sum()), 'line')
+                remarks.add('time', f'{path}, {self.place} {numbers[at]}: {quoted(cells[time.columns[0]][at])} '
+                            f'is not a time; the {self.place} is dropped', int(bad.sum()), self.place)
             yield from self._of_columns(wanted, time_s, cells, numbers)
             if self._roles is not None:
                 yield from self._of_readings(self._roles, wanted, time_s, cells, numbers)

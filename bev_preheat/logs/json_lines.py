@@ -176,6 +176,7 @@ class JsonRows:
     def __init__(self, path: str | Path, encoding: str) -> None:
         """Read the fields of the first objects; raises InvalidInput if the file has no object."""
         self.path, self._encoding = path, encoding
+        self.is_array = _is_array(path, encoding)
         sample: list[Item] = []
         found: dict[str, None] = {}
         for count, (_, item) in enumerate(self._items(lambda *_: None)):
@@ -206,7 +207,7 @@ class JsonRows:
 
     def _items(self, drop: Callable[[int, str], object]) -> Iterator[tuple[int, Item]]:
         """Yield line numbers and the objects with flat keys; `drop` gets lines without an object."""
-        if _is_array(self.path, self._encoding):
+        if self.is_array:
             yield from self._array()
             return
         for first, lines in line_blocks(self.path, self._encoding):
@@ -274,4 +275,4 @@ def open_json_lines(path: str | Path, head: bytes) -> TextLog | None:
     if encoding is None or not re.match(r'\[\s*[\[{]|\{\s*"|\{\s*$', head.decode(encoding, 'replace').lstrip()):
         return None
     rows = JsonRows(path, encoding)
-    return TextLog(rows, rows.roles, 'JSON lines', 'field')
+    return TextLog(rows, rows.roles, *(('JSON', 'field', 'record') if rows.is_array else ('JSON lines', 'field')))

@@ -52,7 +52,7 @@ def read(tmp_path, text):
          'a table a channel', 'names and values'])
 def test_each_form_has_the_same_readings(tmp_path, text):
     _, recording = read(tmp_path, text)
-    assert recording.format.startswith('JSON lines')
+    assert recording.format.startswith('JSON')
     temperature = recording.signals['battery_temperature_c']
     np.testing.assert_allclose(temperature.value, TEMPERATURES_C)
     np.testing.assert_allclose(temperature.time_s + recording.start_s, TIMES_S)
