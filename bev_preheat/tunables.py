@@ -73,7 +73,7 @@ COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery b
 
 # Estimation: the evidence of readings
 
-# estimation/state.py, belief.py: noise of the model
+# estimation/estimate.py, belief.py: noise of the model
 NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.181 K
 NOMINAL_SENSOR_LAG_S = 20.0      # s    | cells to sensor, whose logarithm is 0
 LOCAL_LAG_S = 100.0              # s    | of local heat at the sensor; nine i3 drives: 60 … 150 s predict alike

@@ -27,9 +27,8 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, LONGEST_SESSION_S
 from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_worth import pays_from_per_h
-from bev_preheat.estimation.prior import factor_deviations
-from bev_preheat.estimation.soak import temperature_after
-from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
+from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
+from bev_preheat.estimation.prior import factor_deviations, temperature_after
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated

@@ -25,7 +25,7 @@ from bev_preheat.control.regime import Regime
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.estimation.soak import temperature_after
+from bev_preheat.estimation.prior import temperature_after
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating

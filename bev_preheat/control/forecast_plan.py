@@ -16,10 +16,10 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.inputs import OF_ROUTE
+from bev_preheat.estimation.estimate import FACTORS, HEAT_LAG, PROPULSION
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.estimation.state import FACTORS, HEAT_LAG, PROPULSION
 from bev_preheat.numerics import array_exp
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower

@@ -16,6 +16,7 @@ from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWat
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
 from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.prior import after_soak, Soak
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
 from bev_preheat.estimation.signal_checks import (
     CURRENT,
@@ -29,7 +30,6 @@ from bev_preheat.estimation.signal_checks import (
     TEMPERATURE,
     VOLTAGE,
 )
-from bev_preheat.estimation.soak import after_soak, Soak
 from bev_preheat.estimation.temperature_check import TemperatureCheck
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text

@@ -17,6 +17,24 @@ from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.estimation.estimate import (
+    FACTORS,
+    HEAT_LAG,
+    HEATER_RISE,
+    JOULE_RISE,
+    LOCAL,
+    moved_with_slopes,
+    MOVING,
+    nominal_heat_lag_s,
+    PERTURBATION,
+    PROPULSION,
+    SENSOR,
+    SENSOR_LAG,
+    SIZE,
+    SOC,
+    TEMPERATURE,
+    UNDER_WAY,
+)
 from bev_preheat.estimation.hypotheses import (
     heater_power_w,
     KEPT_TRANSITIONS,
@@ -37,24 +55,6 @@ from bev_preheat.estimation.prior import (
     RISE_DEVIATIONS,
     RISES,
     RISES_K_PER_KW,
-)
-from bev_preheat.estimation.state import (
-    FACTORS,
-    HEAT_LAG,
-    HEATER_RISE,
-    JOULE_RISE,
-    LOCAL,
-    moved_with_slopes,
-    MOVING,
-    nominal_heat_lag_s,
-    PERTURBATION,
-    PROPULSION,
-    SENSOR,
-    SENSOR_LAG,
-    SIZE,
-    SOC,
-    TEMPERATURE,
-    UNDER_WAY,
 )
 from bev_preheat.numerics import array_exp, frozen, truncated_moments
 from bev_preheat.tunables import (

@@ -12,12 +12,11 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief, interval_of
-from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimate import Estimate, LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, is_suspect, judge, Suspicion
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
+from bev_preheat.estimation.prior import expected_offset_k
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
-from bev_preheat.estimation.soak import expected_offset_k
-from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     DIVERGED_K,
@@ -34,9 +33,8 @@ from bev_preheat.vehicle.variants import DriveInputs
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.estimation.prior import Learned, Soak
     from bev_preheat.estimation.readings import Expected
-    from bev_preheat.estimation.soak import Soak
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.belief import terms_of, WANDERED_IN_AN_HOUR
-from bev_preheat.estimation.state import (
+from bev_preheat.estimation.estimate import (
     HEAT_LAG,
     PROPULSION,
     rates_and_slopes,
@@ -80,7 +80,7 @@ class DrivenRoute(NamedTuple):
 
 def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """
-    Change of the arrival temperature [K] with each element of `state` at the plan's start, (SIZE,).
+    Change of the arrival temperature [K] with each element of the state at the plan's start, (SIZE,).
 
     The adjoint of the model's temperature along the plan: the effect on arrival of a kelvin in step k,
     times the effect of each element on the temperature in that step. Second, the change with

@@ -27,9 +27,9 @@ from bev_preheat.estimation.before_restart import (
     last_seen_from,
     NO_CHOICES,
 )
+from bev_preheat.estimation.estimate import FACTOR_NAMES, FACTORS, PROPULSION
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, Lags, Learned, prior_factor_covariance
-from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
 from bev_preheat.files.output_files import AnyPath, existing_file, expanded, target_of, write_whole
 from bev_preheat.tunables import LAG_DEVIATION, LEAST_VARIANCE, OVERNIGHT
 

@@ -11,8 +11,8 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.estimation.estimate import nominal_heat_lag_s
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.estimation.state import nominal_heat_lag_s
 from bev_preheat.estimation.state_file import LAG_NAMES, load_state
 from bev_preheat.estimation.state_file import NAMES as FACTOR_NAMES
 from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_SOC, resistance_table, voltage_table

@@ -9,8 +9,8 @@ from typing import NamedTuple, TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from bev_preheat.control.departure_source import DepartureState
+from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text

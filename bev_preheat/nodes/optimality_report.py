@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import LONGEST_QUOTE, shortened
-from bev_preheat.estimation.state import FACTOR_NAMES
+from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nonlinear_program.solver_process import Question, SolverAnswer
 from bev_preheat.numerics import NS_PER_S

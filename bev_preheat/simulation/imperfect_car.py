@@ -13,11 +13,18 @@ import numpy as np
 from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.route.variation import vary, with_cycles
 from bev_preheat.simulation.heater import fault_at, HeaterFault, HeaterLease, next_change_s
 from bev_preheat.simulation.phases import Charge, DrivePhase
 from bev_preheat.simulation.sensors import Position, PositionReports, Reading, SensorReadings, Sensors
-from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, TrafficNews
+from bev_preheat.simulation.traffic import (
+    clock_offset_s,
+    ClockJump,
+    drive_with_events,
+    Event,
+    TrafficNews,
+    vary,
+    with_cycles,
+)
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections

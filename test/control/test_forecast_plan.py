@@ -9,9 +9,8 @@ import pytest
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask
 from bev_preheat.control.settings import Settings
-from bev_preheat.estimation.estimate import Estimate
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import (
+from bev_preheat.estimation.estimate import (
+    Estimate,
     HEAT_CAPACITY,
     HEAT_LAG,
     PROPULSION,
@@ -20,6 +19,7 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

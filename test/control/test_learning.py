@@ -10,7 +10,7 @@ from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.knowledge import StandWatch
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import LastSeen
-from bev_preheat.estimation.soak import after_soak
+from bev_preheat.estimation.prior import after_soak
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route

@@ -30,8 +30,8 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target import TargetSource
 from bev_preheat.control.target_choice import TargetChooser
+from bev_preheat.estimation.estimate import FACTORS, HEAT_CAPACITY
 from bev_preheat.estimation.prior import Learned
-from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections

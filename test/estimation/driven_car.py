@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bev_preheat.control.inputs import Measurement
+from bev_preheat.estimation.estimate import DriveInputs
 from bev_preheat.estimation.estimator import DrivenInterval
-from bev_preheat.estimation.state import DriveInputs
 from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle

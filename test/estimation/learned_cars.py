@@ -3,10 +3,9 @@
 
 import numpy as np
 
-from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimate import Estimate, FACTORS, SIZE, SOC, TEMPERATURE
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.prior import LAGS, prior_factor_covariance
-from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE
 
 FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4])
 LAGS_SEEN, LAG_VARIANCES_SEEN = np.array([0.6, -0.9]), np.array([0.04, 0.2])

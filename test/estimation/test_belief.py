@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief, WANDER_IN_AN_HOUR
-from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
-from bev_preheat.estimation.prior import (
-    FACTOR_BOUNDS,
-    Lags,
-    Learned,
-    RISES,
-)
-from bev_preheat.estimation.state import (
+from bev_preheat.estimation.estimate import (
     FACTORS,
     HEATER,
     JOULE_RISE,
@@ -25,6 +18,13 @@ from bev_preheat.estimation.state import (
     SOC,
     TEMPERATURE,
     UNDER_WAY,
+)
+from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
+from bev_preheat.estimation.prior import (
+    FACTOR_BOUNDS,
+    Lags,
+    Learned,
+    RISES,
 )
 from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (

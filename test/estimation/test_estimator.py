@@ -10,10 +10,10 @@ from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS,
 import numpy as np
 import pytest
 
+from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, TEMPERATURE
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import RISE_BOUNDS, RISE_DEVIATIONS, RISES_K_PER_KW
-from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, TEMPERATURE
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import LOCAL_DEVIATION_K, LONGEST_EXCURSION_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief
-from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimate import Estimate, FACTORS, SIZE, SOC, TEMPERATURE, UNDER_WAY
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import FACTORS, SIZE, SOC, TEMPERATURE, UNDER_WAY
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal

@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.soak import after_soak, expected_offset_k
+from bev_preheat.estimation.prior import after_soak, expected_offset_k
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,

@@ -7,7 +7,7 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.state import (
+from bev_preheat.estimation.estimate import (
     DriveInputs,
     HEAT_CAPACITY,
     HEAT_LAG,

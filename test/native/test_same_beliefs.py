@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief, terms_of
-from bev_preheat.estimation.estimate import Estimate
+from bev_preheat.estimation.estimate import Estimate, SENSOR, SIZE, TEMPERATURE, UNDER_WAY
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import SENSOR, SIZE, TEMPERATURE, UNDER_WAY
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip

@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
-from bev_preheat.route.variation import with_cycles
+from bev_preheat.simulation.traffic import with_cycles
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)

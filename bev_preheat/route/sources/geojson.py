@@ -14,9 +14,9 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.times import iso_seconds
+from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of_pieces, Pieces
 from bev_preheat.route.sources.json_values import checked, in_words, items
 from bev_preheat.route.sources.navigation import leg_of, points_of, Service
-from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of_pieces, Pieces
 from bev_preheat.route.sources.track import journey_of_points
 
 if TYPE_CHECKING:

@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of a route's source before a car drives it."""
+"""The contents of a route's source before a car drives it, from points along a road or from pieces of road."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.numerics import EARTH_RADIUS_M
+from bev_preheat.route.line import RouteLine
+from bev_preheat.route.road_load import Motion
+from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
+from bev_preheat.route.sources.elevation import smooth_elevation
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.line import RouteLine
-    from bev_preheat.route.road_load import Motion
 
 # Duration [s] of the segments that samples are joined to.
 SEGMENT_S = 30.0
@@ -63,3 +72,182 @@ class RouteOptions:
     free_speed_kmh: float | None = None
     stop_duration_s: float | None = None
     vehicle_id: str | None = None
+
+
+# Shorter segments, beside a stop, are joined with their neighbours [s].
+LEAST_SEGMENT_S = 1.0
+# Slower than this [m/s] over a whole segment is a standstill: position errors also move a parked car.
+STANDSTILL_MPS = 0.3
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """
+    M points along a road: `distance_m` and `elapsed_s`, shapes (M,), from 0 and never falling.
+
+    `latitude_deg`, `longitude_deg` and `elevation_m` have shape (M,) or are None. `stops` are (instant [s],
+    duration [s]) of charging stops; `elapsed_s` leaves their durations out. `breaks_s` are instants that no
+    segment crosses.
+    """
+
+    distance_m: FloatArray
+    elapsed_s: FloatArray
+    latitude_deg: FloatArray | None = None
+    longitude_deg: FloatArray | None = None
+    elevation_m: FloatArray | None = None
+    stops: tuple[tuple[float, float], ...] = ()
+    breaks_s: tuple[float, ...] = ()
+
+
+def journey_of(kind: str, timeline: Timeline, remarks: Sequence[str] = ()) -> Journey:
+    """Return the Journey of a Timeline, in segments of SEGMENT_S; raise InvalidInput if it is implausible."""
+    remarks = list(remarks)
+    distance_m, elapsed_s = timeline.distance_m, timeline.elapsed_s
+    total_s, total_m = float(elapsed_s[-1]), float(distance_m[-1])
+    if not 1.0 <= total_s <= LONGEST_ROUTE_S:
+        raise InvalidInput(f'the {kind} lasts {figure(total_s)} s; it must last 1 ... {LONGEST_ROUTE_S:g} s')
+    if total_m < 10.0:
+        raise InvalidInput(f'the {kind} is {figure(total_m, 3)} m long; at least 10 m are needed')
+    edges_s = _edges(timeline)
+    duration_s = np.diff(edges_s)
+    along_m = interpolated(edges_s, elapsed_s, distance_m)
+    speed_mps = np.diff(along_m) / duration_s
+    most_mps = LIMITS['speed_mps'][1]
+    at = int(speed_mps.argmax())
+    if speed_mps[at] > most_mps:
+        raise InvalidInput(f'the {kind} has {figure(float(speed_mps[at]))} m/s at min {edges_s[at] / 60.0:.1f}; '
+                           f'at most {most_mps:g} m/s are allowed; check times and coordinates')
+    # A standstill keeps its elevation; its jitter is not driven.
+    speed_mps = np.where(speed_mps < STANDSTILL_MPS, 0.0, speed_mps)
+    if timeline.elevation_m is not None and np.isfinite(timeline.elevation_m).any():
+        smooth_m, remark = smooth_elevation(distance_m, timeline.elevation_m)
+        remarks += [remark] if remark else []
+        elevation_m = np.interp(along_m, distance_m, smooth_m)
+    else:
+        remarks.append('no elevation: a level road')
+        elevation_m = np.zeros(len(edges_s))
+    stops = tuple(ChargingStop(int(np.argmin(np.abs(edges_s - instant_s))) - 1, duration)
+                  for instant_s, duration in timeline.stops)
+    line = None
+    if timeline.latitude_deg is not None and timeline.longitude_deg is not None:
+        line = RouteLine(timeline.latitude_deg, timeline.longitude_deg, distance_m, elapsed_s)
+    return Journey(kind, Motion(duration_s, speed_mps, elevation_m), line=line, stops=stops,
+                   remarks=tuple(remarks))
+
+
+def _edges(timeline: Timeline) -> FloatArray:
+    """Return the instants [s] between segments: every SEGMENT_S, and at breaks and stops."""
+    end_s = float(timeline.elapsed_s[-1])
+    fixed = sorted({0.0, end_s, *(instant_s for instant_s, _ in timeline.stops),
+                    *(instant_s for instant_s in timeline.breaks_s if 0.0 < instant_s < end_s)})
+    kept = [fixed[0]]
+    stops = {instant_s for instant_s, _ in timeline.stops} | {end_s}
+    for instant_s in fixed[1:]:
+        if instant_s - kept[-1] < LEAST_SEGMENT_S:
+            if instant_s in stops and len(kept) > 1:
+                kept[-1] = instant_s
+            continue
+        kept.append(instant_s)
+    kept[-1] = end_s
+    pieces = [np.linspace(start_s, until_s, max(1, round((until_s - start_s) / SEGMENT_S)) + 1)[:-1]
+              for start_s, until_s in zip(kept, kept[1:])]
+    edges_s: FloatArray = np.concatenate((*pieces, [end_s]))
+    return edges_s
+
+
+def interpolated(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return y at `at`, linear between points; where x repeats, y of its last point counts."""
+    last = np.append(np.diff(x) > 0.0, True)
+    values: FloatArray = np.interp(at, x[last], y[last])
+    return values
+
+
+def distances_m(latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArray:
+    """Return the distances [m] between neighbours of M points, shape (M - 1,), by the haversine formula."""
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    half = (np.sin(0.5 * np.diff(latitude))**2 + np.cos(latitude[:-1]) * np.cos(latitude[1:])
+            * np.sin(0.5 * np.diff(longitude))**2)
+    apart_m: FloatArray = 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(half, 0.0, 1.0)))
+    return apart_m
+
+
+def check_coordinates(latitude_deg: FloatArray, longitude_deg: FloatArray, element: str = 'point') -> None:
+    """Raise InvalidInput naming the first of M points whose coordinates are not on the earth."""
+    if len(latitude_deg) < 2:
+        raise InvalidInput(f'has {len(latitude_deg)} {element}s; a route needs at least 2')
+    for name, values, most in (('latitude', latitude_deg, 90.0), ('longitude', longitude_deg, 180.0)):
+        bad = ~(np.abs(values) <= most)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InvalidInput(f'{element} {at + 1}: {name}: {figure(float(values[at]))} is not allowed; it must '
+                               f'be {-most:g} ... {most:g} degrees')
+
+
+# Lengths of a line and of its pieces may differ by this share, because they are rounded.
+MOST_MISFIT = 0.2
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """
+    A leg between two waypoints: lengths [m] and durations [s] of its N pieces, shapes (N,).
+
+    `stop_s` is the time of charging at its end [s]; 0: none, or not known.
+    """
+
+    length_m: FloatArray
+    duration_s: FloatArray
+    stop_s: float = field(default=0.0, kw_only=True)
+
+    def scaled_to(self, total_s: float) -> Pieces:
+        """Return the leg with the durations scaled to a total [s]."""
+        sum_s = float(self.duration_s.sum())
+        return self if sum_s <= 0.0 else replace(self, duration_s=self.duration_s * (total_s / sum_s))
+
+
+def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, remarks: Sequence[str] = (),
+                      line: FloatArray | None = None,
+                      elevation: tuple[FloatArray, FloatArray] | None = None) -> Journey:
+    """
+    Return the Journey of legs in driving order.
+
+    `line`: latitudes, longitudes [deg] and elevations [m] (NaN: none) of the whole way, shape (3, M); `elevation`:
+    distances [m] and elevations [m] of points along it, if the line has none. Waypoints between legs are charging
+    stops if the leg or the options give a duration.
+    """
+    remarks = list(remarks)
+    legs = [leg for leg in legs if leg.length_m.sum() > 0.0 or leg.duration_s.sum() > 0.0]
+    if not legs:
+        raise InvalidInput(f'the {kind} has no length')
+    distance_m = np.concatenate(([0.0], np.cumsum(np.concatenate([leg.length_m for leg in legs]))))
+    elapsed_s = np.concatenate(([0.0], np.cumsum(np.concatenate([leg.duration_s for leg in legs]))))
+    ends = np.cumsum([len(leg.length_m) for leg in legs])[:-1]
+    stops = tuple((float(elapsed_s[end]), duration_s) for end, duration_s in zip(
+        ends, (leg.stop_s or options.stop_duration_s or 0.0 for leg in legs)) if duration_s > 0.0)
+    passed = len(ends) - len(stops)
+    if passed:
+        remarks.append(f'{passed} waypoint{" is" if passed == 1 else "s are"} passed without a stop; for charging '
+                       'stops give their duration [min], such as: --stop-duration 20')
+    latitude_deg = longitude_deg = elevation_m = None
+    if line is not None:
+        latitude_deg, longitude_deg, height_m = line
+        check_coordinates(latitude_deg, longitude_deg)
+        along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
+        scaled_m = along_m * (distance_m[-1] / max(along_m[-1], 1e-9))
+        if np.isfinite(height_m).all():
+            elevation = scaled_m, height_m
+        if abs(along_m[-1] - distance_m[-1]) > MOST_MISFIT * distance_m[-1] + 50.0:
+            remarks.append(f'the line on the map, {along_m[-1] / 1e3:.1f} km, does not fit the length of the way, '
+                           f'{distance_m[-1] / 1e3:.1f} km; it is left out')
+            latitude_deg = longitude_deg = None
+        else:
+            # All points of both: the pieces keep their durations, the line its shape.
+            every_m = np.union1d(scaled_m, distance_m)
+            elapsed_s, distance_m = np.interp(every_m, distance_m, elapsed_s), every_m
+            latitude_deg, longitude_deg = (interpolated(every_m, scaled_m, values)
+                                           for values in (latitude_deg, longitude_deg))
+    if elevation is not None:
+        at_m, values_m = elevation
+        elevation_m = np.interp(distance_m, at_m, values_m)
+    return journey_of(
+        kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m, stops), remarks)

@@ -17,9 +17,9 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.route.segments import ELEVATION_RANGE_M
+from bev_preheat.route.sources.journey import journey_of_pieces, Pieces
 from bev_preheat.route.sources.json_values import checked, in_words, items, number, numbers
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
-from bev_preheat.route.sources.timeline import journey_of_pieces, Pieces
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray

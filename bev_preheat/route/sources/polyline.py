@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.sources.timeline import distances_m
+from bev_preheat.route.sources.journey import distances_m
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray

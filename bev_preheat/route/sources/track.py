@@ -13,7 +13,7 @@ from bev_preheat.numerics import EARTH_RADIUS_M
 from bev_preheat.route.kinematics import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
-from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of, Timeline
+from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of, Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,9 +15,8 @@ from bev_preheat.files.table import Table
 from bev_preheat.files.times import iso_seconds
 from bev_preheat.files.units import NUMBER, split_unit
 from bev_preheat.route.sources.headers import column, headers_of
-from bev_preheat.route.sources.journey import Journey, RouteOptions
+from bev_preheat.route.sources.journey import distances_m, Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
-from bev_preheat.route.sources.timeline import distances_m
 from bev_preheat.route.sources.track import journey_of_points
 
 if TYPE_CHECKING:

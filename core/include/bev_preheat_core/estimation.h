@@ -13,7 +13,7 @@ extern "C" {
 #endif
 
 /*
- * Elements of the state, documented in bev_preheat.estimation.state. Elements that are logarithms are of factors
+ * Elements of the state, documented in bev_preheat.estimation.estimate. Elements that are logarithms are of factors
  * (heat capacity to propulsion) and of lags over nominal lags.
  */
 enum {

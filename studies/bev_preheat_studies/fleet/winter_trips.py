@@ -20,7 +20,7 @@ from bev_preheat.numerics import FLOATS, S_PER_H
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, loaded, RoadForces
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.route.variation import vary
+from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 
 # The ways to heat a trip.

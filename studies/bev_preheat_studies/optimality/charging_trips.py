@@ -12,7 +12,7 @@ from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.route.variation import vary
+from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.description import Cooling, HeatPath

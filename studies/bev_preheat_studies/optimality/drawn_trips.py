@@ -11,7 +11,7 @@ import numpy as np
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.route.variation import vary
+from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, Table
 from bev_preheat.vehicle.variants import ScaledCurve
