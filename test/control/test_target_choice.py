@@ -133,7 +133,7 @@ def chosen_after(chooser, at_s, *belief):
     return chooser, choice
 
 
-# Over the drive below the target changes a few times at most, daily.
+# With a lagging sensor below it does not swing, daily.
 @pytest.mark.deep
 def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
     random = np.random.default_rng(5)

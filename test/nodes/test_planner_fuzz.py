@@ -311,5 +311,5 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
         assert fuzz.commands.messages or give == fuzz.give_parameters
     # The oracle was exercised: the heater was often on in between.
     assert fuzz.heated > messages // 50
-    # A few times in 10 000 messages; test_route_intake.py has it daily.
+    # A few times in 10 000 messages; test/control/test_refused_routes.py has it daily.
     assert messages < MESSAGES or fuzz.heated_after_refused_update > messages // 5000
