@@ -21,7 +21,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.charging_curve import charging_map, FIT_RANGE
 from bev_preheat.vehicle.chemistry import load_chemistry
-from bev_preheat.vehicle.data_sheet_import import describe_car, warm_curve
+from bev_preheat.vehicle.data_sheet_import import curves_of, describe_car
 from bev_preheat.vehicle.loading import vehicle_of_text
 from bev_preheat.vehicle.writing import vehicle_text
 
@@ -69,12 +69,12 @@ def curve_fit(sheet: DataSheet) -> float:
     wanted_s = S_PER_MIN * sheet.charging_time_10_80_min
 
     def time_s(fit: float) -> float:
-        table = charging_map(warm_curve(sheet, fit), chemistry, sheet.charging_power_kw, sheet.charging_limit)
+        table = charging_map(curves_of(sheet, fit), chemistry, sheet.charging_power_kw, sheet.charging_limit)
         charging = session_charging(vehicle)
         return warm_session(replace(vehicle, charging=replace(
             charging, power_limit=table))).charging_time_s
 
-    slow, fast = CURVE_FACTOR_RANGE if sheet.charging_curve is not None else FIT_RANGE
+    slow, fast = CURVE_FACTOR_RANGE if sheet.charging_curves else FIT_RANGE
     shortest_s, longest_s = time_s(fast), time_s(slow)
     if not shortest_s <= wanted_s <= longest_s:
         raise InvalidInput(_unfit(sheet, time_s(1.0), shortest_s, longest_s))
@@ -85,7 +85,7 @@ def curve_fit(sheet: DataSheet) -> float:
 def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float) -> str:
     low, high = (f'{seconds / S_PER_MIN:.1f}' for seconds in (shortest_s, longest_s))
     start = f'--charging-time-10-80-min: {sheet.charging_time_10_80_min:g} min'
-    if sheet.charging_curve is not None:
+    if sheet.charging_curves:
         return (f'{start} does not fit --charging-curve, which takes {duration_text(usual_s)}; {low} ... {high} '
                 'min are allowed. Do both belong to one car?')
     return (f'{start} does not fit --charging-power-kw {sheet.charging_power_kw:g} kW; it must be {low} ... '

@@ -22,6 +22,7 @@ from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
     ChargingLimit,
+    curves_at,
     HEADER,
     LIMIT_HEADER,
     read_charging_curve,
@@ -121,12 +122,12 @@ def _add_new(actions: Subparsers) -> None:
     parser.add_argument('--force', action='store_true', help='replace an existing file')
     curve = groups['published charging']
     curve.add_argument('--charging-curve', metavar='FILE', nargs='+',
-                       help='published power of a warm battery over its state of charge (CSV: '
+                       help='published power over the state of charge, at one or more battery temperatures (CSV: '
                             f'{",".join(HEADER)}), and the most power over the battery temperature (CSV: '
                             f'{",".join(LIMIT_HEADER)}); one or both')
-    curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
-                       help='battery temperature of a curve over the state of charge [degC], needed with it; '
-                            'magazines mostly measure with a battery of 25 ... 35 degC')
+    curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC', nargs='+', default=[],
+                       help='battery temperature of each curve over the state of charge [degC], in their '
+                            'order; magazines mostly measure with a battery of 25 ... 35 degC')
     option_group(parser, LESS_COMMON).add_argument(
         '--source', action='append', default=[], metavar='OPTION=TEXT',
         help='source of a given figure, for its comment: --source battery-mass-kg="press kit 2021"; a text that '
@@ -142,8 +143,8 @@ def run_new(arguments: Namespace) -> int:
         raise InvalidInput(f'--output: {output}: exists; --force replaces it')
     name = Path(output).stem if arguments.name is None else arguments.name
     sources = _sources(arguments.source)
-    curve, limit = _charging(arguments, dict(sources))
-    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=curve, charging_limit=limit,
+    curves, limit = _charging(arguments, dict(sources))
+    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curves=curves, charging_limit=limit,
                       sources=tuple((figure, text) for figure, text in sources if figure != CURVE),
                       **{quantity: getattr(arguments, quantity) for quantity in HELP})
     entries = describe_timed_car(sheet)
@@ -160,22 +161,18 @@ def run_new(arguments: Namespace) -> int:
 
 
 def _charging(arguments: Namespace,
-              sources: dict[str, str]) -> tuple[ChargingCurve | None, ChargingLimit | None]:
-    """Return the given charging curve, and the given limit over the battery temperature."""
-    paths, temperature_c = arguments.charging_curve or (), arguments.charging_curve_temperature_c
+              sources: dict[str, str]) -> tuple[tuple[ChargingCurve, ...], ChargingLimit | None]:
+    """Return the given charging curves from the coldest on, and the given limit over the battery temperature."""
+    paths, temperatures_c = arguments.charging_curve or (), arguments.charging_curve_temperature_c
     if not paths and CURVE in sources:
         raise InvalidInput('--source: --charging-curve is not given')
     text = sources.get(CURVE, 'given')
-    read = [read_charging_curve(path, temperature_c, text if text == 'given' else f'source: {text}')
-            for path in paths]
+    read = [read_charging_curve(path, text if text == 'given' else f'source: {text}') for path in paths]
     curves = [each for each in read if isinstance(each, ChargingCurve)]
     limits = [each for each in read if isinstance(each, ChargingLimit)]
-    if max(len(curves), len(limits)) > 1:
-        raise InvalidInput(f'--charging-curve: give one file with {HEADER[0]} and one with {LIMIT_HEADER[0]} at '
-                           'most')
-    if temperature_c is not None and not curves:
-        raise InvalidInput('--charging-curve-temperature-c: only with a --charging-curve over the state of charge')
-    return next(iter(curves), None), next(iter(limits), None)
+    if len(limits) > 1:
+        raise InvalidInput(f'--charging-curve: {len(limits)} files with {LIMIT_HEADER[0]}; at most one is allowed')
+    return curves_at(curves, temperatures_c), next(iter(limits), None)
 
 
 def run_check(arguments: Namespace) -> int:
@@ -254,8 +251,9 @@ def _command(arguments: Namespace) -> str:
             words += [f'--{field.name.replace("_", "-")}', f'{value:.10g}']
     if arguments.charging_curve is not None:
         words += ['--charging-curve', *arguments.charging_curve]
-    if arguments.charging_curve_temperature_c is not None:
-        words += ['--charging-curve-temperature-c', f'{arguments.charging_curve_temperature_c:.10g}']
+    if arguments.charging_curve_temperature_c:
+        words += ['--charging-curve-temperature-c', *(
+            f'{at_c:.10g}' for at_c in arguments.charging_curve_temperature_c)]
     return shlex.join(words)
 
 

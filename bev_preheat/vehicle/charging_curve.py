@@ -4,11 +4,12 @@ The power of a warm car at a fast charger over its state of charge, and its map 
 
 A charging curve is published for a warm battery. The map of a vehicle file is
 
-    P(s, T) = share_hot(T) min(P_max, P_curve(s) share(T) / share(T_curve))
+    P(s, T) = share_hot(T) min(P_max, P_curve(s, T_c) share(T) / share(T_c))
 
-with the chemistry's shares of the power over the battery temperature (chemistry.yaml). Without a published curve,
-its shape is that of the car's class, which is read off published curves. A known limit over the battery
-temperature replaces the shares: P(s, T) = min(P_max, P_curve(s), P_limit(T)).
+with the chemistry's shares of the power over the battery temperature (chemistry.yaml). P_curve is linear between
+the temperatures of several curves, and T_c is the temperature T within their range: that of the one curve.
+Without a published curve, its shape is that of the car's class, which is read off published curves. A known limit
+over the battery temperature replaces the shares: P(s, T) = min(P_max, P_curve(s, T_c), P_limit(T)).
 """
 
 from __future__ import annotations
@@ -40,8 +41,10 @@ MOST_CURVE_POINTS = 1000
 # A curve must cover the span for which charging times are published.
 NEEDED_PERCENT = (10.0, 80.0)
 MOST_POWER_KW = 2000.0
-# Battery temperatures [deg C] of a published curve; colder, its conversion to a warm battery is a guess.
-CURVE_TEMPERATURES_C = (10.0, 45.0)
+# Battery temperatures [deg C] of published curves. The warmest is at least WARM_CURVE_C, because its conversion to
+# a warm battery would be a guess.
+CURVE_TEMPERATURES_C = (-40.0, 45.0)
+WARM_CURVE_C = 10.0
 # Packs with a higher nominal voltage belong to the 800 V class.
 HIGH_VOLTAGE_V = 550.0
 # Range of `fit`: from far steeper than published curves to a maximum held up to a high state of charge.
@@ -97,29 +100,43 @@ class ChargingLimit:
         return float(np.interp(highest_kw, self.power_kw[at - 1:at + 1], self.temperature_c[at - 1:at + 1]))
 
 
-def read_charging_curve(path: str | Path, temperature_c: float | None = None,
-                        note: str = 'given') -> ChargingCurve | ChargingLimit:
+def read_charging_curve(path: str | Path, note: str = 'given') -> ChargingCurve | ChargingLimit:
     """
     Return the ChargingCurve or the ChargingLimit of a CSV file, by its first line (HEADER, LIMIT_HEADER).
 
-    `temperature_c` [deg C] is the battery's while the curve was recorded; a limit has none. Lines that begin with
-    # are comments. Raises InvalidInput naming file, line, value and the allowed values.
+    A curve's temperature is NaN until `curves_at` states it. Lines that begin with # are comments. Raises
+    InvalidInput naming file, line, value and the allowed values.
     """
-    low_c, high_c = CURVE_TEMPERATURES_C
-    if temperature_c is not None and not low_c <= temperature_c <= high_c:
-        raise InvalidInput(
-            f'--charging-curve-temperature-c: {temperature_c:g} degC is not allowed; it must be {low_c:g} ... '
-            f'{high_c:g} degC, the battery temperature at which the curve was recorded')
     header, points = _points(path)
     try:
-        if header == LIMIT_HEADER:
-            return checked_limit(points, note)
-        if temperature_c is None:
-            raise InvalidInput('needs --charging-curve-temperature-c, the battery temperature at which it was '
-                               'recorded')
-        return checked_curve(points, temperature_c, note)
+        return checked_limit(points, note) if header == LIMIT_HEADER else checked_curve(points, math.nan, note)
     except InvalidInput as error:
         raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
+
+
+def curves_at(curves: Sequence[ChargingCurve], temperatures_c: Sequence[float]) -> tuple[ChargingCurve, ...]:
+    """
+    Return curves with the battery temperatures [deg C] at which they were recorded, the coldest first.
+
+    Raises InvalidInput if not each curve has a temperature of its own within CURVE_TEMPERATURES_C, or the warmest
+    was recorded below WARM_CURVE_C.
+    """
+    option, (low_c, high_c) = '--charging-curve-temperature-c', CURVE_TEMPERATURES_C
+    if len(temperatures_c) != len(curves):
+        raise InvalidInput(f'{option}: {len(temperatures_c)} temperatures for {len(curves)} --charging-curve '
+                           f'files with {HEADER[0]}; give the battery temperature of each')
+    problems = [f'{option}: {at_c:g} degC is not allowed; it must be {low_c:g} ... {high_c:g} degC, the battery '
+                'temperature at which the curve was recorded'
+                for at_c in temperatures_c if not low_c <= at_c <= high_c]
+    if len(set(temperatures_c)) < len(temperatures_c):
+        problems.append(f'{option}: each curve needs a temperature of its own')
+    if not problems and curves and max(temperatures_c) < WARM_CURVE_C:
+        problems.append(f'{option}: {max(temperatures_c):g} degC is not allowed for the warmest curve; it must be '
+                        f'{WARM_CURVE_C:g} ... {high_c:g} degC')
+    if problems:
+        raise InvalidInput(problems)
+    return tuple(replace(curve, temperature_c=at_c)
+                 for at_c, curve in sorted(zip(temperatures_c, curves), key=lambda pair: pair[0]))
 
 
 def _points(path: str | Path) -> tuple[tuple[str, ...], list[tuple[float, float]]]:
@@ -234,25 +251,30 @@ def _corners(x: FloatArray, y: FloatArray) -> list[int]:
     return [*kept, len(x) - 1]
 
 
-def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float,
+def charging_map(curves: Sequence[ChargingCurve], chemistry: Chemistry, most_kw: float,
                  limit: ChargingLimit | None = None) -> Table:
     """
-    Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW].
+    Return the charging power [W, negative] of curves over charge and temperature, at most `most_kw` [kW].
 
-    With a `limit` over the temperature it is the least of the three; else the chemistry decides for cold and heat.
+    The curves are in rising order of their temperatures. With a `limit` over the temperature it is the least of
+    the three; else the chemistry decides for cold and heat.
     """
-    if limit is not None:
-        grid_c = sorted(set(np.clip(limit.temperature_c, *LIMIT_TEMPERATURES_C).tolist()))
-        limited_kw = np.minimum(np.minimum.outer(curve.power_kw, limit.power_kw_at(grid_c)), most_kw)
-        return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(grid_c),
-                     tuple(map(tuple, (-np.round(W_PER_KW * limited_kw) + 0.0).tolist())))
     cold, hot = chemistry.charge_share, chemistry.hot_share
-    temperatures_c = sorted({*map(float, cold.temperature_c), *map(float, hot.temperature_c)})
-    hot_share: FloatArray = np.interp(temperatures_c, hot.temperature_c, hot.share)
-    at_curve = float(np.interp(curve.temperature_c, cold.temperature_c, cold.temperature_share))
-    rows_kw = np.outer(curve.power_kw, np.interp(
-        temperatures_c, cold.temperature_c, cold.temperature_share) / at_curve)
-    # A hot battery takes a share of the power that the car would give it. + 0.0 avoids -0 in files.
-    values_w = -np.round(W_PER_KW * hot_share * np.minimum(rows_kw, most_kw)) + 0.0
-    return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(temperatures_c),
-                 tuple(map(tuple, values_w.tolist())))
+    curves_c = [curve.temperature_c for curve in curves]
+    soc = sorted({at for curve in curves for at in curve.soc})
+    others_c = (*cold.temperature_c, *hot.temperature_c) if limit is None else np.clip(
+        limit.temperature_c, *LIMIT_TEMPERATURES_C).tolist()
+    grid_c = sorted({*map(float, others_c), *(curves_c if limit is None or len(curves) > 1 else ())})
+    of_curves_kw = np.array([np.interp(soc, curve.soc, curve.power_kw) for curve in curves])
+    rows_kw = np.array([np.interp(grid_c, curves_c, powers_kw) for powers_kw in of_curves_kw.T])
+    if limit is not None:
+        power_kw = np.minimum(np.minimum(rows_kw, limit.power_kw_at(grid_c)), most_kw)
+    else:
+        share, at_curve = (np.interp(at_c, cold.temperature_c, cold.temperature_share)
+                           for at_c in (grid_c, np.clip(grid_c, curves_c[0], curves_c[-1])))
+        # A hot battery takes a share of the power that the car would give it.
+        hot_share = np.interp(grid_c, hot.temperature_c, hot.share)
+        power_kw = hot_share * np.minimum(rows_kw * share / at_curve, most_kw)
+    # + 0.0 avoids -0 in files.
+    return Table(tuple(round(at, DECIMALS) for at in soc), tuple(grid_c),
+                 tuple(map(tuple, (-np.round(W_PER_KW * power_kw) + 0.0).tolist())))

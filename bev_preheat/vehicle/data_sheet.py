@@ -85,7 +85,8 @@ class DataSheet:
     Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At least one of the
     two is needed, and nominal voltage or number of cells in series, and the most charging power at a fast charger;
     the rest can be assumed. `charging_time_10_80_min` is the published time from 10 to 80 % with a warm battery,
-    `charging_curve` the published curve, `charging_limit` the most power over the battery temperature.
+    `charging_curves` the published curves from the coldest on, `charging_limit` the most power over the
+    battery temperature.
     """
 
     name: str
@@ -107,7 +108,7 @@ class DataSheet:
     drag_coefficient: float | None = None
     frontal_area_m2: float | None = None
     rolling_resistance: float | None = None
-    charging_curve: ChargingCurve | None = None
+    charging_curves: tuple[ChargingCurve, ...] = ()
     charging_limit: ChargingLimit | None = None
     # (name of a figure, source); a text that begins with "assumed" marks the figure as assumed.
     sources: tuple[tuple[str, str], ...] = ()
@@ -210,9 +211,9 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
         if round(time_min, 1) < round(LEAST_TIME_SHARE * least_min, 1):
             yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {TEN_TO_EIGHTY:.0%} of the energy '
                    f'at --charging-power-kw {sheet.charging_power_kw:g} kW take {least_min:.1f} min')
-    curve = sheet.charging_curve
-    if curve is not None and max(curve.power_kw) > (1.0 + CURVE_TOLERANCE) * sheet.charging_power_kw:
-        yield (f'--charging-curve: its maximum of {max(curve.power_kw):g} kW exceeds --charging-power-kw '
+    most_kw = max((max(curve.power_kw) for curve in sheet.charging_curves), default=0.0)
+    if most_kw > (1.0 + CURVE_TOLERANCE) * sheet.charging_power_kw:
+        yield (f'--charging-curve: its maximum of {most_kw:g} kW exceeds --charging-power-kw '
                f'{sheet.charging_power_kw:g} kW by more than {CURVE_TOLERANCE:.0%}; do both belong to one car?')
     drive_kw, regeneration_kw = sheet.drive_power_kw, sheet.regeneration_power_kw
     if drive_kw is not None and regeneration_kw is not None and regeneration_kw > drive_kw:

@@ -20,6 +20,7 @@ from bev_preheat.vehicle.charging_curve import (
     class_curve,
     CURVE_TEMPERATURES_C,
     HIGH_VOLTAGE_V,
+    WARM_CURVE_C,
 )
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
@@ -102,18 +103,18 @@ def describe_car(sheet: DataSheet, curve_fit: float = 1.0) -> dict[str, Entry]:
             **_road_load(sheet)}
 
 
-def warm_curve(sheet: DataSheet, curve_fit: float = 1.0) -> ChargingCurve:
+def curves_of(sheet: DataSheet, curve_fit: float = 1.0) -> tuple[ChargingCurve, ...]:
     """
-    Return the ChargingCurve of a checked DataSheet: the given one, else that of the car's class.
+    Return the ChargingCurves of a checked DataSheet: those given, else that of the car's class.
 
     `curve_fit` scales the power of a given curve, and is the `fit` of `charging_curve.class_curve`.
     """
-    if sheet.charging_curve is not None:
-        return sheet.charging_curve.scaled(curve_fit)
+    if sheet.charging_curves:
+        return tuple(curve.scaled(curve_fit) for curve in sheet.charging_curves)
     chemistry = load_chemistry(sheet.chemistry)
     pack, _ = _pack(sheet, chemistry)
-    return class_curve(chemistry, pack.cells_in_series * chemistry.nominal_cell_voltage_v, pack.gross_energy_kwh,
-                       sheet.charging_power_kw, curve_fit)
+    return (class_curve(chemistry, pack.cells_in_series * chemistry.nominal_cell_voltage_v, pack.gross_energy_kwh,
+                        sheet.charging_power_kw, curve_fit),)
 
 
 def _battery(sheet: DataSheet) -> dict[str, Entry]:
@@ -313,20 +314,20 @@ def _warm_c(sheet: DataSheet) -> float:
     """Return the battery temperature [deg C] from which the charging power is at its most."""
     if sheet.charging_limit is None:
         return USUAL_TARGET_C
-    low_c, high_c = CURVE_TEMPERATURES_C
-    return round(min(max(sheet.charging_limit.warm_c(sheet.charging_power_kw), low_c), high_c), 1)
+    return round(min(max(sheet.charging_limit.warm_c(sheet.charging_power_kw), WARM_CURVE_C),
+                     CURVE_TEMPERATURES_C[1]), 1)
 
 
 def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     chemistry = load_chemistry(sheet.chemistry)
-    curve = warm_curve(sheet, curve_fit)
+    curves = curves_of(sheet, curve_fit)
     pack, _ = _pack(sheet, chemistry)
     polarization = chemistry.polarization(
         pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V)
-    table = charging_map(curve, chemistry, sheet.charging_power_kw, sheet.charging_limit)
+    table = charging_map(curves, chemistry, sheet.charging_power_kw, sheet.charging_limit)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
-        how = f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper'
+        how = f'its power times {curve_fit:.3f}' if sheet.charging_curves else 'made fuller or steeper'
         time_note = (f', {how} so that 10 to 80 % take {sheet.charging_time_10_80_min:g} min '
                      f'({_origin(sheet, "charging_time_10_80_min")})')
     return {
@@ -341,7 +342,8 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
         'charging.power_limit': Entry(
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
              'values': [list(row) for row in table.values]},
-            f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. '
+            f'W, curve at {" / ".join(f"{curve.temperature_c:g}" for curve in curves)} degC: '
+            f'{"; ".join(dict.fromkeys(curve.note for curve in curves))}{time_note}. '
             + (f'Limit over the temperature: {sheet.charging_limit.note}' if sheet.charging_limit is not None else
                f'In the cold: {chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}'), assumed=True),
         'charging.polarization_factor': Entry(

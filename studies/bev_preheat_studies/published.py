@@ -111,8 +111,8 @@ def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
             raise InvalidInput(f'times: from {PERCENT * start:g} to {PERCENT * end:g} % must rise')
     cars: list[Vehicle | None] = [described(sheet)]
     curve = node.get('curve')
-    cars.append(None if curve is None else described(replace(sheet, charging_curve=checked_curve(
-        [tuple(point) for point in curve['points']], curve['temperature_c'], curve['source']))))
+    cars.append(None if curve is None else described(replace(sheet, charging_curves=(checked_curve(
+        [tuple(point) for point in curve['points']], curve['temperature_c'], curve['source']),))))
     usual = [minutes for start, end, minutes, *_ in times if (start, end) == PUBLISHED_SPAN]
     cars.append(described(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
     cars.append(load_vehicle(node['vehicle']) if 'vehicle' in node else None)

@@ -53,8 +53,8 @@ def test_a_warm_session_in_closed_form():
 @pytest.mark.parametrize('sheet', [
     replace(ID4, charging_time_10_80_min=29.0), replace(ID4, charging_time_10_80_min=45.0),
     replace(ATTO3, charging_time_10_80_min=44.0), replace(ATTO3, charging_time_10_80_min=32.5),
-    replace(ID4, charging_time_10_80_min=36.0, charging_curve=CURVE),
-    replace(ID4, charging_time_10_80_min=34.0, charging_curve=CURVE)],
+    replace(ID4, charging_time_10_80_min=36.0, charging_curves=(CURVE,)),
+    replace(ID4, charging_time_10_80_min=34.0, charging_curves=(CURVE,))],
     ids=['full', 'steep', 'LFP', 'LFP, full', 'curve, less', 'curve, more'])
 def test_a_session_takes_the_published_time(sheet):
     vehicle = car_of(sheet)
@@ -70,12 +70,12 @@ def test_a_session_takes_the_published_time(sheet):
      '--charging-power-kw 135 kW take 24.0 min'),
     ({'charging_time_10_80_min': 240.0}, '--charging-time-10-80-min: 240 min does not fit --charging-power-kw '
      '135 kW; it must be '),
-    ({'charging_time_10_80_min': 60.0, 'charging_curve': CURVE}, '--charging-time-10-80-min: 60 min does not fit '
-     '--charging-curve, which takes '),
+    ({'charging_time_10_80_min': 60.0, 'charging_curves': (CURVE,)}, '--charging-time-10-80-min: 60 min does not '
+     'fit --charging-curve, which takes '),
     ({'charging_time_10_80_min': 0.53}, '--charging-time-10-80-min: 0.53 min is implausible; it must be 4 ... '
      '240 min; 0.53 h would be 31.8 min'),
-    ({'charging_curve': CURVE.scaled(1.2)}, '--charging-curve: its maximum of 162 kW exceeds --charging-power-kw '
-     '135 kW')])
+    ({'charging_curves': (CURVE.scaled(1.2),)}, '--charging-curve: its maximum of 162 kW exceeds '
+     '--charging-power-kw 135 kW')])
 def test_a_time_that_cannot_be_is_refused_in_words(changes, problem):
     with pytest.raises(InvalidInput) as refused:
         describe_timed_car(replace(ID4, **changes))

@@ -131,7 +131,7 @@ def test_a_published_curve_and_time_become_the_map(said):
 @pytest.mark.parametrize('arguments, problem', [
     (['--charging-curve', 'curve.csv'], '--charging-curve: curve.csv: no such file'),
     (['--charging-curve-temperature-c', '25'],
-     '--charging-curve-temperature-c: only with a --charging-curve over the state of charge'),
+     '--charging-curve-temperature-c: 1 temperatures for 0 --charging-curve files'),
     (['--charging-curve', 'none.csv', '--charging-curve-temperature-c', '25'],
      '--charging-curve: none.csv: no such file'),
     (['--source', 'charging-curve=magazine'], '--source: --charging-curve is not given')])

@@ -17,7 +17,7 @@ from bev_preheat.vehicle.charging_curve import read_charging_curve
 
 READERS = {
     'departures': load_departures, 'grid prices': load_grid_prices,
-    'charging curve': lambda path: read_charging_curve(path, 25.0),
+    'charging curve': read_charging_curve,
     'expected figures': lambda path: load_expectation(path, {}),
     'token': lambda path: text_of(path, 'live.vss.token'),
     'DBC': pytest.param(load_dbc, marks=pytest.mark.needs('cantools')),

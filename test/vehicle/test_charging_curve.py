@@ -13,6 +13,7 @@ from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
     ChargingLimit,
     class_curve,
+    curves_at,
     FIT_RANGE,
     read_charging_curve,
 )
@@ -25,10 +26,10 @@ NMC, LFP = map(load_chemistry, ('nmc', 'lfp'))
 @pytest.fixture
 def curve_of(tmp_path):
     """Return the curve of a file's text."""
-    def read(text, temperature_c=30.0):
+    def read(text):
         file = tmp_path / 'curve.csv'
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_charging_curve(file, temperature_c)
+        return read_charging_curve(file)
     return read
 
 
@@ -38,7 +39,7 @@ LIMIT = 'battery_temperature_c,max_power_kw\n'
 
 
 def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
-    limit = curve_of(f'# as read from a car\n{LIMIT}-1000,20\n0,60\n15,75\n25,233\n', None)
+    limit = curve_of(f'# as read from a car\n{LIMIT}-1000,20\n0,60\n15,75\n25,233\n')
     assert limit == ChargingLimit((-1000.0, 0.0, 15.0, 25.0), (20.0, 60.0, 75.0, 233.0))
     # Halfway from 75 to 233 kW.
     assert (limit.warm_c(1000.0), limit.warm_c(154.0), limit.warm_c(10.0)) == (25.0, pytest.approx(20.0), -1000.0)
@@ -49,11 +50,10 @@ def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
     (f'{LIMIT}0,60\n0,70\n', '0 degC must be above the 0 degC before it'),
     (f'{LIMIT}0,60\nnan,70\n', 'nan degC must be above the 0 degC before it'),
     (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
-    (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature'),
-    (f'{HEADER}10,100\n80,50\n', 'needs --charging-curve-temperature-c, ')])
+    (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature')])
 def test_a_limit_that_cannot_be_is_refused_in_words(curve_of, text, problem):
     with pytest.raises(InvalidInput) as refused:
-        curve_of(text, None)
+        curve_of(text)
     assert f'curve.csv: {problem}' in str(refused.value)
 
 
@@ -62,7 +62,7 @@ def test_a_limit_that_cannot_be_is_refused_in_words(curve_of, text, problem):
 def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, temperature_c):
     curve = ChargingCurve((0.0, 0.5, 1.0), (160.0, 160.0, 20.0), 30.0)
     limit = ChargingLimit((-1000.0, 0.0, 15.0, 25.0), (60.0, 60.0, 75.0, 233.0))
-    power_w = charging_map(curve, NMC, 120.0, limit).function(FLOATS)(soc, temperature_c)
+    power_w = charging_map([curve], NMC, 120.0, limit).function(FLOATS)(soc, temperature_c)
     # At the points of the map, and between points on straight parts of the curve.
     curve_kw = 160.0 if soc <= 0.5 else 160.0 - 280.0 * (soc - 0.5)
     limit_kw = (60.0 if temperature_c <= 0.0 else 60.0 + temperature_c if temperature_c <= 15.0 else
@@ -97,10 +97,29 @@ def test_a_file_that_is_no_curve_is_refused_in_words(curve_of, text, problem):
     assert refused.value.problems[0].endswith(f'curve.csv: {problem}')
 
 
-@pytest.mark.parametrize('temperature_c', [-10.0, 9.9, 45.1, float('nan')])
-def test_a_curve_of_a_cold_or_boiling_battery_is_refused(curve_of, temperature_c):
-    with pytest.raises(InvalidInput, match='--charging-curve-temperature-c: .* it must be 10 ... 45 degC'):
-        curve_of(HEADER + '10,100\n80,50\n', temperature_c)
+@pytest.mark.parametrize('temperatures_c, problem', [
+    ([25.0], '1 temperatures for 2 --charging-curve files'), ([-40.1, 25.0], r'-40.1 degC .* -40 ... 45 degC'),
+    ([0.0, 45.1], r'45.1 degC .* -40 ... 45 degC'), ([float('nan'), 25.0], r'nan degC .* -40 ... 45 degC'),
+    ([25.0, 25.0], 'each curve needs a temperature of its own'),
+    ([9.9, -10.0], '9.9 degC is not allowed for the warmest curve; it must be 10 ... 45 degC')])
+def test_each_curve_has_a_temperature_and_one_is_of_a_warm_battery(curve_of, temperatures_c, problem):
+    with pytest.raises(InvalidInput, match=f'--charging-curve-temperature-c: {problem}'):
+        curves_at([curve_of(HEADER + '10,100\n80,50\n')] * 2, temperatures_c)
+
+
+def test_between_the_temperatures_of_curves_the_map_is_linear_and_beyond_it_follows_the_chemistry():
+    cold, warm = ((0.0, 0.5, 1.0), (40.0, 20.0, 4.0), 0.0), ((0.0, 0.4, 1.0), (110.0, 100.0, 10.0), 25.0)
+    curves = curves_at([ChargingCurve(*warm), ChargingCurve(*cold)], [25.0, 0.0])
+    assert [curve.temperature_c for curve in curves] == [0.0, 25.0]
+    power_w = charging_map(curves, NMC, 120.0).function(FLOATS)
+    # At 50 %: 20 kW at 0 degC, 85 kW at 25 degC; NMC takes 0.11 at -10 degC, 0.28 at 0 degC, half at 50 degC.
+    for at_c, expected_kw in ((0.0, 20.0), (10.0, 46.0), (25.0, 85.0), (45.0, 85.0), (50.0, 42.5),
+                              (-10.0, 20.0 * 0.11 / 0.28)):
+        assert -power_w(0.5, at_c) / 1e3 == pytest.approx(expected_kw, abs=0.001), at_c
+    limit = ChargingLimit((-1000.0, 10.0, 15.0, 25.0), (60.0, 30.0, 75.0, 233.0))
+    limited_w = charging_map(curves, NMC, 120.0, limit).function(FLOATS)
+    assert [-limited_w(0.5, at_c) / 1e3 for at_c in (0.0, 10.0, 25.0, 60.0)] == pytest.approx(
+        [20.0, 30.0, 85.0, 85.0], abs=0.001)
 
 
 @pytest.mark.parametrize('temperature_c, at_c, expected_kw', [
@@ -109,9 +128,9 @@ def test_a_curve_of_a_cold_or_boiling_battery_is_refused(curve_of, temperature_c
     # A curve of a battery at 10 degC: a warm one takes more, but no more than the car's maximum.
     (10.0, 10.0, 80.0), (10.0, 0.0, 80.0 * 0.28 / 0.53), (10.0, 25.0, 120.0)])
 def test_the_map_is_the_curve_times_the_share_of_the_cold(temperature_c, at_c, expected_kw):
-    table = charging_map(ChargingCurve((0.0, 1.0), (160.0, 0.0), temperature_c), NMC, 120.0)
+    table = charging_map([ChargingCurve((0.0, 1.0), (160.0, 0.0), temperature_c)], NMC, 120.0)
     # Half way the curve has 80 kW; its first half is cut off at 120 kW, so the map is read off at its own points.
-    table = charging_map(ChargingCurve((0.0, 0.5, 1.0), (100.0, 80.0, 10.0), temperature_c), NMC, 120.0)
+    table = charging_map([ChargingCurve((0.0, 0.5, 1.0), (100.0, 80.0, 10.0), temperature_c)], NMC, 120.0)
     assert -table.function(FLOATS)(0.5, at_c) / 1e3 == pytest.approx(expected_kw, abs=0.001)
 
 
