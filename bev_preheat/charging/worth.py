@@ -47,6 +47,7 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
 
@@ -92,7 +93,8 @@ class Worth:
     and `choice_without` are the HeatingChoices at the charger after the best target and without heating.
     `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
     None if it is certain. `pays_from_chance` is the same, also if it is certain. `pays_to_price_per_kwh` is the
-    highest price of energy for which some heating pays, infinite if it pays at any price, 0 if at none.
+    highest price of energy for which some heating pays, infinite if it pays at any price, 0 if at none. `by_rule`
+    has the results of `maker_rules`, if asked for.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -106,12 +108,14 @@ class Worth:
     pays_from_probability: float | None = None
     pays_from_chance: float = math.inf
     pays_to_price_per_kwh: float = 0.0
+    by_rule: dict[str, TargetWorth] = field(default_factory=dict)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
         return {'targets': [target.as_dictionary() for target in self.targets],
                 'best': self.best.as_dictionary(), 'without_heating': self.without_heating.as_dictionary(),
                 'fixed_target': self.fixed.as_dictionary(),
+                'maker_rules': {name: item.as_dictionary() for name, item in self.by_rule.items()},
                 'break_even_value_of_time_per_h': self.break_even_value_of_time_per_h,
                 'charger_heating': {'best': self.best_choice.as_dictionary(),
                                     'without_heating': self.choice_without.as_dictionary(),
@@ -177,14 +181,15 @@ def check_prices(prices: Prices) -> None:
 
 def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                charger_power_w: float, departure_soc: float, prices: Prices,
-               method: str = DEFAULT_METHOD, prospect: ChargingProspect = CERTAIN) -> Worth:
+               method: str = DEFAULT_METHOD, prospect: ChargingProspect = CERTAIN,
+               with_rules: bool = False) -> Worth:
     """
     Return the Worth of heating on a route to a charger of `charger_power_w` [W].
 
     `state` is the battery's at the start, `goal` gives the reserve on arrival and the usual target. Charging
     ends at `departure_soc` (0 ... 1). With an uncertain `prospect` all costs are expected ones (`expectation`).
-    Raises InvalidInput if an input is not allowed, the charge is not enough for the trip, or the battery
-    arrives with more than `departure_soc`.
+    `with_rules`: and the worth of `maker_rules`. Raises InvalidInput if an input is not allowed, the charge is not
+    enough for the trip, or the battery arrives with more than `departure_soc`.
     """
     stop = stop_after(route, charger_power_w, departure_soc)
     _check(vehicle, route, state, goal, stop, prices, prospect)
@@ -199,7 +204,9 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
         vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else
         Expectation(vehicle, route, state, stop, prospect, prices, unheated))
     search.advance(math.inf)
-    return search.worth()
+    return replace(search.worth(), by_rule={
+        name: search.worth_of(plan_by_rule(name, vehicle, route, state, goal))
+        for name in (MAKER_RULES if with_rules else ())})
 
 
 class _Paused(Exception):
@@ -256,11 +263,15 @@ class WorthSearch:
         return self._heating.choose(self._arrivals[target_c]).session
 
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
-        arrival = self._arrivals[target_c] = plan.arrival_state
-        choice = self._heating.choose(arrival)
+        self._arrivals[target_c] = plan.arrival_state
+        return replace(self.worth_of(plan), target_c=target_c)
+
+    def worth_of(self, plan: Plan) -> TargetWorth:
+        """Return the TargetWorth of a Plan of the same drive, which is no target of the search."""
+        choice = self._heating.choose(plan.arrival_state)
         session = choice.session
         item = TargetWorth(
-            target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
+            plan.target_temperature_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh, choice.cost, choice.decision.value,
             choice.heated_wh)
         return item if self._expectation is None else self._expectation.of(item, plan)
@@ -296,10 +307,7 @@ class WorthSearch:
     def _search(self) -> None:
         """Evaluate all targets that the search needs; known targets take no time."""
         grid_c = self._grid_c
-        for target_c in grid_c:
-            self._at(target_c)
-        for place in minima([self._at(target_c).cost for target_c in grid_c])[:REFINED_MINIMA]:
-            refine(grid_c, place, lambda target_c: self._at(target_c).cost)
+        scan(grid_c, lambda target_c: self._at(target_c).cost)
         self._at(self._usual_c)
 
         def pays_from(target_c: float) -> float:
@@ -432,6 +440,12 @@ def targets_between(low_c: float, high_c: float) -> list[float]:
     last = math.ceil(high_c / GRID_K) - 1
     grid_c = [GRID_K * number for number in range(first, last + 1)]
     return [*grid_c, high_c] if high_c > low_c else []
+
+
+def scan(grid_c: Sequence[float], cost_at: Callable[[float], float]) -> None:
+    """Try the targets of a grid [deg C], then those around its lowest minima."""
+    for place in minima([cost_at(target_c) for target_c in grid_c])[:REFINED_MINIMA]:
+        refine(grid_c, place, cost_at)
 
 
 def minima(costs: Sequence[float]) -> list[int]:

@@ -9,8 +9,9 @@ from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_methods_argument, add_situation_arguments, read_situation, warn
-from bev_preheat.commands.terminal import progress_console, result_console
+from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.optional_packages import require
+from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import (
     as_driven,
@@ -61,6 +62,7 @@ def run(arguments: Namespace) -> int:
         say(f'preheat: {error}')
         return FAILED
     sensitivity = find_sensitivity(*inputs, plan_preheating(*inputs))
+    rules = {name: plan_by_rule(name, *inputs) for name in MAKER_RULES}
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
@@ -68,6 +70,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, {
             'plans': {plan.method: plan.as_dictionary() for plan in plans},
+            'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},
             'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
             'difference': {method: text or None for method, text in differences.items()},
             'sensitivity': sensitivity and sensitivity.as_dictionary(),
@@ -85,6 +88,12 @@ def run(arguments: Namespace) -> int:
         rows.insert(0, ('Above optimum [Wh]', *(
             '–' if gap_wh is None else f'{gap_wh:+.4f}' for gap_wh in gaps_wh.values()), ''))
     print_plans(console, [*plans, best], title, more_rows=rows)
+    print_records(
+        console, "Makers' rules",
+        ('heater on', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'battery [Wh]', 'status'),
+        [(name, f'{plan.arrival_temperature_c:.2f}', f'{100.0 * plan.arrival_soc:.2f}',
+          f'{plan.energy_wh.hvch_electric:.0f}', f'{plan.energy_wh.battery_total:.0f}', plan.status.name)
+         for name, plan in rules.items()], ('left', *('right',) * 4, 'left'))
     console.say(*optimum_lines(optimum))
     if sensitivity is not None:
         console.say(f'{DEFAULT_METHOD}: {sensitivity.in_words()}')

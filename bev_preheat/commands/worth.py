@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.chargers import load_chargers, rank_chargers, ranking_verdict
 from bev_preheat.charging.expectation import time_deviation
-from bev_preheat.charging.stop import USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import check_stop, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.target_range import by_session, by_table, COLUMNS, read_charging_times, targets_in_range
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, find_worth
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
@@ -41,9 +42,13 @@ if TYPE_CHECKING:
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
+HEADINGS = ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]', 'cost',
+            '')
 # Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')
 OF_SEVERAL = ('end_soc', 'only')
+# Arguments for a range of targets.
+OF_RANGE = ('target_range', 'charging_times')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -63,6 +68,12 @@ def add_parser(subparsers: Subparsers) -> None:
                          help='with --chargers: state of charge at the end of the route')
     several.add_argument('--only', nargs='+', metavar='CHARGER',
                          help='with --chargers: compare only these, by name')
+    within = option_group(parser, 'a range of targets')
+    within.add_argument('--target-range', nargs=2, type=float, metavar='degC',
+                        help='lowest and highest target [degC]: the best one in between')
+    within.add_argument('--charging-times', metavar='FILE',
+                        help=f'with --target-range: charging times of a table ({",".join(COLUMNS)}) instead of '
+                        '--charger-power')
     add_price_arguments(parser, '; with --chargers for chargers without their own price')
     add_prospect_arguments(parser)
     add_output_arguments(parser)
@@ -76,13 +87,15 @@ def run(arguments: Namespace) -> int:
         return run_chargers(arguments)
     if arguments.departure_soc is None:
         arguments.departure_soc = USUAL_DEPARTURE_SOC
+    if arguments.target_range is not None:
+        return run_range(arguments)
     prospect = read_prospect(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     prices = Prices(arguments.energy_price, arguments.value_of_time)
     inputs, goal = situation.inputs[:3], situation.goal
     charger = arguments.charger_power, arguments.departure_soc
-    worth = find_worth(*inputs, goal, *charger, prices, prospect=prospect)
+    worth = find_worth(*inputs, goal, *charger, prices, prospect=prospect, with_rules=True)
     shown = worth.fixed if worth.best is worth.without_heating else worth.best
     deviation = time_deviation(
         *inputs, replace(situation.goal, target_temperature_c=shown.target_c,
@@ -114,8 +127,8 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_records(
         console, title.replace('\n', ', '),
-        ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
-         'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
+        HEADINGS, [*(_row(target, _names(worth, target)) for target in _shown(worth)),
+                      *(_row(item, name) for name, item in worth.by_rule.items())], (*('right',) * 7, 'left'))
     console.say(worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
                 None if sensitivity is None else sensitivity.in_words(worth.unheated_in_words()),
                 worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation))
@@ -143,16 +156,19 @@ def _shown(worth: Worth) -> list[TargetWorth]:
     return shown
 
 
-def _row(worth: Worth, target: TargetWorth) -> tuple[str, ...]:
-    names = [name for name, other in (('unheated', worth.without_heating), ('best', worth.best),
-                                      ('fixed', worth.fixed)) if target == other]
+def _names(worth: Worth, target: TargetWorth) -> str:
+    return ', '.join(name for name, other in (('unheated', worth.without_heating), ('best', worth.best),
+                                              ('fixed', worth.fixed)) if target == other)
+
+
+def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
     ends = math.isfinite(target.cost)
-    return ('–' if target == worth.without_heating else f'{target.target_c:.2f}',
+    return ('–' if names.startswith('unheated') else f'{target.target_c:.2f}',
             f'{target.arrival_temperature_c:.2f}', f'{100.0 * target.arrival_soc:.2f}',
             f'{target.hvch_electric_wh:.0f}',
             f'{target.charging_time_s / S_PER_MIN:.1f}' if ends else 'never',
             f'{target.bought_energy_wh / WH_PER_KWH:.2f}' if ends else '–',
-            f'{target.cost:.2f}' if ends else '–', ', '.join(names))
+            f'{target.cost:.2f}' if ends else '–', names)
 
 
 def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviation) -> str | None:
@@ -172,13 +188,51 @@ def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviati
 def check_charger_arguments(arguments: Namespace) -> None:
     """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     several = arguments.chargers is not None
-    others, needed = ((*OF_ONE, *PROSPECT_OPTIONS), ('end_soc',)) if several else (OF_SEVERAL, OF_ONE[:1])
+    others, needed = ((*OF_ONE, *PROSPECT_OPTIONS, *OF_RANGE), ('end_soc',)) if several else (
+        OF_SEVERAL, OF_ONE[:1] if arguments.charging_times is None else ())
     problems = [f'{option}: {"not allowed with" if several else "only with"} --chargers'
                 for option in given_options(arguments, others)]
+    if arguments.target_range is not None:
+        problems += [f'{option}: not allowed with --target-range' for option in given_options(
+            arguments, ('target', *PROSPECT_OPTIONS, 'plot'))]
+    elif arguments.charging_times is not None:
+        problems.append('--charging-times: only with --target-range')
     problems += [f'{option_of(name)}: needed with{"" if several else "out"} --chargers' for name in needed
                  if getattr(arguments, name) is None]
     if problems:
         raise InvalidInput(problems)
+
+
+def run_range(arguments: Namespace) -> int:
+    """Find the best target within a range, print, and write the requested files; returns the exit status."""
+    situation = read_situation(arguments)
+    prices = Prices(arguments.energy_price, arguments.value_of_time)
+    files = [*situation.files, *([] if arguments.charging_times is None else [arguments.charging_times])]
+    check_output_arguments(arguments, files)
+    vehicle, route = situation.inputs[:2]
+    if arguments.charging_times is None:
+        stop = stop_after(route, arguments.charger_power, arguments.departure_soc)
+        check_stop(vehicle, stop)
+        after = by_session(vehicle, stop, prices)
+    else:
+        after = by_table(vehicle, read_charging_times(arguments.charging_times), arguments.departure_soc)
+    found = targets_in_range(*situation.inputs, arguments.target_range, after, prices)
+    best = found[0]
+    if arguments.json:
+        write_json(arguments.json, {
+            'targets': [item.as_dictionary() for item in sorted(found, key=lambda item: item.target_c)],
+            'best': best.as_dictionary(), 'target_range_c': arguments.target_range, **situation.as_dictionary()})
+    low_c, high_c = arguments.target_range
+    console = result_console(arguments.json)
+    title = f'vehicle {vehicle.name}, route {arguments.route}, {low_c:g} ... {high_c:g} degC on arrival'
+    print_records(console, title, HEADINGS, [_row(item, 'best' if item is best else '') for item in sorted(
+                      found, key=lambda item: item.target_c)
+                      if item is best or item.target_c % 1.0 == 0.0], (*('right',) * 7, 'left'))
+    console.say('No target within the range is reached with the reserve of charge and charged to the end.'
+                if math.isinf(best.cost) else
+                f'Best target: {best.target_c:.2f} degC, {duration_text(best.charging_time_s)} at the charger, '
+                f'{best.hvch_electric_wh:.0f} Wh for heat.')
+    return 0
 
 
 def run_chargers(arguments: Namespace) -> int:

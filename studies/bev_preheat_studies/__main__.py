@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 # Each module has add_parser(subparsers), which sets `run`. `preheat` has the first three, too.
 STUDIES = {
     'robustness': 'robustness.command', 'sweep': 'optimality.sweep', 'reproduce': 'table_two',
-    'best_target': 'optimality.best_target', 'uncertain_charging': 'optimality.uncertain_charging',
+    'best_target': 'optimality.best_target', 'arrival_range': 'optimality.arrival_range',
+    'uncertain_charging': 'optimality.uncertain_charging',
     'fleet': 'fleet.study', 'identification': 'identification.study', 'tunables': 'tunables',
     'value_picture': 'value_picture', 'published': 'published', 'cost': 'cost.benchmark', 'soak': 'soak.command'}
 

@@ -120,6 +120,7 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
     (['--end-soc', '30'], "the top of the vehicle's soc_range; 0.3?"),
     (['--end-soc', 'nan'], 'end state of charge: nan is not allowed; it must be 0.05 ... 1'),
     (['--departure-soc', '0.8'], '--departure-soc: not allowed with --chargers'),
+    (['--target-range', '20', '25'], '--target-range: not allowed with --chargers'),
     (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
     (['--value-of-time', '-1'], 'value of time: -1 is not allowed; it must be 0 ... 1000000 per h'),
     (['--energy-price', 'nan'], 'energy price: nan is not allowed; it must be 0 ... 1000 per kWh'),
@@ -130,6 +131,24 @@ def test_several_chargers_refused_in_lines(said, arguments, problem):
     status, output, errors = said(*ALONG, *arguments)
     assert (status, output) == (2, '')
     assert problem in errors.splitlines()[0] and errors.startswith('preheat: error: ')
+
+
+def test_a_range_of_targets_with_a_table_of_charging_times(said, tmp_path):
+    *words, _, _, _, _ = DRIVE
+    rows = [f'{soc},{at_c},{time_s}' for soc in (0, 1) for at_c, time_s in ((-10, 2000), (7, 1500), (8, 900))]
+    (tmp_path / 'times.csv').write_text('\n'.join(['arrival_soc,arrival_temperature_c,charging_time_s', *rows]))
+    within = [*words, '--charging-times', 'times.csv', '--target-range']
+    status, output, _ = said(*within, '5', '10', '--min-soc', '0.05', '--json', '-')
+    written = json.loads(output)
+    assert status == 0 and written['target_range_c'] == [5.0, 10.0]
+    assert set(written['best']) == TARGET_KEYS
+    assert written['best']['arrival_temperature_c'] == pytest.approx(8.0, abs=0.06)
+    assert written['best']['charging_time_s'] == pytest.approx(900.0, abs=30.0)
+    status, output, _ = said(*within, '40', '45')
+    assert status == 0 and 'No target within the range is reached' in output
+    assert said(*words, '--charging-times', 'times.csv')[2].startswith(
+        'preheat: error: --charging-times: only with --target-range')
+    assert '--target: not allowed with --target-range' in said(*within, '5', '10', '--target', '20')[2]
 
 
 def test_without_a_charge_to_leave_with_it_is_80_percent_as_in_the_planner(said):

@@ -2,8 +2,8 @@
 """
 A winter fleet at fast chargers: the minutes that preheating saves there, and the energy that it takes.
 
-Drives random winter trips in four ways: not heated, heated from the start by a thermostat, heated by a plan to the
-car's usual target, and to the target that the planner chooses. After each the battery is charged to 80 %.
+Drives random winter trips: not heated, heated from the start by a thermostat, by the rules of makers, by a plan to
+the car's usual target, and to the target that the planner chooses. After each the battery is charged to 80 %.
 """
 
 from __future__ import annotations
@@ -58,11 +58,14 @@ if TYPE_CHECKING:
     Figures = dict[str, Any]
 
 PRICES = Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H)
+# An arrival this much below the car's usual target is too cold [K].
+TOO_COLD_K = 2.0
 PERCENTILES = {'5 %': 5.0, 'median': 50.0, '95 %': 95.0}
 # Rows of the table: heading, value from a way's figures, format.
 ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (
     ('Heater before arrival [kWh]', lambda figures: figures['heater_kwh'], '.2f'),
     ('Battery on arrival [degC]', lambda figures: figures['arrival_c'], '.1f'),
+    (f'… {TOO_COLD_K:g} K below the usual target [%]', lambda figures: 100.0 * figures['too_cold'], '.0f'),
     ('At the charger [min]', lambda figures: figures['charging_min'], '.1f'),
     ('… saved, mean', lambda figures: figures['saved_min']['mean'], '+.1f'),
     ('… 5 %', lambda figures: figures['saved_min']['5 %'], '+.1f'),
@@ -75,10 +78,15 @@ ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (
 
 @dataclass(frozen=True)
 class Stop:
-    """One way to heat a trip: heater energy before arrival, the battery on arrival, and the session after it."""
+    """
+    One way to heat a trip: heater energy before arrival, the battery on arrival, and the session after it.
+
+    `below_k` is the arrival's temperature below the car's usual target [K].
+    """
 
     heater_wh: float
     arrival_c: float
+    below_k: float
     charging_s: float
     bought_wh: float
 
@@ -132,10 +140,12 @@ def drive_trip(seed: int, number: int) -> FleetResult:
     head = number, trip.car, trip.ambient_c, trip.route.total_duration_s / S_PER_MIN
     try:
         worth = find_worth(trip.vehicle, trip.route, trip.state, trip.goal, trip.stop.charger_power_w,
-                           trip.stop.departure_soc, PRICES)
-        ways = {name: Stop(found.hvch_electric_wh, found.arrival_temperature_c, found.charging_time_s,
-                           found.bought_energy_wh)
-                for name, found in ((NONE, worth.without_heating), (USUAL, worth.fixed), (BEST, worth.best))}
+                           trip.stop.departure_soc, PRICES, with_rules=True)
+        usual_c = trip.goal.target_temperature_c
+        ways = {name: Stop(found.hvch_electric_wh, found.arrival_temperature_c,
+                           usual_c - found.arrival_temperature_c, found.charging_time_s, found.bought_energy_wh)
+                for name, found in {NONE: worth.without_heating, USUAL: worth.fixed, BEST: worth.best,
+                                    **worth.by_rule}.items()}
         ways[ALWAYS] = _always_on(trip)
     except InvalidInput as error:
         return FleetResult(*head, {}, str(error))
@@ -152,7 +162,8 @@ def _always_on(trip: WinterTrip) -> Stop:
     arrival = BatteryState(float(schedule.temperature_c[-1]), float(max(schedule.soc[-1], 0.0)))
     session = ChargerHeating(trip.vehicle, trip.stop, PRICES).choose(arrival).session
     return Stop(float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH, arrival.temperature_c,
-                session.charging_time_s, session.bought_energy_wh)
+                trip.goal.target_temperature_c - arrival.temperature_c, session.charging_time_s,
+                session.bought_energy_wh)
 
 
 def tables_of(trips: Sequence[FleetResult]) -> dict[str, dict[str, list[FleetResult]]]:
@@ -185,6 +196,7 @@ def _figures(trips: Sequence[FleetResult]) -> Figures:
         figures['ways'][way] = {
             'heater_kwh': float(np.mean([stop.heater_wh for stop, _ in pairs])) / WH_PER_KWH,
             'arrival_c': float(np.mean([stop.arrival_c for stop, _ in pairs])),
+            'too_cold': float(np.mean([stop.below_k > TOO_COLD_K for stop, _ in pairs])),
             'charging_min': float(np.mean([stop.charging_s for stop, _ in pairs])) / S_PER_MIN,
             'saved_min': {'mean': float(np.mean(saved)), **distribution(saved, **PERCENTILES)},
             'more_kwh': {'mean': float(np.mean(more)), **distribution(more, **PERCENTILES)},
@@ -210,4 +222,4 @@ def print_fleet(console: Console, summary: Figures) -> None:
               f'{groups[name]["ways"][NONE]["charging_min"]:.1f}',
               *(f'{ways[way]["saved_min"]["mean"]:+.1f}/{ways[way]["more_kwh"]["mean"]:+.2f}'
                 for ways in [groups[name]['ways']] for way in WAYS[1:]))
-             for name in names if name in groups], ('left', *['right'] * 6))
+             for name in names if name in groups], ('left', *['right'] * (2 + len(WAYS))))

@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.numerics import FLOATS, S_PER_H
+from bev_preheat.planning.maker_rules import MAKER_RULES
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, loaded, RoadForces
 from bev_preheat.route.segments import make_route, Route
@@ -24,7 +25,8 @@ from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 
 # The ways to heat a trip.
-NONE, ALWAYS, USUAL, BEST = WAYS = ('no_heating', 'always_on', 'usual_target', 'best_target')
+NONE, ALWAYS, USUAL, BEST = 'no_heating', 'always_on', 'usual_target', 'best_target'
+WAYS = (NONE, ALWAYS, *MAKER_RULES, USUAL, BEST)
 # Edges of the groups of trips.
 AMBIENT_EDGES_C = (-10.0, -5.0, 0.0, 5.0)
 LENGTH_EDGES_MIN = (30.0, 60.0, 90.0)

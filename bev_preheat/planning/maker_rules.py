@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Rules by which makers start the battery's heating before a charger, as comparators of plans.
+
+The heater is at full power from an instant that the rule alone decides, until the target or the arrival. Sources:
+docs/explanation/worth.md.
+"""
+from __future__ import annotations
+
+import math
+from time import perf_counter
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.planning.limited_drive import WantedHeat
+from bev_preheat.planning.limits import run_within_limits
+from bev_preheat.planning.planner import finish_plan
+from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.two_switches import maximum_between
+
+if TYPE_CHECKING:
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+# Air of 20 degF and below is cold to a rule [deg C].
+COLD_AIR_C = -20.0 / 3.0
+
+
+class MakerRule(NamedTuple):
+    """The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival."""
+
+    before_s: float
+    cold_before_s: float
+    before_m: float = math.inf
+
+    def start_s(self, route: Route) -> float:
+        """Return the instant on a Route at which the heater starts [s]."""
+        end_s = route.total_duration_s
+        driven_m = np.concatenate(([0.0], np.cumsum(route.duration_s * route.speed_mps)))
+        near_s = float(np.interp(driven_m[-1] - self.before_m, driven_m, route.time_s))
+        cold_s = max(end_s - self.cold_before_s, 0.0)
+        is_cold = route.ambient_temperature_c[route.segment_at(cold_s)] <= COLD_AIR_C
+        return max(cold_s if is_cold else end_s - self.before_s, near_s, 0.0)
+
+
+MAKER_RULES = {
+    '20 min': MakerRule(1200.0, 1200.0),
+    '30 min': MakerRule(1800.0, 1800.0),
+    '30/60 min': MakerRule(1800.0, 3600.0),
+    '30 km': MakerRule(math.inf, math.inf, 30e3)}
+
+
+def plan_by_rule(name: str, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
+    """Return the Plan of a rule of MAKER_RULES, as executed within the limits; raises InvalidInput."""
+    started = perf_counter()
+    check_situation(vehicle, route, state, goal)
+    trip = make_trip(vehicle, route)
+    wanted_w = maximum_between(trip, MAKER_RULES[name].start_s(route), route.total_duration_s)
+    schedule = run_within_limits(trip, state, WantedHeat(wanted_w, goal.target_temperature_c), take_surplus=False)
+    return finish_plan(trip, goal, schedule, name, started)
