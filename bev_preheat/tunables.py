@@ -289,7 +289,8 @@ TARGET_HALVINGS = 14         # 1  | of the range in which the warmest target is 
 
 # planning/dynamics.py: the model
 HOTTEST_BEYOND_RANGE_K = 20.0  # K | the car's own cooling, not in the model, holds the battery
-LONGEST_STEP_S = 120.0         # s | 300 s cost 0.1 % of the heat on a route of few long rows
+LONGEST_STEP_S = 300.0         # s | Euler's error grows with the step
+LONGEST_ROW_S = 60.0           # s | longer rows of a given route are divided: 300 s cost 0.1 % of the heat
 TIME_CONSTANT_SHARE = 0.5      # 1 | explicit methods become unstable at twice the time constant
 LAGS_AHEAD = 5.0               # n | after which a heater that is off takes nothing: e^-5
 LASTING_LAGS = 0.7             # n | of surplus that is worth using: ln 2, heat is worth half its cost

@@ -144,7 +144,8 @@ def _driven(arguments: Namespace,
                            f'--route {arguments.source}')
     if arguments.step is not None and loaded.stops:
         raise InvalidInput('--step: not for a route with charging stops, which lie between its segments')
-    return Path(path).stem, in_steps(loaded.route, arguments), loaded.remarks, [loaded.file], loaded.stops
+    route = loaded.route if arguments.step is None else in_steps(loaded.route, arguments)
+    return Path(path).stem, route, loaded.remarks, [loaded.file], loaded.stops
 
 
 def _command(arguments: Namespace) -> str:

@@ -27,6 +27,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.tunables import LONGEST_ROW_S
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
 
@@ -108,7 +109,7 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     more.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
                       help='least state of charge on arrival (default: 0)')
     more.add_argument('--step', type=float, metavar='S',
-                      help='plan in steps of this length [s] (default: the rows of the route)')
+                      help='plan in steps of this length [s] (default: the rows of the route, at most 60)')
     parser.set_defaults(no_charging=False)
 
 
@@ -183,9 +184,9 @@ def load_planned_vehicle(name_or_file: str) -> Vehicle:
 
 
 def in_steps(route: Route, arguments: Namespace) -> Route:
-    """Return a Route in the steps of `--step`; raise InvalidInput if the step is not allowed."""
+    """Return a Route in the steps of `--step`, else with its long rows divided; raise InvalidInput."""
     if arguments.step is None:
-        return route
+        return route.divided(LONGEST_ROW_S)
     if not 0.1 <= arguments.step <= 3600.0:
         raise InvalidInput(f'--step: {arguments.step:g} s is not allowed; it must be '
                            '0.1 ... 3600 s')

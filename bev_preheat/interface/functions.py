@@ -30,6 +30,7 @@ from bev_preheat.planning.planner import (
     plan_preheating,
 )
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.tunables import LONGEST_ROW_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -74,7 +75,7 @@ def named_methods(methods: Sequence[AnyMethod]) -> tuple[str, ...]:
 def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
          method: AnyMethod = DEFAULT_METHOD) -> PlanResult:
     """
-    Return when to heat on a route, as `preheat plan` does.
+    Return when to heat on a route, whose rows are divided from 60 s on, as `preheat plan` does.
 
     `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
     the vehicle's default. `method` is a name in `methods()`: `value_function` keeps the paper's limits (9e)-(9i),
@@ -82,7 +83,7 @@ def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float
     of a MethodSituation that returns the heater's power in each step [W], (N,). Raises InvalidInput, which names
     field, value and allowed range, and PlanningFailure if the model yields no numbers, or the function no powers.
     """
-    goal = goal_of(vehicle, goal)
+    goal, route = goal_of(vehicle, goal), route.divided(LONGEST_ROW_S)
     return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, _named(method)))
 
 
@@ -101,7 +102,7 @@ def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | fl
     """
     require('casadi')
     from bev_preheat.nonlinear_program.solve import solve_optimum
-    goal = goal_of(vehicle, goal)
+    goal, route = goal_of(vehicle, goal), route.divided(LONGEST_ROW_S)
     solved = solve_optimum(vehicle, route, state, goal, keeps_power_limits)
     return OptimumResult(vehicle, route, goal, solved.plan, solved)
 
@@ -116,7 +117,7 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
     power limit is compared as it would be driven. Other arguments as in `plan`.
     """
     names = method_names() if methods is None else named_methods(methods)
-    goal = goal_of(vehicle, goal)
+    goal, route = goal_of(vehicle, goal), route.divided(LONGEST_ROW_S)
     best = optimum(vehicle, route, state, goal)
     plans = {name: as_driven(plan_preheating(
         vehicle, route, state, goal, name, no_regret=name == DEFAULT_METHOD), vehicle, route, state, goal)
@@ -163,7 +164,7 @@ def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: 
     `charger_power_w` [W], `departure_soc` (0 ... 1); prices in one currency. Raises InvalidInput.
     """
     return WorthResult(vehicle, find_worth(
-        vehicle, route, state, goal_of(vehicle, goal), charger_power_w, departure_soc,
+        vehicle, route.divided(LONGEST_ROW_S), state, goal_of(vehicle, goal), charger_power_w, departure_soc,
         Prices(energy_price_per_kwh, value_of_time_per_h)))
 
 

@@ -4,6 +4,7 @@
 import json
 
 from matplotlib.image import imread
+import numpy as np
 import pytest
 
 from bev_preheat.commands.main import main
@@ -255,3 +256,15 @@ def test_a_temperature_below_zero_may_be_written_in_any_way(capsys, temperature)
                    temperature])
     assert (status, capsys.readouterr().out.splitlines()[-2]) == (
         0, 'WAITING: Heating starts in 32:02 min: arrival in 1:00:00 h at 25.0 degC, target 25.0 degC.')
+
+
+def test_long_rows_are_divided_unless_the_step_is_given(said, tmp_path):
+    (tmp_path / 'long.csv').write_text('duration_s,speed_mps,propulsion_power_w,ambient_temperature_c\n'
+                                       '900,20,15000,-5\n1500,25,20000,-5\n50,10,9000,-5\n')
+    words = ['plan', '--vehicle', 'reference', '--route', './long.csv', '--temperature', '0', '--soc', '0.8',
+             '--target', '15', '--json', '-']
+    plans = [json.loads(said(*words, *more)[1]) for more in ((), ('--step', '5'), ('--step', '600'))]
+    assert np.diff(plans[0]['time_s']).max() == 60.0 and len(plans[0]['time_s']) == 15 + 25 + 1 + 1
+    heat_wh = [plan['energy_wh']['hvch_electric'] for plan in plans]
+    assert heat_wh[0] == pytest.approx(heat_wh[1], rel=2e-4)
+    assert abs(heat_wh[2] - heat_wh[1]) > abs(heat_wh[0] - heat_wh[1])

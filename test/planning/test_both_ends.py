@@ -90,11 +90,11 @@ def test_surplus_at_the_end_goes_to_the_heater_before_the_brake(surplus_w, heate
 
 
 def test_where_less_heat_lowers_the_limit_by_more_the_heater_gets_nothing():
-    # In 2 min a watt of heat warms by 0.87 mK, which raises the limit by 4.4 W; 55 kW take 38 % of the charge.
+    # In 5 min a watt of heat warms by 0.87 mK, which raises the limit by 4.4 W; 55 kW take 38 % of the charge.
     steep = replace(CAR, battery=replace(
-        CAR.battery, capacity_ah=0.4 * CAR.battery.capacity_ah, heat_capacity_j_per_k=1.2e5,
-        discharge_power_limit=Table((0.0, 1.0), (0.0, 20.0), ((-78.3e3, 21.7e3), (35.7e3, 135.7e3)))))
-    trip = make_trip(steep, replace(one_step(50e3).route, duration_s=np.array([120.0])))
+        CAR.battery, heat_capacity_j_per_k=3e5, discharge_power_limit=Table(
+            (0.0, 1.0), (0.0, 20.0), ((-78.3e3, 21.7e3), (35.7e3, 135.7e3)))))
+    trip = make_trip(steep, replace(one_step(50e3).route, duration_s=np.array([300.0])))
     assert len(trip.route) == 1
     # 55 kW at the start.
     schedule = drive_as_planned(trip, BatteryState(5.0, 0.95), trip.heater_limit_w)

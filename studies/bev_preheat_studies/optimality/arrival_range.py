@@ -31,6 +31,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.two_switches import maximum_between
 from bev_preheat.route.for_vehicle import route_for
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import LONGEST_ROW_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.study import (
     add_study_arguments,
@@ -62,8 +63,8 @@ BELOW_K = 1e-4
 # Scores that differ by less are equal.
 SAME_POINTS = 0.002
 # Ranges of drawn routes: segments, lengths [km], speeds [km/h], air [degC], battery above the air [K], charge.
-SEGMENTS, KM, KMH = (4, 9), (4.0, 20.0), (20.0, 110.0)
-AIR_C, WARMER_K, SOC = (-15.0, 5.0), (0.0, 12.0), (0.5, 0.9)
+SEGMENTS, KM, KMH = (4, 9), (2.0, 12.0), (20.0, 110.0)
+AIR_C, WARMER_K, SOC = (-15.0, 5.0), (0.0, 12.0), (0.6, 0.95)
 # Power of the drivetrain [kW] at rest and for each km/h, and its spread; assumed: a car of middle size in winter.
 POWER_KW, KW_PER_KMH, SPREAD = 9.0, 0.26, 0.1
 PERCENTILES = {'least': 0.0, 'median': 50.0, 'most': 100.0}
@@ -154,6 +155,7 @@ def solve(task: Task, number: int) -> RangeResult:
 
 
 def _solved(task: Task, result: RangeResult, vehicle: Vehicle, route: Route, state: BatteryState) -> RangeResult:
+    route = route.divided(LONGEST_ROW_S)
     stop = stop_after(route, CHARGER_RANGE_W[1], task.departure_soc)
     times = None if task.folder is None else task.folder / TIMES
     # The score is no cost, so the car's own heating at the charger is weighed at the usual prices.
