@@ -28,9 +28,9 @@ FLAT = Table((0.0,), (0.0,), ((900.0,),))
 
 
 def drive(minutes=60):
-    """Return a Route of three long segments, which plans divide."""
+    """Return a Route of three parts, in rows of a minute."""
     return Route(np.full(3, 20.0 * minutes), *(np.full(3, value) for value in (
-        25.0, 18e3, 18e3, -6.0, 800.0, 400.0, 18e3)))
+        25.0, 18e3, 18e3, -6.0, 800.0, 400.0, 18e3))).divided(60.0)
 
 
 def cheapest_start(after, low_c, high_c):
