@@ -182,7 +182,7 @@ def _solved(task: Task, result: RangeResult, vehicle: Vehicle, route: Route, sta
     goal = Goal(task.range_c[0], task.reserve, heats_until_arrival=True)
     found = targets_in_range(vehicle, route, state, goal, task.range_c, after, prices)[0]
     plan = plan_preheating(vehicle, route, state, replace(goal, target_temperature_c=found.target_c))
-    # Without regeneration each interval is one of full power.
+    # Without regeneration the heater is at full power in all intervals.
     drive = judge(sum((maximum_between(trip, part.start_s, part.end_s) for part in plan.intervals), np.zeros(
         len(trip.route))))
     return replace(result, scan_points=points(best), points=points(drive), scan_c=best.arrival.temperature_c,
@@ -231,7 +231,7 @@ def summarise(results: Sequence[RangeResult]) -> dict[str, Any]:
 def _show(console: Console, results: list[RangeResult]) -> dict[str, Any]:
     summary = summarise(results)
     console.print(f'{summary["routes"]} routes, {summary["solved"]} arrive within the range by heating; on '
-                  f'{summary["not_worse"]} the target scores as much as the scan, or more', soft_wrap=True)
+                  f'{summary["not_worse"]} the target scores no less than the scan', soft_wrap=True)
     if summary['solved']:
         print_figures(console, 'Points above the scan', ('', *PERCENTILES), [
             ('target within the range', *(f'{summary["above_scan"][key]:+.4f}' for key in PERCENTILES))])
