@@ -28,6 +28,7 @@ if find_spec('bev_preheat_studies') is not None:
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
+    from bev_preheat.interface.drive_results import DriveResult, SessionResult, WorthResult
     from bev_preheat.interface.functions import (
         charging_session,
         compare,
@@ -47,14 +48,7 @@ if TYPE_CHECKING:
         vehicles,
     )
     from bev_preheat.interface.own_car import check, CheckResult, IdentificationResult, identify
-    from bev_preheat.interface.results import (
-        ComparisonResult,
-        DriveResult,
-        OptimumResult,
-        PlanResult,
-        SessionResult,
-        WorthResult,
-    )
+    from bev_preheat.interface.results import ComparisonResult, OptimumResult, PlanResult
     from bev_preheat.logs.recording import Recording
     from bev_preheat.planning.installed_methods import MethodSituation, Prediction
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -77,8 +71,8 @@ else:
         **dict.fromkeys(('load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle', 'routes',
                          'vehicles'), 'interface.inputs'),
         **dict.fromkeys(('CheckResult', 'IdentificationResult', 'check', 'identify'), 'interface.own_car'),
-        **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
-                         'WorthResult'), 'interface.results'),
+        **dict.fromkeys(('ComparisonResult', 'OptimumResult', 'PlanResult'), 'interface.results'),
+        **dict.fromkeys(('DriveResult', 'SessionResult', 'WorthResult'), 'interface.drive_results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
         **dict.fromkeys(('MethodSituation', 'Prediction'), 'planning.installed_methods'),
         'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater',

@@ -130,7 +130,7 @@ def with_shared(title, sections):
 def parameters():
     """Return the parameters of the nodes; those that are read at the start only have the mark."""
     return with_shared('Shared parameters', [
-        (f'Parameters of `{node.PROGRAM.name}`', '', [parameter_row(parameter) for parameter in node.PARAMETERS])
+        (f'Parameters of `{node.PROGRAM.name}`', '', list(map(parameter_row, node.PROGRAM.parameters)))
         for node in NODES])
 
 

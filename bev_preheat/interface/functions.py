@@ -10,15 +10,9 @@ from bev_preheat.charging.stop import ChargingStop, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.errors import InvalidInput
+from bev_preheat.interface.drive_results import DriveResult, SessionResult, WorthResult
 from bev_preheat.interface.inputs import checked
-from bev_preheat.interface.results import (
-    ComparisonResult,
-    DriveResult,
-    OptimumResult,
-    PlanResult,
-    SessionResult,
-    WorthResult,
-)
+from bev_preheat.interface.results import ComparisonResult, OptimumResult, PlanResult
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.installed_methods import use_function
 from bev_preheat.planning.plan import difference, energy_gap_wh

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.interface.inputs import checked
-from bev_preheat.interface.result import Result
+from bev_preheat.interface.results import Result
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:

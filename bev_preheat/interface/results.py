@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The results of the public interface.
+The results of the public interface: their base, plans, and comparisons of plans.
 
 Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a pandas.DataFrame over time;
 `plot()`, the picture of that command; and one line as its text.
@@ -8,21 +8,23 @@ Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a 
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import asdict, dataclass
+from html import escape
+import io
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.interface.result import Result
-from bev_preheat.optional_packages import require
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.optional_packages import is_installed, require
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from bev_preheat.charging.heating_choice import HeatingChoice
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.worth import Worth
     from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.planning.plan import Plan
@@ -31,8 +33,61 @@ if TYPE_CHECKING:
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
+PICTURE_DPI = 75
 
-def _frame(columns: dict[str, FloatArray]) -> DataFrame:
+
+class Result:
+    """A result: `in_words()` is its line, `plot` its picture; a notebook shows both."""
+
+    def in_words(self) -> str:
+        """Return the result as one short line."""
+        raise NotImplementedError
+
+    def _figure(self) -> Figure:
+        """Return the picture of the command."""
+        raise NotImplementedError
+
+    def _draw(self, axis: Axes) -> None:
+        """Draw the most important panel."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return the line with the name of the class."""
+        return f'<{type(self).__name__}: {self.in_words()}>'
+
+    def _repr_html_(self) -> str:
+        """Return line and picture for a notebook; without matplotlib the line."""
+        text = f'<p>{escape(self.in_words())}</p>'
+        if not is_installed('matplotlib'):
+            return text
+        drawn = io.BytesIO()
+        self._figure().savefig(drawn, format='png', dpi=PICTURE_DPI)
+        return f'{text}<img alt="" src="data:image/png;base64,{b64encode(drawn.getvalue()).decode()}">'
+
+    def plot(self, file: str | Path | None = None, ax: Axes | None = None) -> Axes | list[Axes]:
+        """
+        Draw the result and return its axes; needs matplotlib.
+
+        Without `ax` all panels are drawn, those of the command's picture, into `file` if given (PNG, SVG, PDF by
+        suffix), and a list of their axes is returned. With `ax` the most important panel is drawn there.
+        """
+        require('matplotlib')
+        check_outputs([OutputFile('file', file, PICTURE_SUFFIXES)])
+        if ax is not None:
+            if file is not None:
+                raise InvalidInput('plot: file and ax are given; keep one of them')
+            if not hasattr(ax, 'get_figure'):
+                raise InvalidInput(f'ax: must be Axes of Matplotlib, not {type(ax).__name__}')
+            self._draw(ax)
+            return ax
+        figure = self._figure()
+        if file is not None:
+            from bev_preheat.drawing.figure import save_figure
+            save_figure(figure, file)
+        return list(figure.axes)
+
+
+def frame(columns: dict[str, FloatArray]) -> DataFrame:
     """Return a DataFrame with `time_s` as its index; columns of steps (N,) get NaN at the end (N + 1,)."""
     require('pandas')
     import numpy as np
@@ -164,7 +219,7 @@ class PlanResult(Result):
 
     def to_frame(self) -> DataFrame:
         """Return temperature, state of charge and power over time; needs pandas."""
-        return _frame({name: getattr(self, name) for name in (
+        return frame({name: getattr(self, name) for name in (
             'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w')})
 
     def in_words(self) -> str:
@@ -254,208 +309,3 @@ class ComparisonResult(Result):
     @property
     def _plans(self) -> list[Plan]:
         return [*(each.plan for each in self.plans.values()), self.optimum.plan]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SessionResult(Result):
-    """
-    A charging session; times in seconds after plugging in.
-
-    `problem` says why the session does not end, None if it does. `choice` is the decision on heating at the
-    charger, with the costs of heating never and always.
-    """
-
-    vehicle: Vehicle
-    stop: ChargingStop
-    session: Session
-    choice: HeatingChoice
-
-    @property
-    def charger_heating(self) -> str:
-        """Decision on heating at the charger: 'unable', 'never', 'always' or 'limited'."""
-        return self.choice.decision.value
-
-    @property
-    def charger_heating_sentence(self) -> str:
-        """The decision as a sentence; '' for a car that cannot heat at the charger."""
-        return self.choice.sentence()
-
-    @property
-    def problem(self) -> str | None:
-        """Reason for which the departure's state of charge is not reached; None: it is."""
-        return self.session.problem
-
-    @property
-    def time_s(self) -> FloatArray:
-        """Instants [s], (N + 1,)."""
-        return self.session.time_s
-
-    @property
-    def battery_temperature_c(self) -> FloatArray:
-        """Battery temperature [deg C], (N + 1,)."""
-        return self.session.battery_temperature_c
-
-    @property
-    def soc(self) -> FloatArray:
-        """State of charge, 0 ... 1, (N + 1,)."""
-        return self.session.soc
-
-    @property
-    def charging_power_w(self) -> FloatArray:
-        """Mean power into the battery's terminals in each step [W], (N,)."""
-        return self.session.charging_power_w
-
-    @property
-    def hvch_battery_power_w(self) -> FloatArray:
-        """Mean electrical power of the heater for the battery in each step [W], (N,)."""
-        return self.session.hvch_battery_power_w
-
-    @property
-    def charging_time_s(self) -> float:
-        """Duration until the departure's state of charge [s]; infinite if it is never reached."""
-        return self.session.charging_time_s
-
-    @property
-    def bought_energy_wh(self) -> float:
-        """Energy bought until then [Wh]; infinite if it is never reached."""
-        return self.session.bought_energy_wh
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return a session as in the JSON of `preheat charge`."""
-        return {**self.session.as_dictionary(), 'charger_heating': self.choice.as_dictionary()}
-
-    def to_frame(self) -> DataFrame:
-        """Return temperature, state of charge and powers over time; needs pandas."""
-        return _frame({name: getattr(self, name) for name in (
-            'time_s', 'battery_temperature_c', 'soc', 'charging_power_w', 'hvch_battery_power_w')})
-
-    def in_words(self) -> str:
-        """Return duration, charge and temperatures as one line."""
-        return (self.problem or f'{self.charging_time_s / 60.0:.1f} min') + (
-            f' from {100.0 * self.soc[0]:.0f} to {100.0 * self.soc[-1]:.0f} %, '
-            f'{self.battery_temperature_c[0]:.1f} to {self.battery_temperature_c[-1]:.1f} degC') + (
-            '' if self.problem else f'; bought {self.bought_energy_wh / 1e3:.2f} kWh')
-
-    def _figure(self) -> Figure:
-        from bev_preheat.drawing.charging_figure import make_session_figure
-        return make_session_figure(self.vehicle, self.stop, {'session': self.session},
-                                   f'vehicle {self.vehicle.name}')
-
-    def _draw(self, axis: Axes) -> None:
-        from bev_preheat.drawing.charging_figure import draw_charging_power
-        draw_charging_power(axis, self.session)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WorthResult(Result):
-    """The cost of each target, and the best one."""
-
-    vehicle: Vehicle
-    worth_of_targets: Worth
-
-    @property
-    def best_target_c(self) -> float | None:
-        """Target that costs least [deg C]; None: heating does not pay."""
-        worth = self.worth_of_targets
-        return None if worth.best is worth.without_heating else worth.best.target_c
-
-    @property
-    def saved_charging_time_s(self) -> float:
-        """Time at the charger that the best target saves compared with no heating [s]."""
-        worth = self.worth_of_targets
-        return worth.without_heating.charging_time_s - worth.best.charging_time_s
-
-    @property
-    def break_even_value_of_time_per_h(self) -> float | None:
-        """Value of an hour at the charger from which some heating pays; None: it never does."""
-        return self.worth_of_targets.break_even_value_of_time_per_h
-
-    @property
-    def verdict(self) -> str:
-        """The result as a sentence."""
-        return self.worth_of_targets.verdict
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON of `preheat worth`, without the uncertainty of its times and the sensitivity."""
-        return self.worth_of_targets.as_dictionary()
-
-    def to_frame(self) -> DataFrame:
-        """Return one row for each target; needs pandas."""
-        require('pandas')
-        import pandas
-        return pandas.DataFrame(self.to_dict()['targets']).set_index('target_c')
-
-    def in_words(self) -> str:
-        """Return the best target and its saving as one line."""
-        if self.best_target_c is None:
-            return 'heating does not pay'
-        return (f'best target {self.best_target_c:.1f} degC, saves {self.saved_charging_time_s / 60.0:.1f} min at '
-                'the charger')
-
-    def _figure(self) -> Figure:
-        from bev_preheat.drawing.charging_figure import make_worth_figure
-        return make_worth_figure(self.worth_of_targets, f'vehicle {self.vehicle.name}')
-
-    def _draw(self, axis: Axes) -> None:
-        from bev_preheat.drawing.charging_figure import draw_costs
-        draw_costs(axis, self.worth_of_targets)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DriveResult(Result):
-    """
-    A drive of a simulated car under the planner; arrays with one entry for each of its steps, (N,).
-
-    Instants [s]; battery temperature: true, measured and estimated [deg C], NaN before the first; predicted
-    temperature on arrival [deg C]; heater command [W].
-    """
-
-    time_s: FloatArray
-    true_temperature_c: FloatArray
-    measured_temperature_c: FloatArray
-    estimated_temperature_c: FloatArray
-    predicted_arrival_temperature_c: FloatArray
-    command_w: FloatArray
-    arrival_temperature_c: float
-    arrival_soc: float
-    target_temperature_c: float
-    heating_energy_wh: float
-    battery_energy_wh: float
-    heater_verdict: str
-
-    @property
-    def arrival_error_k(self) -> float:
-        """True temperature on arrival above the target [K]."""
-        return self.arrival_temperature_c - self.target_temperature_c
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all fields as plain numbers, texts and lists."""
-        return {name: value if isinstance(value, (float, str)) else value.tolist()
-                for name, value in {**vars(self), 'arrival_error_k': self.arrival_error_k}.items()}
-
-    def to_frame(self) -> DataFrame:
-        """Return the arrays over time; needs pandas."""
-        return _frame({name: value for name, value in vars(self).items()
-                       if not isinstance(value, (float, str))})
-
-    def in_words(self) -> str:
-        """Return arrival, error and heat as one line."""
-        return (f'arrives at {self.arrival_temperature_c:.1f} degC ({self.arrival_error_k:+.2f} K) and '
-                f'{100.0 * self.arrival_soc:.1f} %; heater {self.heating_energy_wh / 1e3:.2f} kWh, '
-                f'{self.heater_verdict}')
-
-    def _figure(self) -> Figure:
-        from bev_preheat.drawing.drive_figure import make_drive_figure
-        return make_drive_figure('Simulated drive under the planner', self._temperatures_c,
-                                 (self.time_s, self.command_w), self.target_temperature_c)
-
-    def _draw(self, axis: Axes) -> None:
-        from bev_preheat.drawing.drive_figure import draw_temperatures
-        draw_temperatures(axis, self._temperatures_c, self.target_temperature_c)
-
-    @property
-    def _temperatures_c(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        from bev_preheat.drawing.drive_figure import ESTIMATED, MEASURED, PREDICTED, TRUE
-        return {name: (self.time_s, values_c) for name, values_c in (
-            (PREDICTED, self.predicted_arrival_temperature_c), (MEASURED, self.measured_temperature_c),
-            (TRUE, self.true_temperature_c), (ESTIMATED, self.estimated_temperature_c))}

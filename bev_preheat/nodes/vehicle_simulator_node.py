@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 import math
-from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
@@ -20,24 +18,18 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import reading_message
 from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command, status_message
-from bev_preheat.messages.route_plan import charger_of, route_plan_message
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
-from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, print_error, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error, run_node
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
 from bev_preheat.nodes.simulated_drive import trip_diagnostics
 from bev_preheat.nodes.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
+from bev_preheat.nodes.vehicle_simulator_parameters import departure, PROGRAM
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal
-from bev_preheat.route import route_for
 from bev_preheat.simulation.heater import HeaterSide
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
@@ -50,52 +42,6 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.node import Values
     from bev_preheat.simulation.sensors import Reading
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
-
-PARAMETERS = (
-    Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which also '
-              'sets car, drive, battery and charger. Empty: none.', read_only=True),
-    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.', read_only=True),
-    Parameter('route', 'reference', 'Route: a name in config/routes or a file with an ambient temperature.',
-              read_only=True),
-    Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start', 'degC', (-60.0, 60.0),
-              read_only=True),
-    Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0), read_only=True),
-    *(replace(each, read_only=True) for each in GOAL_PARAMETERS),
-    Parameter('publish_clock', True, 'Publish /clock; false: the drive follows the clock of the node.',
-              read_only=True),
-    Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
-              (0.0, 2.1e9), read_only=True),
-    Parameter('lockstep', False,
-              'Let the clock go on once the planner has handled every message; speed_up must be 1.0.',
-              read_only=True),
-    Parameter('lockstep_limit', 60.0,
-              'In lockstep, a node that does not answer for this long ends the drive with an error', 's',
-              (0.5, 3600.0), read_only=True),
-    Parameter('wait_for_planner', False,
-              'Hold the clock at the start until a planner with route and battery state commands. lockstep does '
-              'so anyway.', read_only=True),
-    Parameter('wait_for_listeners', 0,
-              'Hold the clock at the start until battery_state has this many subscriptions.', '',
-              (0, 1000), read_only=True),
-    Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
-    Parameter('battery_state_period', 1.0,
-              'Simulated time between two battery states', 's', (0.01, 60.0)),
-    Parameter('heater_status', False, "Publish hvch_status, the heater controller's answer to each command.",
-              read_only=True),
-    Parameter('exit_on_arrival', False,
-              'End the process some seconds after the drive has ended.'),
-)
-
-PROGRAM = NodeProgram(
-    'vehicle_simulator', 'Drives a route in simulated time and heats its battery as hvch_command '
-    'allows.', PARAMETERS,
-    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),),
-    publishes=(('battery_state', 'sensor_msgs/BatteryState'),
-               ('route_plan', 'bev_preheat_msgs/RoutePlan'),
-               ('route_progress', 'bev_preheat_msgs/RouteProgress, where the scenario has it'),
-               ('hvch_status', 'bev_preheat_msgs/HvchStatus, with heater_status'),
-               ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
-               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
 # Time for listeners to receive the arrival before exit_on_arrival ends the process.
 LINGER_SIMULATED_S = 5.0
@@ -124,7 +70,7 @@ class VehicleSimulatorNode(ProgramNode):
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         values, self.exit_status, self._senders = self.values, 0, CommandSenders()
-        self._car, route_name, warnings = _departure(values)
+        self._car, route_name, warnings = departure(values)
         self.hardware = self._plant.vehicle.name
         self._heater = HeaterSide(self._car)
         for warning in warnings:
@@ -411,8 +357,6 @@ class VehicleSimulatorNode(ProgramNode):
     def _stamp(self) -> Time:
         return time_message(self.now_ns())
 
-    # Parameters
-
     def check_values(self, changed: Values) -> None:
         """Refuse another speed where the drive does not set it."""
         if changed.get('speed_up', 1.0) != 1.0:
@@ -429,8 +373,6 @@ class VehicleSimulatorNode(ProgramNode):
             self._tick_timer.reset()
         if 'battery_state_period' in changed:
             self._car.readings_of.set_period(changed['battery_state_period'], self._plant.time_s)
-
-    # End
 
     def _end(self, exit_status: int, error: Exception | str) -> None:
         """End the process after an error that the user has to fix."""
@@ -450,32 +392,6 @@ class VehicleSimulatorNode(ProgramNode):
     def last_words(self) -> None:
         """Wait up to 1 s until the listeners have received the last diagnostics."""
         self._diagnostics_publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-
-def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
-    """
-    Return (ImperfectCar, name of its route, warnings) of parameter values.
-
-    Raises InvalidInput if they do not fit together.
-    """
-    if values['scenario']:
-        scenario = load_scenario(values['scenario'])
-        return scenario.car(), scenario.name, scenario.warnings
-    vehicle = load_vehicle(values['vehicle'])
-    loaded = route_for(values['route'], vehicle)
-    route = loaded.route
-    state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
-    target_c = values['target_battery_temperature'] or math.nan
-    goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'])
-    check_situation(vehicle, route=route, state=state, goal=goal if math.isfinite(target_c) else
-                    replace(goal, target_temperature_c=vehicle.defaults.target_battery_temperature_c))
-    name = Path(values['route']).stem
-    return ImperfectCar(
-        vehicle, route, state, goal,
-        Imperfections(sensors=Sensors(period_s=values['battery_state_period'])),
-        route_id=name,
-        charger=charger_of(values['charger_power'], values['charging_departure_soc'])
-    ), name, filter(None, [loaded.warning])
 
 
 def main() -> None:

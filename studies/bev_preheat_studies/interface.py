@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.functions import goal_of, named_methods
 from bev_preheat.interface.inputs import checked
-from bev_preheat.interface.result import Result
+from bev_preheat.interface.results import Result
 from bev_preheat.optional_packages import require
 from bev_preheat_studies.study import LIMITS, MOST_SITUATIONS, Study
 

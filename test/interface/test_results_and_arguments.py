@@ -71,7 +71,7 @@ def test_a_notebook_shows_line_and_picture(results, name):
 
 
 def test_without_matplotlib_a_notebook_shows_the_line(results, monkeypatch):
-    monkeypatch.setattr('bev_preheat.interface.result.is_installed', lambda module: False)
+    monkeypatch.setattr('bev_preheat.interface.results.is_installed', lambda module: False)
     assert in_a_notebook(results['plan']) == f'<p>{results["plan"].in_words()}</p>'
 
 

@@ -62,7 +62,7 @@ def test_an_installed_executable_prints_its_help(domain_id):
 def test_help_is_printed_and_the_process_ends(call_main, name, option):
     done = call_main(name, option)
     assert (done.returncode, done.stderr) == (0, '')
-    for parameter in NODES[name].PARAMETERS:
+    for parameter in NODES[name].PROGRAM.parameters:
         assert f'\n  {parameter.name} (default: ' in done.stdout
     assert f'{name} --ros-args -p ' in done.stdout
     topic = 'hvch_command' if name in ('heater_controller', 'bus_gateway') else 'route_plan'
@@ -144,7 +144,8 @@ def test_all_values_of_a_wrong_type_are_one_line_and_2(call_main, name):
 @pytest.mark.parametrize('name', MISTYPED)
 def test_a_whole_number_is_taken_where_a_double_is_meant(call_main, name):
     """Only the vehicle is refused."""
-    doubles = [item for item in NODES[name].PARAMETERS if isinstance(item.default, float) and not item.read_only]
+    doubles = [item for item in NODES[name].PROGRAM.parameters
+               if isinstance(item.default, float) and not item.read_only]
     assert doubles
     words = [word for item in doubles
              for word in ('-p', f'{item.name}:={math.ceil(max(item.default, (item.limits or (0.0,))[0]))}')]

@@ -91,11 +91,11 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
         assert node.get('pkg') == 'bev_preheat'
         executable = node.get('exec')
         assert (Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / executable).is_file()
-        known = {parameter.name for parameter in NODES[executable].PARAMETERS} | {'use_sim_time'}
+        known = {parameter.name for parameter in NODES[executable].PROGRAM.parameters} | {'use_sim_time'}
         assert {parameter.get('name') for parameter in node.findall('param')} - {None} <= known
     assert all(argument.get('description') for argument in launch.findall('arg'))
     assert {parameter.get('name') for parameter in launch.iter('set_parameter')} <= {
-        parameter.name for parameter in planner_node.PARAMETERS}
+        parameter.name for parameter in planner_node.PROGRAM.parameters}
 
 
 @pytest.mark.parametrize('given, executables', [
@@ -148,9 +148,9 @@ def test_the_parameter_file_has_every_parameter_with_its_default(name):
     values = contents[f'/**/{name}']['ros__parameters']
     # The vehicle is the launch file's argument, which would override the file's.
     # A token has a file that others cannot read.
-    assert values == {parameter.name: parameter.default for parameter in NODES[name].PARAMETERS
+    assert values == {parameter.name: parameter.default for parameter in NODES[name].PROGRAM.parameters
                       if parameter.name not in ('vehicle', 'token')}
-    for parameter in NODES[name].PARAMETERS:
+    for parameter in NODES[name].PROGRAM.parameters:
         # An integer for a double would be refused.
         value = values.get(parameter.name, 'reference')
         assert value.__class__ is parameter.default.__class__
