@@ -18,6 +18,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import NAMES
 
 if TYPE_CHECKING:
@@ -68,7 +69,10 @@ def bootstrap(fit: ThermalFit) -> FloatArray:
 
 
 def bootstrap_intervals(fit: ThermalFit) -> list[Interval]:
-    """Return the Intervals of the free coordinates by `bootstrap`."""
+    """Return the Intervals of the free coordinates by `bootstrap`; of too few trips to draw, those of the fit."""
+    if len(fit.terms) < LEAST_TRIPS:
+        reach, centre = QUANTILE * np.sqrt(np.diag(np.linalg.inv(fit.information))), fit.theta[fit.free]
+        return [Interval(*pair) for pair in np.stack((centre - reach, centre + reach), axis=1).tolist()]
     ends = np.quantile(bootstrap(fit), [0.5 - 0.5 * PROBABILITY, 0.5 + 0.5 * PROBABILITY], axis=0)
     return [Interval(*pair) for pair in ends.T.tolist()]
 
