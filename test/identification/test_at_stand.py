@@ -3,6 +3,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,8 +64,12 @@ def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, ca
     minutes = {ambient_c: put_heated(tmp_path / f'heated{ambient_c}.csv', ambient_c, 20.0, 5000.0,
                                      scale * CAPACITY_J_PER_K, leakage_w_per_k) for ambient_c in (0, -10, -20)}
     logs = [str(tmp_path / f'heated{ambient_c}.csv') for ambient_c in (0, -10)]
-    assert main(['identify', *logs, '--vehicle', 'small_hatchback', '--output', str(tmp_path / 'my.yaml')]) == 0
+    assert main(['identify', *logs, '--vehicle', 'small_hatchback', '--output', str(tmp_path / 'my.yaml'),
+                 '--json', str(tmp_path / 'my.json')]) == 0
     assert 'heated from a charger' in ' '.join(capsys.readouterr().out.split())
+    parameters = json.loads((tmp_path / 'my.json').read_text())['parameters']
+    capacity = next(item for item in parameters if item['name'] == 'heat_capacity')
+    assert capacity['low'] < scale * CAPACITY_J_PER_K < capacity['high'] < 1.5 * scale * CAPACITY_J_PER_K
     assert main(['check', str(tmp_path / 'heated-20.csv'), '--vehicle', str(tmp_path / 'my.yaml'), '--json',
                  str(tmp_path / 'check.json')]) == 0
     found = json.loads((tmp_path / 'check.json').read_text())['heated_minutes']['heated-20']
@@ -72,6 +77,18 @@ def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, ca
     assert found['predicted'] == pytest.approx(minutes[-20], rel=0.03)
     line = f'heated for {found["measured"]:.1f} min, predicted {found["predicted"]:.1f} min'
     assert line in capsys.readouterr().out
+
+
+def test_two_logs_have_the_interval_of_the_fit():
+    pytest.importorskip('scipy')
+    from bev_preheat.identification.fit import TripTerms
+    from bev_preheat.identification.uncertainty import bootstrap_intervals
+    terms = tuple(TripTerms(np.array([gradient]), np.array([[15.0]])) for gradient in (200.0, -200.0))
+    fit = SimpleNamespace(terms=terms, information=np.array([[36.0]]), prior_precision=np.array([[6.0]]),
+                          theta=np.array([2.0, 9.0]), free=np.array([True, False]))
+    # 1.6449 / sqrt(36); logs that pull apart would draw far wider ends.
+    (interval,) = bootstrap_intervals(fit)
+    assert interval == pytest.approx((2.0 - 0.27415, 2.0 + 0.27415), abs=1e-4)
 
 
 def test_the_minutes_of_a_heated_battery_are_those_of_its_equation(tmp_path, capsys):
