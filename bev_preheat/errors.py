@@ -3,6 +3,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
+import math
 import re
 
 # Messages go to logs, diagnostics and topics; their length does not grow with the input.
@@ -74,6 +75,12 @@ def figure_beyond(value: float, low: float, high: float) -> str:
         if not low <= float(text) <= high:
             return text
     return repr(value)
+
+
+def range_problem(name: str, value: float, low: float, high: float, unit: str = '', more: str = '') -> str:
+    """Return the sentence on a value outside `low` ... `high` (inf: no upper limit), followed by `more`."""
+    allowed = f'at least {figure(low)}' if high == math.inf else f'{figure(low)} ... {figure(high)}'
+    return f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be {allowed} {unit}'.rstrip() + more
 
 
 def share_hint(value: float) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import figure, figure_beyond, InvalidInput, share_hint
+from bev_preheat.errors import figure_beyond, InvalidInput, range_problem, share_hint
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
@@ -90,8 +90,7 @@ def check_prospect(prospect: ChargingProspect) -> None:
     for name, value in (('arrival deviation', prospect.arrival_deviation_s),
                         ('time before arrival', prospect.known_before_arrival_s)):
         if not 0.0 <= value <= MOST_S:
-            problems.append(f'{name}: {figure_beyond(value, 0.0, MOST_S)} is not allowed; it must be 0 ... '
-                            f'{figure(MOST_S)} s')
+            problems.append(range_problem(name, value, 0.0, MOST_S, 's'))
     if problems:
         raise InvalidInput(problems)
 
@@ -171,8 +170,7 @@ def check_stop(vehicle: Vehicle, stop: ChargingStop, state: BatteryState | None 
     charging_of(vehicle)
     battery = vehicle.battery
     problems = [
-        f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be {figure(low)} ... '
-        f'{figure(high)} {unit}'.rstrip() + (share_hint(value) if high <= 1.0 else '')
+        range_problem(name, value, low, high, unit, share_hint(value) if high <= 1.0 else '')
         for name, value, (low, high), unit in (
             ('charger power', stop.charger_power_w, CHARGER_RANGE_W, 'W'),
             ('departure state of charge', stop.departure_soc, battery.soc_range,

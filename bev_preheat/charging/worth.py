@@ -43,7 +43,7 @@ from bev_preheat.charging.verdict import (
     verdict_on,
     warmer_than,
 )
-from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.errors import InvalidInput, range_problem
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.explanation import duration_text
@@ -170,7 +170,7 @@ class Worth:
 
 def check_prices(prices: Prices) -> None:
     """Raise InvalidInput, one sentence per problem, if Prices are negative or not numbers."""
-    problems = [f'{name}: {figure_beyond(value, 0.0, most)} is not allowed; it must be 0 ... {figure(most)} {unit}'
+    problems = [range_problem(name, value, 0.0, most, unit)
                 for name, value, most, unit in (
                     ('energy price', prices.energy_per_kwh, MOST_PRICE_PER_KWH, 'per kWh'),
                     ('value of time', prices.time_per_h, MOST_VALUE_PER_H, 'per h'))

@@ -11,7 +11,7 @@ from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.control.events import BatteryStateArrived, BatteryStateUnreadable
 from bev_preheat.control.inputs import Measurement, SupplyStatus
-from bev_preheat.errors import figure_beyond, InvalidInput
+from bev_preheat.errors import InvalidInput, range_problem
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
 from bev_preheat.planning.situation import BatteryState
 
@@ -89,8 +89,7 @@ def read_temperatures(message: BatteryStateMessage, problems: list[str]) -> Temp
                             coldest_c, warmest_c - coldest_c)
     if math.isnan(battery_c):
         wrong_c = warmest_c if warmest_c > high_c else coldest_c
-        problems.append(f'cell_temperature: {figure_beyond(wrong_c, low_c, high_c)} is not allowed; it '
-                        f'must be {low_c:g} ... {high_c:g} degC, or NaN: unknown')
+        problems.append(range_problem('cell_temperature', wrong_c, low_c, high_c, 'degC, or NaN: unknown'))
     return Temperatures(battery_c)
 
 
@@ -100,8 +99,7 @@ def _read_percentage(message: BatteryStateMessage, problems: list[str]) -> float
     if not math.isfinite(percentage):
         problems.append(f'percentage: {percentage} is not a known value; it must be 0 ... 1')
     elif not -PERCENTAGE_ROUNDING <= percentage <= 1.0 + PERCENTAGE_ROUNDING:
-        problems.append(
-            f'percentage: {figure_beyond(percentage, 0.0, 1.0)} is not allowed; it must be 0 ... 1')
+        problems.append(range_problem('percentage', percentage, 0.0, 1.0))
     elif percentage == 0.0 and not message.present and all(
             value == 0.0 or math.isnan(value)
             for value in (getattr(message, field) for field in EVIDENCE_OF_A_BATTERY)):

@@ -14,7 +14,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from builtin_interfaces.msg import Time
 import numpy as np
 
-from bev_preheat.errors import figure, figure_beyond, quoted
+from bev_preheat.errors import quoted, range_problem
 from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
@@ -88,8 +88,7 @@ class Figure(NamedTuple):
             return ''
         special = (f', or {"0 or " if self.zero else ""}NaN: {self.nan}' if self.nan else
                    f' (0: {self.zero})' if self.zero else '')
-        return (f'{name}: {figure_beyond(value, self.low, self.high)} is not allowed; it must be '
-                f'{figure(self.low)} ... {figure(self.high)} {self.unit}'.rstrip() + special)
+        return range_problem(name, value, self.low, self.high, self.unit, special)
 
     def problems(self, name: str, values: Iterable[float]) -> list[str]:
         """Return a sentence on the first element of an array that is not allowed; [] if all are."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import figure_beyond, InvalidInput, share_hint
+from bev_preheat.errors import InvalidInput, range_problem, share_hint
 from bev_preheat.tunables import MOST_EXCESS_K, WIDEST_FORECAST_K
 
 if TYPE_CHECKING:
@@ -94,9 +94,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
         checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
                        "degC: the vehicle's battery is not described below that"))
     problems = [
-        f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be '
-        + (f'at least {low:g} {what}' if high == math.inf else
-           f'{low:g} ... {high:g} {what}').rstrip() + (share_hint(value) if high == 1.0 else '')
+        range_problem(name, value, low, high, what, share_hint(value) if high == 1.0 else '')
         for value, low, high, name, what in checks if not low <= value <= high]
     if problems:
         raise InvalidInput(problems)

@@ -15,7 +15,7 @@ from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.errors import figure_beyond, InvalidInput, range_problem
 from bev_preheat.numerics import mean_magnitude
 
 if TYPE_CHECKING:
@@ -338,5 +338,4 @@ def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: st
         return None
     at, others = int(np.argmax(bad)), int(bad.sum()) - 1
     more = f' (and {others} more)' if others else ''
-    return (f'[{at}]: {figure_beyond(float(array[at]), low, high)} is not allowed; it must be '
-            f'{figure(low)} ... {figure(high)} {unit}'.rstrip() + more)
+    return range_problem(f'[{at}]', float(array[at]), low, high, unit, more)
