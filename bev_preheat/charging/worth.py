@@ -52,7 +52,7 @@ from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_u
 from bev_preheat.planning.situation import check_situation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
@@ -81,6 +81,35 @@ class TemperatureStep(NamedTuple):
     from_c: float
     to_c: float
     saved_s: float
+
+    def in_words(self) -> str:
+        """Return the sentence for the driver."""
+        more_k = self.to_c - self.from_c
+        return (f'{more_k:.1f} K more on arrival, from {self.from_c:.1f} to {self.to_c:.1f} degC, '
+                f'are worth {duration_text(self.saved_s)} at the charger.')
+
+
+def greatest_step(targets: Iterable[TargetWorth]) -> TemperatureStep | None:
+    """
+    Return the few kelvins on arrival that save the most time at the charger; None if none stand out.
+
+    Limits over the battery temperature are often stairs, which a mean over all temperatures hides.
+    """
+    ends = sorted((target for target in targets if math.isfinite(target.charging_time_s)),
+                  key=lambda target: target.arrival_temperature_c)
+    steps: list[TemperatureStep] = []
+    for place, low in enumerate(ends):
+        for high in ends[place + 1:]:
+            if high.arrival_temperature_c - low.arrival_temperature_c > STAIR_K:
+                break
+            steps.append(TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
+                                         low.charging_time_s - high.charging_time_s))
+    whole_k = ends[-1].arrival_temperature_c - ends[0].arrival_temperature_c if ends else 0.0
+    if not steps or whole_k == 0.0:
+        return None
+    best = max(steps, key=lambda step: step.saved_s)
+    usual_s = STAIR_K / whole_k * (ends[0].charging_time_s - min(target.charging_time_s for target in ends))
+    return best if best.saved_s >= max(STEP_SAVES_S, STANDS_OUT * usual_s) else None
 
 
 @dataclass(frozen=True)
@@ -133,30 +162,12 @@ class Worth:
 
     @property
     def step(self) -> TemperatureStep | None:
-        """
-        Return the few kelvins on arrival that save the most time at the charger; None if none stand out.
-
-        Limits over the battery temperature are often stairs, which a mean over all temperatures hides.
-        """
-        ends = [target for target in self.targets if math.isfinite(target.charging_time_s)]
-        steps = [TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
-                                 low.charging_time_s - high.charging_time_s)
-                 for low in ends for high in ends
-                 if 0.0 < high.arrival_temperature_c - low.arrival_temperature_c <= STAIR_K]
-        if not steps:
-            return None
-        best = max(steps, key=lambda step: step.saved_s)
-        whole_k = ends[-1].arrival_temperature_c - ends[0].arrival_temperature_c
-        usual_s = STAIR_K / whole_k * (ends[0].charging_time_s - min(target.charging_time_s for target in ends))
-        return best if best.saved_s >= max(STEP_SAVES_S, STANDS_OUT * usual_s) else None
+        """The `greatest_step` of all targets."""
+        return greatest_step(self.targets)
 
     def step_in_words(self) -> str:
         """Return the sentence on the `step`; '' for none."""
-        if self.step is None:
-            return ''
-        low_c, high_c, saved_s = self.step
-        return (f'{high_c - low_c:.1f} K more on arrival, from {low_c:.1f} to {high_c:.1f} degC, are worth '
-                f'{duration_text(saved_s)} at the charger.')
+        return '' if self.step is None else self.step.in_words()
 
     def bounds_in_words(self) -> str:
         """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""
@@ -377,6 +388,11 @@ class WorthSearch:
             return WH_PER_KWH * (item.not_charged_cost - self.without.not_charged_cost) / price_per_kwh
         return spent_wh(self._vehicle, item.arrival_soc, item.arrival_temperature_c,
                         self.without.arrival_soc - item.arrival_soc)
+
+    def step_in_words(self) -> str:
+        """Return the sentence on the `greatest_step` of the targets evaluated so far; '' for none."""
+        step = greatest_step(self._found.values())
+        return '' if step is None else step.in_words()
 
     def best_if_charged(self) -> TargetWorth:
         """Return the TargetWorth with the lowest cost so far if the vehicle charges for certain."""

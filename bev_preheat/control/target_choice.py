@@ -341,8 +341,9 @@ class TargetChooser:
                 step = search.look_at(step_c)
                 if step.cost < kept.cost:
                     kept, kept_c, chooser = step, step_c, replace(self, is_outdated=True)
+        reason = f'{_reason(search, kept, best)} {search.step_in_words()}'.rstrip()
         return chooser, with_figures(TargetChoice(
-            TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None,
+            TargetSource.CHOSEN, reason, kept_c, kept_c is not None,
             heats_until_arrival=now.heats_until_arrival), kept, without)
 
 

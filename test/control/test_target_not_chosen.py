@@ -122,13 +122,16 @@ def test_a_gain_that_is_too_small_is_none():
         def break_even_per_h(self):
             return 7.125
 
+        def step_in_words(self):
+            return 'A step.'
+
     search = Search()
     search.without = without
     _, choice = TargetChooser().best_of(search, search_input(0.0))
     assert not choice.heating_pays and choice.target_c is None
     assert choice.reason == (
         'Not worth it: heating the battery to 8.0 degC before arrival would save less than 0.05 % of the '
-        'cost. Some heating pays as soon as an hour is worth 7.12 to you.')
+        'cost. Some heating pays as soon as an hour is worth 7.12 to you. A step.')
 
 
 def test_a_trip_that_cannot_be_carried_says_so_first():
