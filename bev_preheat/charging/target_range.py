@@ -20,7 +20,7 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import refuse_stranded
 from bev_preheat.charging.target_worth import TargetWorth
 from bev_preheat.charging.worth import check_prices, scan, targets_between
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, share_hint
 from bev_preheat.files.table import read_table
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -65,8 +65,12 @@ def by_table(vehicle: Vehicle, times: Table, departure_soc: float) -> Callable[[
     """
     Return the AfterArrival of each arrival, by a Table of charging times [s] and the energy stored.
 
-    The table is linear between its points and constant beyond.
+    The table is linear between its points and constant beyond. Raises InvalidInput for a charge not allowed.
     """
+    low, high = vehicle.battery.soc_range
+    if not low <= departure_soc <= high:
+        raise InvalidInput(f'departure state of charge: {departure_soc:g} is not allowed; it must be {low:g} ... '
+                           f"{high:g} (the vehicle's soc_range){share_hint(departure_soc)}")
     time_s = times.function(FLOATS)
 
     def after(arrival: BatteryState) -> AfterArrival:
@@ -83,6 +87,9 @@ def read_charging_times(path: str | Path) -> Table:
     It has the columns COLUMNS and one row for each pair. Raises InvalidInput naming file, column and value.
     """
     table = read_table(path)
+    missing = [name for name in COLUMNS if name not in table.header]
+    if missing:
+        raise InvalidInput(f'{path}: has no column {", ".join(missing)}; the columns are {", ".join(COLUMNS)}')
     soc, temperature_c, time_s = columns = [table.numbers(name) for name in COLUMNS]
     problems = [f'{path}: {name}: {value:g} is not allowed; it must be {low:g} ... {high:g}'
                 for name, values, (low, high) in zip(COLUMNS, columns, LIMITS)

@@ -195,6 +195,8 @@ def check_charger_arguments(arguments: Namespace) -> None:
     if arguments.target_range is not None:
         problems += [f'{option}: not allowed with --target-range' for option in given_options(
             arguments, ('target', *PROSPECT_OPTIONS, 'plot'))]
+        problems += ['--charger-power: not allowed with --charging-times'] * (
+            None not in (arguments.charger_power, arguments.charging_times))
     elif arguments.charging_times is not None:
         problems.append('--charging-times: only with --target-range')
     problems += [f'{option_of(name)}: needed with{"" if several else "out"} --chargers' for name in needed

@@ -80,6 +80,12 @@ def test_a_range_that_cannot_be_is_refused(range_c):
         targets_in_range(CAR, drive(), STATE, GOAL, range_c, by_table(CAR, STEP, 0.8), PRICES)
 
 
+@pytest.mark.parametrize('departure_soc', [9.0, -0.1, math.nan])
+def test_a_departure_that_cannot_be_is_refused(departure_soc):
+    with pytest.raises(InvalidInput, match='departure state of charge: .* it must be 0 ... 1'):
+        by_table(CAR, STEP, departure_soc)
+
+
 HEADER = 'arrival_soc,arrival_temperature_c,charging_time_s\n'
 
 
@@ -101,4 +107,7 @@ def test_charging_times_that_cannot_be_are_refused(tmp_path, rows, problem):
     file = tmp_path / 'times.csv'
     file.write_text(HEADER + rows)
     with pytest.raises(InvalidInput, match=problem):
+        read_charging_times(file)
+    file.write_text('arrival_soc,charging_time_s\n0.1,900\n')
+    with pytest.raises(InvalidInput, match='has no column arrival_temperature_c; the columns are arrival_soc, '):
         read_charging_times(file)

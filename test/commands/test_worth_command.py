@@ -148,6 +148,8 @@ def test_a_range_of_targets_with_a_table_of_charging_times(said, tmp_path):
     assert status == 0 and 'No target within the range is reached' in output
     assert said(*words, '--charging-times', 'times.csv')[2].startswith(
         'preheat: error: --charging-times: only with --target-range')
+    assert '--charger-power: not allowed with --charging-times' in said(
+        *within, '5', '10', '--charger-power', '9e4')[2]
     assert '--target: not allowed with --target-range' in said(*within, '5', '10', '--target', '20')[2]
 
 
