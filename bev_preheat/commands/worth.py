@@ -125,10 +125,11 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.figure import save_figure
         save_figure(make_worth_figure(worth, title), arguments.plot)
     console = result_console(arguments.json)
+    rows = [*(_row(target, _names(worth, target)) for target in _shown(worth)),
+            *(_row(item, name) for name, item in worth.by_rule.items())]
     print_records(
         console, title.replace('\n', ', '),
-        HEADINGS, [*(_row(target, _names(worth, target)) for target in _shown(worth)),
-                      *(_row(item, name) for name, item in worth.by_rule.items())], (*('right',) * 7, 'left'))
+        HEADINGS, rows, (*('right',) * 7, 'left'))
     console.say(worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
                 None if sensitivity is None else sensitivity.in_words(worth.unheated_in_words()),
                 worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation))

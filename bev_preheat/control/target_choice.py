@@ -365,7 +365,7 @@ def _obstacle(now: TargetSearchInput) -> str:
 def _nothing_to_charge(now: TargetSearchInput, arrival_soc: float, wanted_soc: float | None) -> TargetChoice:
     if wanted_soc is None:
         return unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
-                         'the state of charge for departure is unknown')
+                        'the state of charge for departure is unknown')
     choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
         TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and departure '
         f'with {100.0 * wanted_soc:.1f} % needs no charging.', heating_pays=False)

@@ -36,14 +36,20 @@ from bev_preheat.numerics import W_PER_KW
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
+    from bev_preheat.charging.target_worth import TargetWorth
+    from bev_preheat.charging.worth import Worth
     from bev_preheat.vehicle import Vehicle
+
+    # Coordinates of a target on the axes: x, y.
+    Place = Callable[[TargetWorth], tuple[float, float]]
 
 # In the order of the sessions.
 LOOKS = (look_of('value_function'), look_of(WITHOUT_PREHEATING))
@@ -109,19 +115,6 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
     figure.align_ylabels()
     return figure
 
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from bev_preheat.charging.chargers import CandidateWorth
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Worth
-
-    # Coordinates of a target on the axes: x, y.
-    Place = Callable[[TargetWorth], tuple[float, float]]
 
 MARK_POINTS = 9.0
 PARTS = (('energy', 'energy_cost', BLUE), ('charging time', 'charging_cost', ORANGE),

@@ -19,7 +19,7 @@ from bev_preheat.numerics import NS_PER_S, W_PER_KW
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from datetime import tzinfo
 
     from matplotlib.axes import Axes
@@ -27,19 +27,12 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.preparation import PreparedDeparture
-    from bev_preheat.numerics import FloatArray
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from bev_preheat.drawing.palette import Style
     from bev_preheat.numerics import FloatArray
 
     # Instants [s] and values, shape (N,) each.
     Course = tuple[FloatArray, ...]
+
 
 AMBIENT, PREDICTED, MEASURED, TRUE, BATTERY, ESTIMATED, UNHEATED = (
     'ambient', 'predicted on arrival', 'measured', 'true', 'battery', 'estimated', WITHOUT_PREHEATING)

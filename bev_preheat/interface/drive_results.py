@@ -202,7 +202,7 @@ class DriveResult(Result):
     def to_frame(self) -> DataFrame:
         """Return the arrays over time; needs pandas."""
         return frame({name: value for name, value in vars(self).items()
-                       if not isinstance(value, (float, str))})
+                      if not isinstance(value, (float, str))})
 
     def in_words(self) -> str:
         """Return arrival, error and heat as one line."""

@@ -38,7 +38,8 @@ LINES = {
         rf'(?:\((?P<time>[0-9:. -]+)\)\s+)?\S+\s+(?:[RT]X [-BE\s]*)?(?P<id>{HEX}{{3}}|{HEX}{{8}})\s+\[\d+\]\s*'
         rf'(?:{BYTES}|(?P<remote>remote request))(?:\'.*\'|ERRORFRAME)?'),
     'SavvyCAN GVRET': re.compile(
-        rf'(?P<time>\d{{1,20}}),(?:0x)?(?P<id>{HEX}{{1,8}}),(?P<extended>true|false|[01]),(?:[RT]x,)?\d+,\d+,{BYTES}',
+        rf'(?P<time>\d{{1,20}}),(?:0x)?(?P<id>{HEX}{{1,8}}),(?P<extended>true|false|[01]),'
+        rf'(?:[RT]x,)?\d+,\d+,{BYTES}',
         re.IGNORECASE),
     'CRTD': re.compile(rf'(?P<time>\d+(?:\.\d+)?)\s+\d?[RT](?P<extended>11|29)\s+(?P<id>{HEX}{{1,8}})\s*{BYTES}'),
     'python-can CSV': re.compile(

@@ -22,7 +22,17 @@ from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.parameter import Parameter as RosParameter
+
+    from bev_preheat.nodes.process import NodeProgram
+
+    # A method called by ROS.
+    Callback = Callable[..., Any]
+    # Values of parameters by name, with the types of the parameter table.
+    Values = dict[str, Any]
 
 # A sentence is not repeated within this time [s]; at most this many different ones are logged in it.
 PERIOD_S = 5.0
@@ -58,19 +68,6 @@ def without_figures(sentence: str) -> str:
     """Return a sentence with `#` in place of each number in it."""
     return FIGURE.sub('#', sentence)
 
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.parameter import Parameter as RosParameter
-
-    from bev_preheat.nodes.process import NodeProgram
-
-    # A method called by ROS.
-    Callback = Callable[..., Any]
-    # Values of parameters by name, with the types of the parameter table.
-    Values = dict[str, Any]
 
 LIFECYCLE = Parameter('lifecycle', False, 'Managed node (rclpy lifecycle): 0 W unless it is active.',
                       read_only=True)

@@ -29,18 +29,16 @@ from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from bev_preheat.nodes.node import ProgramNode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
     from typing import Any
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
+    from bev_preheat.nodes.node import ProgramNode
+
     # A ROS message; rclpy has no type for it.
     Message = Any
+
 
 # Matches reliable and best-effort publishers.
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -46,19 +46,15 @@ from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Any
 
     from bev_preheat.nonlinear_program.drive_steps import Values
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
 
-if TYPE_CHECKING:
-    from typing import Any
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle import Vehicle
-
     # Options that CasADi takes by name; its own type hints omit many.
     ByName = dict[str, Any]
+
 
 # Prices of a kelvin, a per cent and a kilowatt of deficit, in scaled joules: more than heating could ever save,
 # and charge before warmth.

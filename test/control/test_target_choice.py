@@ -43,6 +43,7 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 # Which target
 
+
 @pytest.mark.costly
 @pytest.mark.parametrize('charger, state', [
     (FAST, BatteryState(10.0, 0.2)), pytest.param(SLOW, STATE, marks=pytest.mark.deep)])
