@@ -158,7 +158,7 @@ ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative)
 # Of BLF: signature, lengths of header and object, type.
 OBJECT_HEADER_BYTES = 16
 # Frames that show whether times are intervals, and the share of times of a clock that go back.
-SAMPLE, MOST_BACK = 50, 0.2
+FRAMES_SHOWING_INTERVALS, MOST_BACK = 50, 0.2
 
 
 class CanFrames:
@@ -234,7 +234,7 @@ def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | Non
         with reader as source:
             frames = iter(source)
             # Of damaged binary files the frames before the damage are not looked at ahead.
-            head = list(islice(frames, {'candump on a screen': SAMPLE, 'ASC': 1}.get(kind, 0)))
+            head = list(islice(frames, {'candump on a screen': FRAMES_SHOWING_INTERVALS, 'ASC': 1}.get(kind, 0)))
             frames = chain(head, frames)
             if getattr(reader, 'timestamps_format', '') == 'relative':
                 frames = _summed(frames, reader.start_time)

@@ -160,7 +160,7 @@ def _named(items: Any) -> dict[str, Any]:
 
 
 # Objects that are searched for channels, and those that show how time is written; texts that are held at once.
-MOST_SEARCHED, SAMPLE, CELLS_AT_ONCE = 200_000, 400, 1_000_000
+MOST_SEARCHED, OBJECTS_SHOWING_TIMES, CELLS_AT_ONCE = 200_000, 400, 1_000_000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28
 # First line of an object that wraps an array.
@@ -180,7 +180,7 @@ class JsonRows:
         sample: list[Item] = []
         found: dict[str, None] = {}
         for count, (_, item) in enumerate(self._items(lambda *_: None)):
-            if count < SAMPLE:
+            if count < OBJECTS_SHOWING_TIMES:
                 sample.append(item)
             elif count > MOST_SEARCHED:
                 break
