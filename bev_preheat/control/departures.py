@@ -291,7 +291,7 @@ def load_grid_prices(path: str | Path) -> GridPrices:
     contents = load_checked_yaml(path, PRICES_SCHEMA)
     reading = _Reading(path, contents)
     if 'daily' not in contents and 'dated' not in contents:
-        reading.problems.append('daily: is missing, and so is dated; at least one of them must be given')
+        reading.problems.append('daily: is missing, and so is dated; give daily, dated or both')
     prices = GridPrices(reading.zone, reading.daily(contents.get('daily', [])),
                         reading.dated(contents.get('dated', [])), contents.get('currency', ''))
     reading.refuse_problems()

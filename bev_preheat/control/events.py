@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The events that a step of the planner takes, and refused inputs, each of which keeps the heater off for a time.
+The events that a step of the planner takes, and refused inputs; a refused input keeps the heater off for a time.
 
 Plain data; `inbox.Inbox.admit` and the supervisor act on it. `source` names the input in log lines; '' if it
 cannot be refused.

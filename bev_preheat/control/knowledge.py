@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Knowledge of the regime and of the signals that hold, and what is learned of the car from them.
+Knowledge of the regime, of the valid signals, and of the car as learned from them.
 
 `Knowledge.seen` takes each valid battery state before it is learned from and planned with; no later stage uses a
 refuted signal.

@@ -271,8 +271,8 @@ def route_or_log(name_or_file: str | Path, vehicle: Vehicle, options: RouteOptio
         file = route_source(name_or_file)
         if not _is_drive_log(file):
             raise
-        raise type(error)(f'{file}: is a drive log, no route; preheat route --log {file} --vehicle NAME --output '
-                          'ROUTE.csv makes a route of it') from error
+        raise type(error)(f'{file}: is a drive log, no route; to make a route: preheat route --log {file} '
+                          '--vehicle NAME --output ROUTE.csv') from error
 
 
 def _is_drive_log(file: Path) -> bool:

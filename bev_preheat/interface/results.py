@@ -75,7 +75,7 @@ class Result:
         check_outputs([OutputFile('file', file, PICTURE_SUFFIXES)])
         if ax is not None:
             if file is not None:
-                raise InvalidInput('plot: file and ax are given; keep one of them')
+                raise InvalidInput('plot: file and ax are given; give file or ax')
             if not hasattr(ax, 'get_figure'):
                 raise InvalidInput(f'ax: must be Axes of Matplotlib, not {type(ax).__name__}')
             self._draw(ax)

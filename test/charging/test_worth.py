@@ -128,7 +128,7 @@ def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
 @pytest.mark.deep
 def test_at_a_charger_of_4_kw_in_the_cold_the_battery_is_charged_and_not_heated():
     # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW hold
-    # the temperature, and 0.3 kW charge the missing 19 % of about 80 kWh: more than 50 h. Unheated, all of it.
+    # the temperature, and 0.3 kW charge the missing 19 % of about 80 kWh: more than 50 h. Unheated, 2.1 kW charge.
     route = drive(ambient_c=-20.0)
     best = find_worth(REFERENCE, route, BatteryState(-18.0, 0.35), GOAL, 4000.0, 0.45, PRICES).best
     assert (best.charger_heating, best.hvch_electric_wh) == ('never', 0.0)

@@ -84,7 +84,7 @@ def test_plot_returns_the_axes(results, name, tmp_path):
     assert axis.get_lines() and axis.get_ylabel() and axis.get_xlabel()
     axes = results[name].plot()
     assert len(axes) > 1 and len({each.figure for each in axes}) == 1
-    with pytest.raises(bp.InvalidInput, match='^plot: file and ax are given; keep one of them$'):
+    with pytest.raises(bp.InvalidInput, match='^plot: file and ax are given; give file or ax$'):
         results[name].plot(tmp_path / 'a.png', axis)
 
 

@@ -31,7 +31,6 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
-from bev_preheat.tunables import SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
@@ -260,13 +259,11 @@ def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
 
 
 @pytest.mark.parametrize('number', [2, *(pytest.param(number, marks=pytest.mark.deep) for number in range(3, 40))])
-def test_two_intervals_around_a_short_stretch_of_power_cost_less_than_a_switching_more_than_the_optimum(number):
+def test_merit_order_is_within_a_tenth_of_a_watt_hour_where_a_short_stretch_makes_heating_cheaper(number):
     inputs = short_stretches.draw(number)
-    best_wh = solve_optimum(*inputs, False).plan.energy_wh.battery_total
-    gap_wh, gap_of_one_wh = (plan_preheating(*inputs, method).energy_wh.battery_total - best_wh
-                             for method in ('value_function', 'optimal_switch'))
-    # A plan is not switched once more for less than this.
-    assert -1e-3 < gap_wh < min(SWITCH_ON_WH, gap_of_one_wh + 1e-3)
+    gap_wh = (plan_preheating(*inputs).energy_wh.battery_total
+              - solve_optimum(*inputs, False).plan.energy_wh.battery_total)
+    assert -1e-3 < gap_wh < 0.1
 
 
 def test_brake_takes_what_a_cold_battery_may_not_and_nothing_else():
@@ -349,7 +346,7 @@ def test_an_optimum_at_a_corner_of_a_map_is_found(number):
     assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
     plan, heater_w = optimum.plan, optimum.plan.hvch_battery_power_w
     best = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
-    assert plan.energy_wh.battery_total < best.energy_wh.battery_total
+    assert best.energy_wh.battery_total - 3.0 < plan.energy_wh.battery_total < best.energy_wh.battery_total
     car, battery = Car(REFERENCE), REFERENCE.battery
     brake_w = plan.friction_brake_power_w
     driven = car.drive(trip.route, trip.state, heater_w, brake_w)

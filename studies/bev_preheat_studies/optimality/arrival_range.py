@@ -71,7 +71,7 @@ PERCENTILES = {'least': 0.0, 'median': 50.0, 'most': 100.0}
 
 
 class Task(NamedTuple):
-    """What is asked: range [deg C], reserve and departure (0 ... 1), points of time and energy; start of files."""
+    """A task: range [deg C], reserve and departure (0 ... 1), points of time and energy; folder of its files."""
 
     folder: Path | None
     range_c: tuple[float, float]
