@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Expected cost of preheating if charging is uncertain: by hand, its limits, its optimum, and refused inputs."""
+
 from dataclasses import replace
 import math
 
@@ -139,3 +140,18 @@ def test_a_car_that_waits_for_the_charger_pays_the_wait_and_a_session_from_colde
 def test_a_bad_prospect_in_a_message_is_refused(field, value):
     assert any(problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
                for problem in problems_of(RoutePlan(**{field: value})))
+
+
+def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
+    exact, nearly = expected(heated, 0.4), expected(heated, 0.4, 1.0)
+    # Sessions after uncertain arrivals are interpolated between simulated ones.
+    assert nearly.charged_cost == pytest.approx(exact.charged_cost, rel=0.01)
+    assert nearly.not_charged_cost == pytest.approx(exact.not_charged_cost, rel=0.01)
+    assert nearly.cost == pytest.approx(0.4 * nearly.charged_cost + 0.6 * nearly.not_charged_cost, rel=1e-12)
+
+
+def test_a_probability_above_one_is_refused():
+    assert any(problem.startswith('charging_probability: 1.1 is not allowed')
+               for problem in problems_of(RoutePlan(charging_probability=1.1)))
+    with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
+        worth(ChargingProspect(1.1))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from plain_car import plain_car
 import pytest
 
-from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.heating_policy import ALWAYS, NEVER
+from bev_preheat.charging.heating_choice import ChargerHeating, HeatingDecision
+from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
@@ -118,3 +118,17 @@ def test_both_are_told_where_only_heat_ends_the_session():
     assert 'heated it reaches 80 % in ' in choice.sentence()
     assert 'unheated it never does, because at 30.0 % and -11.0 degC the battery takes less than 50 W' in (
         choice.sentence())
+
+
+def test_a_car_that_cannot_says_nothing():
+    car = plain_car(limit=COLD_LIMIT)
+    choice = ChargerHeating(car, stop_at(50e3), PRICES).choose(BatteryState(-11.0, 0.3))
+    assert choice.decision is HeatingDecision.UNABLE and choice.sentence() == ''
+    assert choice.session.charging_time_s == charge(car, stop_at(50e3), BatteryState(-11.0, 0.3)).charging_time_s
+
+
+def test_a_limit_is_linear_between_its_points_and_never_above_the_cars():
+    limit = HeatingLimit((0.2, 0.4), (10.0, 30.0)).function(25.0)
+    assert [limit(soc) for soc in (0.1, 0.2, 0.25, 0.4, 0.9)] == pytest.approx([10.0, 10.0, 15.0, 25.0, 25.0])
+    assert HeatingLimit((0.2, 0.4), (10.0, 30.0)).function(-math.inf)(0.3) == -math.inf
+    assert ALWAYS.function(25.0)(0.3) == 25.0 and NEVER.function(25.0)(0.3) == -math.inf

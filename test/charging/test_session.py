@@ -20,10 +20,12 @@ from plain_car import (
 import pytest
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
-from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath
@@ -31,6 +33,8 @@ from bev_preheat.vehicle.description import HeatPath
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
 STOP = ChargingStop(60e3, 0.8, -10.0, 1200.0, 300.0)
+
+SUPPLY_W = 60e3 - 1500.0
 
 
 def test_heating_warms_in_closed_form_up_to_the_limit_and_holds_there():
@@ -190,3 +194,67 @@ def test_refused_in_words(changes, state, problem):
     with pytest.raises(InvalidInput) as error:
         charge(REFERENCE, replace(STOP, **changes), BatteryState(*state))
     assert error.value.problems == [problem]
+
+
+def test_a_session_of_more_than_a_day_ends():
+    session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
+    # 200 W * 24 h of 42 kWh
+    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
+
+
+def test_constant_power_without_resistance():
+    session = charge(plain_car(), STOP, BatteryState(5.0, 0.25))
+    # 350 V * 120 Ah * 0.55 at 58.5 kW
+    hours = VOLTAGE_V * CAPACITY_AH * 0.55 / SUPPLY_W
+    assert session.charging_time_s == pytest.approx(3600.0 * hours, rel=1e-7)
+    assert session.bought_energy_wh == pytest.approx(60e3 * hours, rel=1e-7)
+    assert session.battery_temperature_c == pytest.approx(np.full(len(session.time_s), 5.0))
+
+
+def test_constant_power_through_a_resistance():
+    ohm = 0.2
+    session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
+    current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * ohm * SUPPLY_W) - VOLTAGE_V) / (2.0 * ohm)
+    seconds = 3600.0 * CAPACITY_AH * 0.55 / current_a
+    assert session.charging_time_s == pytest.approx(seconds, rel=1e-9)
+    assert session.battery_temperature_c[-1] == pytest.approx(
+        5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
+    assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)
+
+
+def test_a_power_limit_that_falls_with_the_charge():
+    # P = 80 kW (1 - s) from 0.25 to 0.8, below the charger's: ln(0.75 / 0.2) * 350 V 120 Ah / 80 kW
+    limit = Table((0.0, 1.0), (0.0,), ((-80e3,), (0.0,)))
+    session = charge(plain_car(limit=limit), replace(STOP, charger_power_w=500e3),
+                     BatteryState(5.0, 0.25))
+    assert session.charging_time_s == pytest.approx(
+        3600.0 * math.log(0.75 / 0.2) * VOLTAGE_V * CAPACITY_AH / 80e3, rel=1e-7)
+
+
+@pytest.mark.parametrize('vehicle, charger_w', [
+    (REFERENCE, 150e3), (REFERENCE, 50e3), (REFERENCE, 11e3), (SMALL, 100e3),
+    (replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0)), 150e3)],
+    ids=['150 kW', '50 kW', '11 kW', 'small_car', 'heat path'])
+def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
+    stop = ChargingStop(charger_w, 0.8, -9.0, 1700.0, 450.0)
+    whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
+    assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
+    assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
+
+
+def test_heat_under_way_at_arrival_arrives_at_the_charger():
+    vehicle = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0))
+    route = load_route('reference', vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(-20.0, 0.9), Goal(40.0))
+    state = plan.arrival_state
+    assert state.coolant_excess_k > 5.0
+    stop = stop_after(route, 150e3, 0.8)
+    assert charge(vehicle, stop, state).charging_time_s < charge(
+        vehicle, stop, BatteryState(state.temperature_c, state.soc)).charging_time_s - 1.0
+
+
+def test_a_battery_that_cools_at_the_charger_is_held_at_the_limit():
+    session = charge(plain_car(leakage_w_per_k=100.0, heats=True),
+                     replace(STOP, charger_power_w=20e3), BatteryState(22.7, 0.25))
+    assert session.battery_temperature_c.min() == pytest.approx(22.0, abs=1e-5)
+    assert (session.hvch_battery_power_w[session.battery_temperature_c[:-1] > 22.0001] == 0.0).all()

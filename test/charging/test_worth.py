@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
-from bev_preheat.charging.stop import ChargingStop, stop_after
+from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth, pays_from_per_h
 from bev_preheat.errors import InvalidInput
@@ -258,3 +258,55 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     span = f'{to_c - from_c:.1f} K more on arrival, from {from_c:.1f} to {to_c:.1f} degC'
     assert worth.step_in_words().startswith(f'{span}, are worth ')
     assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
+
+
+def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
+    arrival_soc = usual.without_heating.arrival_soc
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
+    assert worth.best == worth.without_heating
+    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
+    # The heater's energy has to be bought.
+    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
+
+
+@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
+def test_the_energy_price_in_doubt_counts_the_heat_that_is_lost(simple, share, pays):
+    prospect = ChargingProspect(0.5 * (1.0 + simple.pays_from_chance))
+    doubtful = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
+    assert doubtful.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
+    prices = Prices(share * doubtful.pays_to_price_per_kwh, PRICES.time_per_h)
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
+    assert (other.best is not other.without_heating) is pays
+
+
+@pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
+def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
+    assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES,
+                       prospect=ChargingProspect(share * simple.pays_from_chance))
+    assert (other.best is not other.without_heating) is pays
+    assert other.pays_from_chance == other.pays_from_probability
+    assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
+    # The verdict has named it already.
+    assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
+
+
+def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
+    cost = cost_of(REFERENCE, drive(), 150e3)
+    figures = usual.as_dictionary()
+    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
+    assert figures['unheated_more_cost'] > 0.0
+    assert figures['unheated_longer_charging_s'] == (
+        usual.without_heating.charging_time_s - usual.best.charging_time_s)
+    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
+
+
+def test_more_charge_than_is_asked_for_is_refused():
+    with pytest.raises(InvalidInput) as error:
+        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
+    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')
+
+
+def test_where_nothing_has_a_price_nothing_is_heated():
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, Prices(0.0, 0.0))
+    assert worth.best == worth.without_heating and worth.best.cost == 0.0

@@ -108,3 +108,15 @@ def test_last_seen_is_that_from_before_the_restart_until_the_battery_tells(estim
     seen = planner.state.last_seen
     assert (seen.temperature_c, seen.soc, seen.stamp_ns) == (
         pytest.approx(-7.0, abs=0.01), pytest.approx(0.75, abs=1e-4), NOW_NS)
+
+
+def test_an_opt_out_does_not_end_while_the_process_lives():
+    planner = start(DriverChoices(NOW_NS - 24 * HOUR_NS))
+    assert planner.command(NOW_NS + HOUR_NS).reason is Status.DISABLED
+
+
+def test_a_second_cancellation_says_nothing_of_another_trip():
+    planner = start()
+    planner.cancel()
+    planner.cancel()
+    assert planner.state.choices == cancelled_choices()

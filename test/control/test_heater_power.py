@@ -12,7 +12,7 @@ from bev_preheat.control.heater import CommandHistory, HeaterAnswers, HeaterStat
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -250,3 +250,17 @@ def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
         assert (measured.state.temperature_c >= gates.maximum_temperature_c
                 or measured.state.soc < gates.minimum_soc)
     assert not gates.power_steps_w or heated_w == {4000.0}
+
+
+def test_any_confirmed_heat_is_no_refusal():
+    assert answers_with(active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(
+        NOW_NS, SETTINGS, commanded_since(60.0)) == ''
+
+
+def test_doubt_ends_with_the_trip():
+    answers = answers_with(active_w=5000.0)
+    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
+    assert not is_refuted
+    assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
+    assert not answers.are_used(NOW_NS, SETTINGS)
+    assert answers.on_new_trip(NOW_NS).are_used(NOW_NS, SETTINGS)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.command import SteadyStatus
-from bev_preheat.control.heater import HeaterSwitch
+from bev_preheat.control.heater import HeaterSwitch, HeatingPause
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_STATUS_S as LEAST_S
 from bev_preheat.tunables import MOST_SWITCH_ONS
@@ -14,6 +14,13 @@ from bev_preheat.tunables import MOST_SWITCH_ONS
 S = 1_000_000_000
 FULL_W, LIMIT_W = 5000.0, 5300.0
 ON_S, OFF_S = 20.0, 120.0
+
+
+@pytest.fixture
+def heating():
+    switch = Watched()
+    assert switch.at(1000.0, FULL_W) == FULL_W
+    return switch
 
 
 class Watched:
@@ -212,3 +219,31 @@ def test_no_status_of_a_plan_is_shown_for_less_than_ten_seconds_while_the_heater
             changes_s.append(now_s)
         before = now
     assert all(later - earlier >= LEAST_S - 1e-6 for earlier, later in zip(changes_s, changes_s[1:]))
+
+
+@pytest.mark.parametrize('back_s', [0.5, 30.0, 1e6])
+def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
+    begin_ns = round((2_000_004 - back_s) * S)
+    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, MINIMUM_OFF_S).at(2_000_004 * S)
+    pause = pause.at(begin_ns)
+    assert pause.left_s == pytest.approx(6.0)
+    assert pause.at(begin_ns + 6 * S).left_s == 0.0
+
+
+def test_on_waits_for_the_least_time_off(heating):
+    heating.at(1030.0, 0.0)
+    assert heating.at(1149.999, FULL_W) == 0.0
+    assert heating.at(1150.0, FULL_W) == FULL_W
+
+
+def test_what_is_held_on_keeps_its_power_within_what_there_is(heating):
+    assert heating.at(1005.0, 0.0, limit_w=3000.0) == 3000.0
+    assert heating.at(1006.0, 0.0) == 3000.0
+    assert heating.at(1007.0, 0.0, limit_w=0.0) == 0.0
+
+
+def test_an_off_by_plan_starts_the_least_time_off(heating):
+    heating.become('turned_off', 1005 * S)
+    heating.become('turned_off', 1006 * S)
+    assert heating.at(1124.999, FULL_W) == 0.0
+    assert heating.at(1125.0, FULL_W) == FULL_W

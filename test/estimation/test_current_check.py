@@ -122,3 +122,9 @@ def test_agreement_ends_the_doubt():
         if second == 999:
             assert watch.doubt
     assert watch.doubt == ''
+
+
+def test_noise_of_a_charge_proves_nothing():
+    drawn = random.Random(5)
+    assert all(watch.sign is not Sign.REVERSED for watch in signs([
+        (380.0, 45.0, 0.6 - second * 45.0 / CAPACITY_AS + drawn.gauss(0.0, 0.003)) for second in range(2000)]))

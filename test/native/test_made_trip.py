@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trip's columns from the core and from Python."""
 
+from ctypes import addressof
 from dataclasses import replace
 
 import drawn_situations
@@ -10,11 +11,25 @@ import pytest
 from bev_preheat.planning.trip import make_trip, Trip, uncached_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_STEP_S
-from bev_preheat.vehicle.core_library import without_core
+from bev_preheat.vehicle.core_calls import place
+from bev_preheat.vehicle.core_library import core, without_core
+from bev_preheat.vehicle.core_structs import TripTermsStruct
 from bev_preheat.vehicle.model import TRIP_COLUMNS
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])
 COLUMNS = [name for name in TRIP_COLUMNS if hasattr(Trip, name)]
+
+BAD_ARGUMENT, BAD_INPUT = -1, -3
+
+
+def call(steps=3, null=None, duration_s=30.0):
+    """Return the status of bev_make_trip."""
+    terms = TripTermsStruct(5.0, 0.1, 0.08, 600.0, 7e3, 1.0, 0.0)
+    route = np.ones((8, 3))
+    route[0] = duration_s
+    return core().bev_make_trip(
+        None if null == 'terms' else addressof(terms), steps, None if null == 'route' else place(route),
+        None if null == 'columns' else place(np.empty(len(TRIP_COLUMNS) * 3 + 1)))
 
 
 def drawn(number):
@@ -57,3 +72,9 @@ def test_a_segment_that_is_too_long_is_divided(leakage_times):
         expected = uncached_trip(leaky, route, 1.0, 0.0)
     assert len(trip.route) == len(expected.route) > 2
     assert trip.idle_heat_w.tolist() == expected.idle_heat_w.tolist()
+
+
+@pytest.mark.parametrize('null', ['terms', 'route', 'columns'])
+def test_a_null_pointer_is_refused(null):
+    assert call() == 0
+    assert call(null=null) == BAD_ARGUMENT

@@ -211,3 +211,15 @@ def test_limits_along_a_run_are_those_of_its_trip():
     # A schedule that is changed is another run.
     emptier = replace(schedule, soc=schedule.soc - 0.3)
     assert not np.array_equal(limits_along(trip, emptier)[1], most_w)
+
+
+@EITHER
+@pytest.mark.parametrize('column', ['time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
+                                    'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w',
+                                    'drivetrain_heat_w', 'ambient_temperature_c'])
+def test_a_trip_with_a_number_that_is_none_gives_no_plan(function, column):
+    trip = make_trip(FORMULAS, steady_route())
+    trip.columns.column(column)[37] = nan
+    status, _ = call_plan(function, trip)
+    # The propulsion power decides only whether a step regenerates, and NaN does not.
+    assert status < 0 or (column == 'propulsion_power_w' and status == 0)

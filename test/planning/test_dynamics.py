@@ -172,3 +172,13 @@ def test_missing_watts_are_reported_in_their_step(make_integrator):
     asked_w = 390e3 + 1300.0 + 450.0
     assert accounts.undeliverable_power_w == pytest.approx(
         [0.0, asked_w - u**2 / (4 * r), 0.0], rel=1e-12)
+
+
+def test_energy_balance_closes_with_undeliverable_power():
+    trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=390e3,
+                       propulsion_power_rms_w=390e3)
+    soc, _, accounts = run(trip, make_euler, (0.5, -17.0), np.zeros(1))
+    # At the limit the current is U/2R for 30 s, whatever the demand.
+    voltage_v = 365.0 + 37.5 + 1.875
+    assert 3600.0 * accounts.energy_wh.battery_total == pytest.approx(
+        30.0 * voltage_v**2 / 0.3, rel=1e-12)

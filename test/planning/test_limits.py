@@ -230,3 +230,35 @@ def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):
     assert (driven.soc.tolist(), driven.temperature_c.tolist(), driven.heater_power_w.tolist(),
             driven.brake_power_w.any()) == (
                 soc.tolist(), temperature_c.tolist(), wanted_w.tolist(), False)
+
+
+def test_surplus_of_one_step_by_hand():
+    # At -12 degC and half full: 0.3 of the way from cold to warm.
+    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
+    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
+    least_w = charge_w - r * (charge_w / u)**2
+    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0])
+    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
+        (5500.0, least_w - (-50e3 + 1500.0 + 400.0 + 5500.0)), rel=1e-9)
+
+
+def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_limit():
+    car = replace(CAR, battery=replace(
+        CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((2e6,),))))
+    u, r = 365.0 + 75.0 * 0.7 + 15.0 * 0.7**3, 4.2 / 28.0
+    _, most_w = make_terminal_limits(car, FLOATS)(0.7, -17.0, 9e6)
+    assert most_w == pytest.approx(u**2 / (4 * r), rel=1e-12)
+
+
+def test_heater_is_off_at_the_highest_temperature():
+    # The brake takes the power that the battery cannot accept.
+    schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
+                   [5500.0] * 3)
+    assert schedule.heater_power_w.tolist() == [0.0] * 3
+
+
+def test_battery_at_the_highest_temperature_takes_no_more_than_it_may():
+    trip = steady_trip(3, ambient_temperature_c=60.0)
+    power_w, charge_w, _ = power_in_steps_w(
+        trip, run(trip, BatteryState(60.0, 0.9), [5500.0] * 3))
+    assert (power_w >= charge_w * (1.0 + 1e-6)).all()

@@ -137,3 +137,13 @@ def test_what_is_uncertain_is_answered_by_more_heat_only_where_that_is_cheap(pri
 def test_a_price_that_is_no_number_is_refused(price):
     with pytest.raises(InvalidInput, match='price of energy: is not a number in every step'):
         planned([0.3, price], 0.0, 0.0, 20.0)
+
+
+def test_inputs_outside_the_model_are_refused():
+    with pytest.raises(InvalidInput, match='target battery temperature: 99 is not allowed'):
+        planned([0.3], 0.0, 0.0, 99.0)
+
+
+def test_a_battery_that_is_warm_enough_is_not_heated_even_if_the_grid_pays():
+    plan = planned([-0.2, -0.2], 30.0, 20.0, 15.0)
+    assert plan.status is Status.NOT_NEEDED and not plan.hvch_battery_power_w.any()
