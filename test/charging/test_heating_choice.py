@@ -132,3 +132,14 @@ def test_a_limit_is_linear_between_its_points_and_never_above_the_cars():
     assert [limit(soc) for soc in (0.1, 0.2, 0.25, 0.4, 0.9)] == pytest.approx([10.0, 10.0, 15.0, 25.0, 25.0])
     assert HeatingLimit((0.2, 0.4), (10.0, 30.0)).function(-math.inf)(0.3) == -math.inf
     assert ALWAYS.function(25.0)(0.3) == 25.0 and NEVER.function(25.0)(0.3) == -math.inf
+
+
+def test_where_the_choice_is_always_the_session_is_todays():
+    """Free energy and a battery that is the limit: all heat saves time."""
+    stop, state = ChargingStop(400e3, 0.8, -15.0, 900.0, 350.0), BatteryState(-11.0, 0.3)
+    car = replace(CAR, charging=replace(CAR.charging, heating_limit_c=0.0))
+    choice = ChargerHeating(car, stop, Prices(0.0, 10.0)).choose(state)
+    today = charge(car, stop, state)
+    assert choice.decision is HeatingDecision.ALWAYS
+    assert (choice.session.charging_time_s, choice.session.bought_energy_wh) == (
+        today.charging_time_s, today.bought_energy_wh)

@@ -20,6 +20,12 @@ START_NS = 1_700_000_000 * NS_PER_S
 SETTINGS = Settings(route_progress_timeout_s=8.0, clock_tolerance_s=0.5)
 
 
+def stand(driven, from_s, until_s, distance_m):
+    for at_s in range(from_s, until_s + 1, 5):
+        driven.tell(float(at_s), distance_m)
+    return driven.timetable.stood_ns / NS_PER_S
+
+
 def ns(seconds):
     return round(seconds * NS_PER_S)
 
@@ -215,3 +221,10 @@ def test_exactly_on_plan_is_without_delay(segments, steps):
             break
         assert driven.tell(at_s, max(distance_m, 0.0)) == 0.0
         assert driven.timetable.mission is mission
+
+
+def test_who_stands_unplanned_is_known():
+    driven = Driven()
+    assert stand(driven, 50, 350, 1000.0) == pytest.approx(300.0 - 0.5)
+    driven.tell(355.0, 1000.0 + KNOWN_TO_M + 0.1)
+    assert driven.timetable.stood_ns == 0
