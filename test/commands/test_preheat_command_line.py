@@ -153,8 +153,8 @@ def test_a_drive_log_given_as_a_route_is_named(tmp_path, capsys, columns, is_log
     path.write_text('\n'.join([columns, *(f'{second},-3.5,0.8,8000' for second in range(200))]))
     assert main(['plan', *SITUATION, '--route', str(path)]) == 2
     lines = capsys.readouterr().err.splitlines()
-    hint = (f'{path}: is a drive log, no route; to make a route: preheat route --log {path} --vehicle NAME --output '
-            'ROUTE.csv')
+    hint = (f'{path}: is a drive log, no route; to make a route: preheat route --log {path} '
+            '--vehicle NAME --output ROUTE.csv')
     assert any(hint in line for line in lines) == is_log
     assert any('a route needs ' in line for line in lines) != is_log
 
