@@ -8,6 +8,7 @@ import re
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from stepwise import Stepwise
@@ -16,6 +17,7 @@ from bev_preheat.control.decision import Decision
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import TargetSource
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
@@ -190,3 +192,12 @@ def test_constants_of_the_message_are_those_of_the_program(kind):
                          **(others if kind is PreheatPlan else {})}
     # As built.
     assert {name: getattr(kind, name) for name in constants} == constants
+
+
+def test_heating_that_does_not_pay_is_no_fault():
+    supervisor, plan = planned(charger_power=50e3)
+    assert plan.status == PreheatPlan.NOT_WORTH_IT and not plan.heating_planned
+    entry = planner_diagnostics('/planner', supervisor.state, START_S * NS_PER_S)[0]
+    assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
+    values = {pair.key: pair.value for pair in entry.values}
+    assert values['target because'] == plan.target_reason
