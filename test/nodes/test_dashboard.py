@@ -104,7 +104,9 @@ def test_planners_come_answer_go_and_come_back(bench):
     planner = bench.start('planner')
     bench.start('planner', '-r', '__ns:=/car_7')
     with driving(bench, route_id=EVIL), driving(bench, '/car_7', temperature_c=3.0):
+        # Topics come in any order: the page may hear of the plan before it hears a battery state.
         view = tab.watch('/planner', lambda tab: tab.view['status'] == 'WAITING' and tab.view['regime']
+                         and tab.view['temperature'] is not None and tab.view['routeId']
                          and tab.view['reserve'] and tab.view['enabled'] and not tab.view['banner']
                          and len(tab.plan.get('planUnheated', ())) > 2
                          and tab.plan['planUnheated'][0] is not None, 'a plan')
