@@ -62,6 +62,8 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
     grade = ('The file should not be trusted yet' if rmse_k > POOR_RMSE_K or unusual else
              'The file can be trusted for drives like the recorded ones' if rmse_k < GOOD_RMSE_K else
              'The file can be used with care')
+    if unusual:
+        grade += f', because of its {" and ".join(item.label for item in unusual)} (see below)'
     yield (f'{grade}: fitted without a trip, it predicts the arrival temperature of that trip with an RMSE of '
            f'{rmse_k:.2f} K (worst {worst.error_k:+.2f} K, {worst.name}).')
     for baseline in baselines.values():

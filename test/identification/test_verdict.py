@@ -60,6 +60,7 @@ def test_an_estimate_outside_its_prior_or_at_its_bound_is_no_file_to_trust(chang
     own = structure('one mass', 0.2)
     first, *others = verdict_of([item], left_out, {}, [own], 'one mass', WHOLE, (), MEASURED)
     assert first.startswith('The file should not be trusted yet' if words else 'The file can be trusted')
+    assert bool(words) is ('yet, because of its heater efficiency (see below): ' in first)
     assert bool(words) is any('either START or a signal' in sentence for sentence in others)
     assert words in ' '.join(others)
 
