@@ -2,7 +2,8 @@
 """The package's own exceptions, and how messages quote external input."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 import math
 import re
 
@@ -34,6 +35,15 @@ class InvalidInput(ValueError):
         if others:
             self.problems.append(f'{others} more problem{"s" if others > 1 else ""}')
         super().__init__('; '.join(self.problems))
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Name a file, field or option in each problem of an InvalidInput."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise type(error)([f'{where}: {problem}' for problem in error.problems]) from error
 
 
 def _first_of(problems: Iterable[str]) -> list[str]:

@@ -10,7 +10,7 @@ from bev_preheat.bus.frame_checks import FrameChecks
 from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
 from bev_preheat.bus.source import live_channels, LiveChannel
-from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
@@ -122,10 +122,8 @@ class CanDecoder:
                 raise InvalidInput(f'{where}: {name} is a share ({unit}); the power at 100 % [W] is missing: '
                                    'live.heater_command.full_power_w')
             source, unit = replace(source, scales=(full_power_w * SHARES[unit],)), 'W'
-        try:
+        with located(where):
             channel = LiveChannel(name, source, unit or ('W' if signal == HEATER_POWER else ''))
-        except InvalidInput as error:
-            raise InvalidInput([f'{where}: {problem}' for problem in error.problems]) from error
         self._wanted.setdefault(name, []).append((signal, channel))
 
     def take(self, identifier: int, is_extended: bool, data: bytes, instant_s: float, readings: Readings,

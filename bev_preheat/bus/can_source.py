@@ -19,7 +19,7 @@ from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATE
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import HeaterStatusRule, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.logs.can_frames import recorded_frames
 from bev_preheat.optional_packages import require
 
@@ -233,13 +233,11 @@ class CanSource(LiveSource):
         self._decoder = CanDecoder(live_map, messages, self._follows, full_power_w)
         super().__init__(live_map, clock_s, self._decoder.channels)
         heaters_bus = None if rule is None else messages.bus[rule.message]
-        try:
+        with located(live_map.signals.path):
             self._links = [CanLink(
                 settings, self._decoder.identifiers[number], partial(self.on_frame, number),
                 self._decoder.has_fd[number] or (number == heaters_bus and frame is not None and frame.is_fd))
                 for number, settings in enumerate(live_map.can)]
-        except InvalidInput as error:
-            raise InvalidInput([f'{live_map.signals.path}: {problem}' for problem in error.problems]) from error
         self._heaters_link = None if heaters_bus is None else self._links[heaters_bus]
         self.name = ' and '.join(link.name for link in self._links)
 

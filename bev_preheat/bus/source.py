@@ -16,7 +16,7 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING
-from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.errors import figure, InvalidInput, located
 from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
 
@@ -69,10 +69,8 @@ class LiveChannel:
         unit = source.unit or channel_unit
         if not unit:
             raise InvalidInput(f'{name} has no unit; name it in the signal map (unit: ...)')
-        try:
+        with located(name):
             check_unit(unit, source.signal)
-        except InvalidInput as error:
-            raise InvalidInput([f'{name}: {problem}' for problem in error.problems]) from error
         self._conversion = conversion(unit, own_unit(source.signal))
 
     def read(self, number: float) -> float:

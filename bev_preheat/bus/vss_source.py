@@ -16,7 +16,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.source import live_channels, LiveChannel, LiveSource
-from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
 from bev_preheat.files.units import unit_named
 from bev_preheat.optional_packages import require
@@ -181,10 +181,8 @@ def text_of(path: Any, key: str) -> str | None:
     """Return the text of a file, None without a path; InvalidInput names the key."""
     if path is None:
         return None
-    try:
+    with located(key):
         return read_text(path).strip()
-    except InvalidInput as error:
-        raise InvalidInput([f'{key}: {problem}' for problem in error.problems]) from error
 
 
 def _in_words(error: Exception) -> str:

@@ -27,7 +27,7 @@ from bev_preheat.control.preparation_goal import (
 )
 from bev_preheat.control.target import TargetChoice, TargetSource
 from bev_preheat.control.timetable import Timetable
-from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.errors import InvalidInput, located, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import cost_of
@@ -375,11 +375,9 @@ def _prepared(vehicle: Vehicle, occurrence: Occurrence, prices: GridPrices | Non
         (ready_ns - start_ns) / NS_PER_S, ambient_c, vehicle.defaults), PLANNING_STEP_S))
     target_c = vehicle.defaults.target_battery_temperature_c if departure.target_c is None else departure.target_c
     situation = vehicle, route, state, Goal(target_c), DEFAULT_METHOD
-    try:
+    with located(f'departure {departure.name}'):
         plan, step_prices = terms.plan(*situation), terms.step_prices(route)
         if step_prices is None:
             return PreparedDeparture(occurrence, start_ns, plan, None, None)
         latest = terms._replace(prices=None).plan(*situation)
-    except InvalidInput as error:
-        raise InvalidInput([f'departure {departure.name}: {problem}' for problem in error.problems]) from error
     return PreparedDeparture(occurrence, start_ns, plan, cost_of(plan, step_prices), cost_of(latest, step_prices))

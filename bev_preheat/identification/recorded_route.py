@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.errors import figure, InvalidInput, located
 from bev_preheat.logs.doubts import turned
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.recording import gaps, LEAST_GAP_S, Recording, Series
@@ -71,10 +71,8 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
         pieces.append(_segments(path, recording, defaults, remarks))
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     described = ', '.join(map(str, paths))
-    try:
+    with located(described):
         route = make_route(columns, defaults).resampled(step_s)
-    except InvalidInput as error:
-        raise InvalidInput([f'{described}: {problem}' for problem in error.problems]) from error
     if route.propulsion_power_w @ route.duration_s < 0.0:
         remarks.append(f'{described}: net regeneration over the log; is the current really '
                        'positive when the battery is discharged?')

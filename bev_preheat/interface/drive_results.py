@@ -6,8 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.interface.results import frame, Result
-from bev_preheat.optional_packages import require
+from bev_preheat.interface.results import frame, Part, Result, rows_frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,55 +35,30 @@ class SessionResult(Result):
     session: Session
     choice: HeatingChoice
 
-    @property
-    def charger_heating(self) -> str:
-        """Decision on heating at the charger: 'unable', 'never', 'always' or 'limited'."""
-        return self.choice.decision.value
+    charger_heating = Part[str](
+        'choice.decision.value', "Decision on heating at the charger: 'unable', 'never', 'always' or 'limited'.")
 
     @property
     def charger_heating_sentence(self) -> str:
         """The decision as a sentence; '' for a car that cannot heat at the charger."""
         return self.choice.sentence()
 
-    @property
-    def problem(self) -> str | None:
-        """Reason for which the departure's state of charge is not reached; None: it is."""
-        return self.session.problem
-
-    @property
-    def time_s(self) -> FloatArray:
-        """Instants [s], (N + 1,)."""
-        return self.session.time_s
-
-    @property
-    def battery_temperature_c(self) -> FloatArray:
-        """Battery temperature [deg C], (N + 1,)."""
-        return self.session.battery_temperature_c
-
-    @property
-    def soc(self) -> FloatArray:
-        """State of charge, 0 ... 1, (N + 1,)."""
-        return self.session.soc
-
-    @property
-    def charging_power_w(self) -> FloatArray:
-        """Mean power into the battery's terminals in each step [W], (N,)."""
-        return self.session.charging_power_w
-
-    @property
-    def hvch_battery_power_w(self) -> FloatArray:
-        """Mean electrical power of the heater for the battery in each step [W], (N,)."""
-        return self.session.hvch_battery_power_w
-
-    @property
-    def charging_time_s(self) -> float:
-        """Duration until the departure's state of charge [s]; infinite if it is never reached."""
-        return self.session.charging_time_s
-
-    @property
-    def bought_energy_wh(self) -> float:
-        """Energy bought until then [Wh]; infinite if it is never reached."""
-        return self.session.bought_energy_wh
+    problem = Part[str | None](
+        'session.problem', "Reason for which the departure's state of charge is not reached; None: it is.")
+    time_s = Part['FloatArray']('session.time_s', 'Instants [s], (N + 1,).')
+    battery_temperature_c = Part['FloatArray'](
+        'session.battery_temperature_c', 'Battery temperature [deg C], (N + 1,).')
+    soc = Part['FloatArray']('session.soc', 'State of charge, 0 ... 1, (N + 1,).')
+    charging_power_w = Part['FloatArray'](
+        'session.charging_power_w', "Mean power into the battery's terminals in each step [W], (N,).")
+    hvch_battery_power_w = Part['FloatArray'](
+        'session.hvch_battery_power_w',
+        'Mean electrical power of the heater for the battery in each step [W], (N,).')
+    charging_time_s = Part[float](
+        'session.charging_time_s',
+        "Duration until the departure's state of charge [s]; infinite if it is never reached.")
+    bought_energy_wh = Part[float](
+        'session.bought_energy_wh', 'Energy bought until then [Wh]; infinite if it is never reached.')
 
     def to_dict(self) -> dict[str, Any]:
         """Return a session as in the JSON of `preheat charge`."""
@@ -131,15 +105,10 @@ class WorthResult(Result):
         worth = self.worth_of_targets
         return worth.without_heating.charging_time_s - worth.best.charging_time_s
 
-    @property
-    def break_even_value_of_time_per_h(self) -> float | None:
-        """Value of an hour at the charger from which some heating pays; None: it never does."""
-        return self.worth_of_targets.break_even_value_of_time_per_h
-
-    @property
-    def verdict(self) -> str:
-        """The result as a sentence."""
-        return self.worth_of_targets.verdict
+    break_even_value_of_time_per_h = Part[float | None](
+        'worth_of_targets.break_even_value_of_time_per_h',
+        'Value of an hour at the charger from which some heating pays; None: it never does.')
+    verdict = Part[str]('worth_of_targets.verdict', 'The result as a sentence.')
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `preheat worth`, without the uncertainty of its times and the sensitivity."""
@@ -147,9 +116,7 @@ class WorthResult(Result):
 
     def to_frame(self) -> DataFrame:
         """Return one row for each target; needs pandas."""
-        require('pandas')
-        import pandas
-        return pandas.DataFrame(self.to_dict()['targets']).set_index('target_c')
+        return rows_frame(self.to_dict()['targets'], 'target_c')
 
     def in_words(self) -> str:
         """Return the best target and its saving as one line."""

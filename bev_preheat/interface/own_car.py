@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.interface.inputs import checked
-from bev_preheat.interface.results import Result
+from bev_preheat.interface.results import Part, Result, rows_frame
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
@@ -35,15 +35,8 @@ class CheckResult(Result):
         """Error on arrival of each recording, by its name [K]."""
         return {trip.trip.name: trip.arrival_error_k for trip in self.checked.trips}
 
-    @property
-    def rmse_k(self) -> float:
-        """Root mean square of the errors on arrival [K]."""
-        return self.checked.rmse_k
-
-    @property
-    def worst_k(self) -> float:
-        """Largest magnitude of an error on arrival [K]."""
-        return self.checked.worst_k
+    rmse_k = Part[float]('checked.rmse_k', 'Root mean square of the errors on arrival [K].')
+    worst_k = Part[float]('checked.worst_k', 'Largest magnitude of an error on arrival [K].')
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `preheat check`."""
@@ -51,9 +44,7 @@ class CheckResult(Result):
 
     def to_frame(self) -> DataFrame:
         """Return one row for each recording; needs pandas."""
-        require('pandas')
-        import pandas
-        return pandas.DataFrame(self.to_dict()['trips']).set_index('name')
+        return rows_frame(self.to_dict()['trips'], 'name')
 
     def in_words(self) -> str:
         """Return the errors on arrival as one line."""
@@ -76,25 +67,15 @@ class IdentificationResult(Result):
     vehicle: Vehicle
     identified: Identification
 
-    @property
-    def rmse_k(self) -> float:
-        """Root mean square of the errors on arrival [K], each of a fit that has not seen that recording."""
-        return self.identified.rmse_k
-
-    @property
-    def worst_k(self) -> float:
-        """Largest magnitude of such an error [K]."""
-        return self.identified.worst_k
-
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """Sentences on the trust that the vehicle deserves, the most important first."""
-        return self.identified.verdict
-
-    @property
-    def record_next(self) -> tuple[str, ...]:
-        """Sentences on recordings that would improve the vehicle, the most valuable first."""
-        return self.identified.record_next
+    rmse_k = Part[float](
+        'identified.rmse_k',
+        'Root mean square of the errors on arrival [K], each of a fit that has not seen that recording.')
+    worst_k = Part[float]('identified.worst_k', 'Largest magnitude of such an error [K].')
+    verdict = Part[tuple[str, ...]](
+        'identified.verdict', 'Sentences on the trust that the vehicle deserves, the most important first.')
+    record_next = Part[tuple[str, ...]](
+        'identified.record_next',
+        'Sentences on recordings that would improve the vehicle, the most valuable first.')
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `preheat identify`."""
@@ -102,9 +83,7 @@ class IdentificationResult(Result):
 
     def to_frame(self) -> DataFrame:
         """Return one row for each parameter: prior, estimate and 90 % interval; needs pandas."""
-        require('pandas')
-        import pandas
-        return pandas.DataFrame(self.to_dict()['parameters']).set_index('name')
+        return rows_frame(self.to_dict()['parameters'], 'name')
 
     def in_words(self) -> str:
         """Return the errors on arrival and the verdict's first sentence as one line."""

@@ -12,13 +12,15 @@ from base64 import b64encode
 from dataclasses import asdict, dataclass
 from html import escape
 import io
-from typing import Any, TYPE_CHECKING
+from operator import attrgetter
+from typing import Any, Generic, TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.optional_packages import is_installed, require
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -34,6 +36,19 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 PICTURE_DPI = 75
+Value = TypeVar('Value')
+
+
+class Part(property, Generic[Value]):
+    """A read-only value of an object that a result holds, by its dotted path."""
+
+    def __init__(self, path: str, doc: str) -> None:
+        super().__init__(attrgetter(path))
+        self.__doc__ = doc
+
+    if TYPE_CHECKING:
+        def __get__(self, result: object, owner: type | None = None) -> Value:  # type: ignore[override]
+            ...
 
 
 class Result:
@@ -97,6 +112,13 @@ def frame(columns: dict[str, FloatArray]) -> DataFrame:
                              for name, values in columns.items()}).set_index('time_s')
 
 
+def rows_frame(rows: Iterable[dict[str, Any]], index: str) -> DataFrame:
+    """Return a DataFrame of rows, with one column as its index."""
+    require('pandas')
+    import pandas
+    return pandas.DataFrame(rows).set_index(index)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanResult(Result):
     """
@@ -111,75 +133,28 @@ class PlanResult(Result):
     goal: Goal
     plan: Plan
 
-    @property
-    def status(self) -> str:
-        """Name of the planning.status.Status."""
-        return self.plan.status.name
-
-    @property
-    def explanation(self) -> str:
-        """The plan as a sentence."""
-        return self.plan.explanation
-
-    @property
-    def heating_start_s(self) -> float | None:
-        """Instant at which the heater is first switched on [s]; None: it stays off."""
-        return self.plan.heating_start_s
-
-    @property
-    def heating_end_s(self) -> float | None:
-        """Instant at which it is last switched off [s]; None: on arrival, or it stays off."""
-        return self.plan.heating_end_s
-
-    @property
-    def arrival_temperature_c(self) -> float:
-        """Battery temperature on arrival [deg C]."""
-        return self.plan.arrival_temperature_c
-
-    @property
-    def arrival_soc(self) -> float:
-        """State of charge on arrival, 0 ... 1."""
-        return self.plan.arrival_soc
-
-    @property
-    def heating_energy_wh(self) -> float:
-        """Electrical energy of the heater for the battery [Wh]."""
-        return self.plan.energy_wh.hvch_electric
-
-    @property
-    def battery_energy_wh(self) -> float:
-        """Energy drawn from the cells [Wh]."""
-        return self.plan.energy_wh.battery_total
-
-    @property
-    def time_s(self) -> FloatArray:
-        """Instants [s], (N + 1,)."""
-        return self.plan.time_s
-
-    @property
-    def battery_temperature_c(self) -> FloatArray:
-        """Battery temperature [deg C], (N + 1,)."""
-        return self.plan.battery_temperature_c
-
-    @property
-    def soc(self) -> FloatArray:
-        """State of charge, 0 ... 1, (N + 1,)."""
-        return self.plan.soc
-
-    @property
-    def hvch_battery_power_w(self) -> FloatArray:
-        """Mean electrical power for the battery in each step [W], (N,)."""
-        return self.plan.hvch_battery_power_w
-
-    @property
-    def friction_brake_power_w(self) -> FloatArray:
-        """Mean power at the friction brake, which the battery cannot accept [W], (N,)."""
-        return self.plan.friction_brake_power_w
-
-    @property
-    def heater_limit_w(self) -> FloatArray:
-        """Power of the heater left by the cabin in each step [W], (N,); constraint (9g)."""
-        return self._trip.heater_limit_w
+    status = Part[str]('plan.status.name', 'Name of the planning.status.Status.')
+    explanation = Part[str]('plan.explanation', 'The plan as a sentence.')
+    heating_start_s = Part[float | None](
+        'plan.heating_start_s', 'Instant at which the heater is first switched on [s]; None: it stays off.')
+    heating_end_s = Part[float | None](
+        'plan.heating_end_s', 'Instant at which it is last switched off [s]; None: on arrival, or it stays off.')
+    arrival_temperature_c = Part[float]('plan.arrival_temperature_c', 'Battery temperature on arrival [deg C].')
+    arrival_soc = Part[float]('plan.arrival_soc', 'State of charge on arrival, 0 ... 1.')
+    heating_energy_wh = Part[float](
+        'plan.energy_wh.hvch_electric', 'Electrical energy of the heater for the battery [Wh].')
+    battery_energy_wh = Part[float]('plan.energy_wh.battery_total', 'Energy drawn from the cells [Wh].')
+    time_s = Part['FloatArray']('plan.time_s', 'Instants [s], (N + 1,).')
+    battery_temperature_c = Part['FloatArray'](
+        'plan.battery_temperature_c', 'Battery temperature [deg C], (N + 1,).')
+    soc = Part['FloatArray']('plan.soc', 'State of charge, 0 ... 1, (N + 1,).')
+    hvch_battery_power_w = Part['FloatArray'](
+        'plan.hvch_battery_power_w', 'Mean electrical power for the battery in each step [W], (N,).')
+    friction_brake_power_w = Part['FloatArray'](
+        'plan.friction_brake_power_w',
+        'Mean power at the friction brake, which the battery cannot accept [W], (N,).')
+    heater_limit_w = Part['FloatArray'](
+        '_trip.heater_limit_w', 'Power of the heater left by the cabin in each step [W], (N,); constraint (9g).')
 
     @property
     def battery_power_w(self) -> FloatArray:
@@ -246,10 +221,9 @@ class OptimumResult(PlanResult):
 
     solved: Optimum
 
-    @property
-    def marginal_cost_wh_per_k(self) -> float:
-        """Cost of one more kelvin on arrival [Wh/K]; NaN if the program is infeasible."""
-        return self.solved.marginal_cost_wh_per_k
+    marginal_cost_wh_per_k = Part[float](
+        'solved.marginal_cost_wh_per_k',
+        'Cost of one more kelvin on arrival [Wh/K]; NaN if the program is infeasible.')
 
     @property
     def infeasible(self) -> tuple[str, ...]:
@@ -283,13 +257,11 @@ class ComparisonResult(Result):
 
     def to_frame(self) -> DataFrame:
         """Return one row for each method, and one for the optimum; needs pandas."""
-        require('pandas')
-        import pandas
-        return pandas.DataFrame([
+        return rows_frame([
             {'method': name, 'heating_start_s': each.heating_start_s,
              'arrival_temperature_c': each.arrival_temperature_c, 'heating_energy_wh': each.heating_energy_wh,
              'battery_energy_wh': each.battery_energy_wh, 'above_optimum_wh': self.above_optimum_wh.get(name, 0.0)}
-            for name, each in (*self.plans.items(), ('optimum', self.optimum))]).set_index('method')
+            for name, each in (*self.plans.items(), ('optimum', self.optimum))], 'method')
 
     def in_words(self) -> str:
         """Return the energy of each method above the optimum as one line."""

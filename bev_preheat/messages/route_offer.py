@@ -10,8 +10,8 @@ import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.messages.fields import LONGEST_ROUTE_ID, time_message
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.messages.fields import known, LONGEST_ROUTE_ID, route_id_problems, time_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.route import route_for
@@ -89,7 +89,7 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     try:
         loaded = route_for(values['route'], vehicle, options=RouteOptions(
             ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']],
-            _given(KMH_PER_MPS * values['free_speed']), _given(values['stop_duration']),
+            known(KMH_PER_MPS * values['free_speed']), known(values['stop_duration']),
             values['vehicle_id'] or None))
     except InvalidInput as error:
         raise InvalidInput([_with_parameters(problem) for problem in error.problems]) from error
@@ -110,10 +110,7 @@ def offer_of(vehicle: Vehicle, loaded: RouteForVehicle, leg: Leg, route_id: str 
     """
     route = loaded.route
     route_id = route_id or loaded.file.stem[:LONGEST_ROUTE_ID]
-    problems = []
-    if len(route_id) > LONGEST_ROUTE_ID:
-        problems.append(f'route_id: {quoted(route_id)} is too long; it must have at most {LONGEST_ROUTE_ID} '
-                        'characters')
+    problems = route_id_problems(route_id)
     if len(loaded.stops) > MOST_STOPS:
         problems.append(f'route {loaded.file}: has {len(loaded.stops)} charging stops; at most {MOST_STOPS} are '
                         'planned')
@@ -146,7 +143,3 @@ def _with_parameters(problem: str) -> str:
     """Return a problem with the node's parameters in place of the options of `preheat`."""
     named = EXAMPLE.sub(lambda found: f': parameter {OPTIONS.get(found[2], found[2])}', problem)
     return OPTION.sub(lambda found: f'parameter {OPTIONS[found[1]]}' if found[1] in OPTIONS else found[0], named)
-
-
-def _given(value: float) -> float | None:
-    return None if value == 0.0 or math.isnan(value) else value

@@ -30,17 +30,6 @@ SKIP = '~/skip_departure'
 DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'
 
 
-def check_departure_parameters(departures_path: str, prices_path: str) -> None:
-    """Raise InvalidInput if a file cannot be used; '' is no file."""
-    for name, path, load in ((DEPARTURES, departures_path, load_departures),
-                             (GRID_PRICES, prices_path, load_grid_prices)):
-        if path:
-            try:
-                load(path)
-            except InvalidInput as error:
-                raise InvalidInput([f'{name}: {problem}' for problem in error.problems]) from error
-
-
 class _WatchedFile:
     """A file that is read again when it has changed; its latest good contents stay in use."""
 

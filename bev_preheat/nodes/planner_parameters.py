@@ -6,19 +6,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
-from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.departure_keeper import check_departure_parameters
+from bev_preheat.errors import InvalidInput, located
+from bev_preheat.estimation.state_file import check_state_file
 from bev_preheat.nodes.node import LIFECYCLE
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.state_keeper import check_parameter
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_library import use_core
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
@@ -81,6 +81,8 @@ PARAMETERS = (
 )
 # A driver or a backend may change these although the others are locked.
 NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
+CHECKS_OF_FILES: dict[str, Callable[[str], object]] = {
+    'state_file': check_state_file, 'departures': load_departures, 'grid_prices': load_grid_prices}
 # Share of the time by which the lease is longer than the command period.
 ANSWER_SHARE = 0.1
 
@@ -108,10 +110,10 @@ def check_changes(values: Values, changed: Values) -> None:
     """Raise InvalidInput if values, of which some have changed, do not fit, or name an unusable file."""
     read(values)
     # A faulty file must not block other parameters; the diagnostics report it.
-    if 'state_file' in changed:
-        check_parameter(values['state_file'])
-    if changed.keys() & {'departures', 'grid_prices'}:
-        check_departure_parameters(values['departures'], values['grid_prices'])
+    for name, check in CHECKS_OF_FILES.items():
+        if changed.get(name):
+            with located(name):
+                check(changed[name])
 
 
 def check_lock(node: Node, parameters: Iterable[RosParameter]) -> None:

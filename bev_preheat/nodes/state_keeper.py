@@ -145,16 +145,6 @@ class _Kept(NamedTuple):
     choices: DriverChoices = NO_CHOICES
 
 
-def check_parameter(path: str) -> None:
-    """Raise InvalidInput if the parameter `state_file` names a file that must not be overwritten."""
-    if path:
-        try:
-            check_state_file(path)
-        except InvalidInput as error:
-            raise InvalidInput(
-                [f'state_file: {problem}' for problem in error.problems]) from error
-
-
 class StateKeeper:
     """
     Reads and writes the file of the parameter `state_file`; does nothing if that is empty.

@@ -8,10 +8,8 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from builtin_interfaces.msg import Time
 import numpy as np
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.inputs import Leg
@@ -19,6 +17,7 @@ from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import mcap_messages, version
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.route_offer import offer_of
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
@@ -157,21 +156,12 @@ def _battery_states(recording: Recording, heater: Series | None, start_ns: int) 
         command = None if heater is None or math.isnan(power_w) else (
             max(power_w, 0.0), now_ns + round(HOLD_S * NS_PER_S),
             int(Status.HEATING if power_w >= LEAST_HEAT_W else Status.WAITING))
+        message = battery_state_message(now_ns, value['battery_temperature_c'], value['soc'], value['voltage_v'],
+                                        value['current_a'])
         given.append(Given(
             RecordedStep(now_ns, events=({'kind': BATTERY_STATE},), command=command),
-            (TYPES[BATTERY_STATE], bytes(serialize_message(_message(value, now_ns))))))
+            (TYPES[BATTERY_STATE], bytes(serialize_message(message)))))
     return given
-
-
-def _message(value: dict[str, float], now_ns: int) -> BatteryState:
-    seconds, nanoseconds = divmod(now_ns, NS_PER_S)
-    message = BatteryState(
-        temperature=value['battery_temperature_c'], percentage=value['soc'], voltage=value['voltage_v'],
-        # sensor_msgs has it negative when discharging.
-        current=-value['current_a'], charge=math.nan, capacity=math.nan, design_capacity=math.nan,
-        present=True)
-    message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
-    return message
 
 
 def _thinned(times_s: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ topic only: the message itself is in the recording just before the step.
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -115,6 +116,19 @@ def _contained(package: str, text: str) -> Iterator[tuple[str, str]]:
             yield found['package'] or package, found['name']
 
 
+@contextmanager
+def sound(what: str) -> Iterator[None]:
+    """Raise InvalidInput, which names the damaged record, where plain values have another form."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError) as error:
+        raise InvalidInput(f'{what} is damaged: {type(error).__name__}: {error}') from error
+
+
+def _whole(number: Any) -> int | None:
+    return None if number is None else int(number)
+
+
 # Of the records of this version. Older ones are read as long as their numbers are listed in READ_FORMATS.
 DRIVE_FORMAT = 2
 READ_FORMATS = (2,)
@@ -141,10 +155,7 @@ class Beginning:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        return {
-            'format': DRIVE_FORMAT, 'version': self.version, 'node': self.node, 'life': self.life,
-            'part': self.part, 'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time,
-            'parameters': self.parameters, 'vehicle_file': self.vehicle_file}
+        return {'format': DRIVE_FORMAT, **vars(self)}
 
     @classmethod
     def from_dictionary(cls, values: Any) -> Beginning:
@@ -159,12 +170,10 @@ class Beginning:
             raise InvalidInput(
                 f'the recording has format {quoted(str(number))} of version {quoted(str(version))}; this version '
                 f'reads format {", ".join(map(str, READ_FORMATS))}; replay it with the version that wrote it')
-        try:
+        with sound("the recording's beginning"):
             return cls(str(values['version']), str(values['node']), str(values['life']), int(values['part']),
                        int(values['now_ns']), bool(values['uses_sim_time']),
                        dict(values['parameters']), str(values['vehicle_file']))
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f"the recording's beginning is damaged: {type(error).__name__}: {error}") from error
 
 
 class RecordedState(NamedTuple):
@@ -181,17 +190,13 @@ class RecordedState(NamedTuple):
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        return {'state': b64encode(self.state).decode(), 'goal': self.goal, 'route_ns': self.route_ns}
+        return {**self._asdict(), 'state': b64encode(self.state).decode()}
 
     @classmethod
     def from_dictionary(cls, values: dict[str, Any]) -> RecordedState:
         """Return the RecordedState of plain values; raises InvalidInput if they are damaged."""
-        try:
-            goal, route_ns = values['goal'], values['route_ns']
-            return cls(b64decode(values['state']), None if goal is None else int(goal),
-                       None if route_ns is None else int(route_ns))
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f'a state of the recording is damaged: {type(error).__name__}: {error}') from error
+        with sound('a state of the recording'):
+            return cls(b64decode(values['state']), _whole(values['goal']), _whole(values['route_ns']))
 
 
 def recorded_state(state: State, goal: int | None = None, route_ns: int | None = None) -> RecordedState:
@@ -250,21 +255,17 @@ class RecordedStep:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values."""
-        return {'now_ns': self.now_ns, 'call': self.call, 'events': list(self.events), 'what': self.what,
-                'command': None if self.command is None else list(self.command), 'status': self.status}
+        return dict(vars(self))
 
     @classmethod
     def from_dictionary(cls, values: Any) -> RecordedStep:
         """Return the step of plain values; raises InvalidInput, naming the field, if they are not a step's."""
-        try:
+        with sound('a step of the recording'):
             command = values['command']
-            return cls(int(values['now_ns']), str(values['call']),
-                       tuple(dict(event) for event in values['events']),
+            return cls(int(values['now_ns']), str(values['call']), tuple(map(dict, values['events'])),
                        str(values['what']),
                        None if command is None else (float(command[0]), int(command[1]), int(command[2])),
-                       None if values['status'] is None else int(values['status']))
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InvalidInput(f'a step of the recording is damaged: {type(error).__name__}: {error}') from error
+                       _whole(values['status']))
 
 
 def command_values(command: Command | None) -> tuple[float, int, int] | None:
@@ -336,7 +337,7 @@ def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
     """
     kind = values.get('kind')
     fields = {name: value for name, value in values.items() if name not in ('kind', 'goal')}
-    try:
+    with sound(f'event {quoted(str(kind))} of the recording'):
         if kind in PLAIN_EVENTS:
             event: Event = PLAIN_EVENTS[kind](**fields)
             return event
@@ -350,7 +351,4 @@ def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
                                     PreparationEnding(values['ending']), str(values['explanation']))
         if kind == REFUSED_ROUTE:
             return RouteUnreadable(InvalidInput([str(problem) for problem in values['problems']]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f'event {quoted(str(kind))} of the recording is damaged: {type(error).__name__}: '
-                           f'{error}') from error
     raise InvalidInput(f'event {quoted(str(kind))} of the recording is not known to this version')

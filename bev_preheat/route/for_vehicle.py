@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, located
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.legs import legs_file, load_legs
@@ -155,7 +155,7 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,
         'cabin_heating_power_w': journey.cabin_heating_power_w,
         'auxiliary_power_w': journey.auxiliary_power_w}
-    try:
+    with located(path):
         if journey.consumption_wh is None or vehicle.road_load is not None:
             columns.update(propulsion_columns(road_vehicle(vehicle), motion, ambient_c))
         if journey.consumption_wh is None:
@@ -165,8 +165,6 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
         else:
             _use_consumption(columns, journey, vehicle, options, remarks)
         route = make_route(columns, vehicle.defaults)
-    except InvalidInput as error:
-        raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
     return route.resampled(SEGMENT_S) if journey.sampled else route, remarks
 
 

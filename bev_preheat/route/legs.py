@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.numerics import JOULES_PER_WH
@@ -64,10 +64,8 @@ def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
     """
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
-    try:
+    with located(path):
         return _make(description, vehicle)
-    except InvalidInput as error:
-        raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
 def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:

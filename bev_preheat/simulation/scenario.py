@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -112,10 +112,8 @@ def load_scenario(name_or_file: str | Path) -> Scenario:
     """
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
-    try:
+    with located(path):
         return _scenario(path, contents)
-    except InvalidInput as error:
-        raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
 
 
 def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
 from bev_preheat.numerics import W_PER_KW
 from bev_preheat.vehicle.chemistry import Chemistry
@@ -108,10 +108,8 @@ def read_charging_curve(path: str | Path, note: str = 'given') -> ChargingCurve 
     InvalidInput naming file, line, value and the allowed values.
     """
     header, points = _points(path)
-    try:
+    with located(f'--charging-curve: {path}'):
         return checked_limit(points, note) if header == LIMIT_HEADER else checked_curve(points, math.nan, note)
-    except InvalidInput as error:
-        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
 
 
 def curves_at(curves: Sequence[ChargingCurve], temperatures_c: Sequence[float]) -> tuple[ChargingCurve, ...]:
@@ -141,10 +139,8 @@ def curves_at(curves: Sequence[ChargingCurve], temperatures_c: Sequence[float]) 
 
 def _points(path: str | Path) -> tuple[tuple[str, ...], list[tuple[float, float]]]:
     """Return the first line of a CSV file and the pairs of numbers below it."""
-    try:
+    with located('--charging-curve'):
         lines = read_text(path, 'utf-8-sig').splitlines()
-    except InvalidInput as error:
-        raise InvalidInput([f'--charging-curve: {problem}' for problem in error.problems]) from error
     rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
             if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
     if not rows or tuple(rows[0][1]) not in (HEADER, LIMIT_HEADER):

@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.route.segments import ELEVATION_RANGE_M
 from bev_preheat.route.sources.journey import journey_of_pieces, Pieces
 from bev_preheat.route.sources.json_values import checked, in_words, items, number, numbers
@@ -291,11 +291,9 @@ def _points(value: Any, place: str, length_m: float, service: Service) -> FloatA
         return _points(inner[1], f'{place}.{inner[0]}', length_m, service)
     if isinstance(value, list):
         return points_of(value, place)
-    try:
+    with located(place):
         return decode_flexible(value) if service.routes and service.legs == 'sections' else \
             decode_points_by_length(value, length_m)
-    except InvalidInput as error:
-        raise InvalidInput([f'{place}: {problem}' for problem in error.problems]) from error
 
 
 def points_of(values: list[Any], place: str) -> FloatArray:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.sources.headers import headers_of
 from bev_preheat.route.sources.table import journey_of_table
@@ -41,10 +41,8 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
         table = read_table(path)
         if _has_powers(table):
             return table
-        try:
+        with located(path):
             _refuse_unused(options, ())
-        except InvalidInput as error:
-            raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
         return journey_of_table(table)
     try:
         text = path.read_bytes()
