@@ -18,6 +18,7 @@ from typing import Any, TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined
 
+from bev_preheat.monitoring.seen import level_name
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 
@@ -59,7 +60,6 @@ def login_page(problem: str) -> str:
 
 SCRIPTS = 'uPlot.iife.min.js', 'curves.js', 'recording_report.js'
 STYLES = 'uPlot.min.css', 'curves.css', 'recording_report.css'
-LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def history_values(history: History) -> dict[str, Any]:
         'columns': {name: packed(values, 'f') for name, values in columns.items() if name != 'time'},
         'sentences': _changes(history.sentences), 'regimes': _changes(history.regimes),
         'doubts': _changes(history.doubts),
-        'diagnostics': [[at_s, name, LEVELS[min(int(level), len(LEVELS) - 1)], message]
+        'diagnostics': [[at_s, name, level_name(level), message]
                         for at_s, name, level, message in _changes(history.diagnostics)],
         'plans': [_plan_values(plan) for plan in history.plans], 'lost': history.lost}
 

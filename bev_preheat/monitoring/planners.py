@@ -22,11 +22,13 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.events import HeaterStatusArrived
 from bev_preheat.messages.battery_state import read_temperatures
+from bev_preheat.messages.fields import seconds
 from bev_preheat.messages.heater import heater_status_event
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen, seconds
+from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen
 from bev_preheat.monitoring.view import Surroundings
 from bev_preheat.nodes.node import RepetitionFilter
+from bev_preheat.nodes.setup_watch import endpoint_name
 from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
@@ -210,7 +212,7 @@ def find_planners(node: Node, known: dict[str, PlannerFound]) -> dict[str, Plann
         for endpoint in node.get_publishers_info_by_topic(topic):
             if endpoint.topic_type != PLAN or endpoint.node_name.startswith('_'):
                 continue
-            name = f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+            name = endpoint_name(endpoint)
             earlier = known.get(name)
             if earlier is not None and earlier.plan_topic == topic:
                 found[name] = earlier
@@ -237,6 +239,6 @@ def _examine(node: Node, full_name: str, name: str, namespace: str, plan_topic: 
 
 def surroundings_of(node: Node, planner: str, is_there: bool) -> Surroundings:
     """Return the Surroundings of a planner."""
-    followers = {f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    followers = {endpoint_name(endpoint)
                  for endpoint in node.get_subscriptions_info_by_topic(CLOCK)}
     return Surroundings(is_there, planner in followers, node.count_publishers(CLOCK) > 0)

@@ -6,9 +6,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.fields import seconds
 from bev_preheat.messages.preheat_plan import session_texts
-from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -86,9 +85,9 @@ class RouteSeen(NamedTuple):
         return self.stop_reserves[stop] if stop < len(self.stop_reserves) else 0.0
 
 
-def seconds(stamp: Time) -> float:
-    """Return an instant [s]."""
-    return nanoseconds(stamp) / NS_PER_S
+def level_name(level: float) -> str:
+    """Return the name of a level of /diagnostics; the nearest for one out of range."""
+    return LEVELS[min(max(int(level), 0), len(LEVELS) - 1)]
 
 
 def plan_seen(message: PreheatPlan) -> PlanSeen:
@@ -162,7 +161,7 @@ class Diagnosis(NamedTuple):
     def as_dictionary(self) -> dict[str, Any]:
         """Return plain values for the page."""
         return {
-            'entries': [[entry.name, LEVELS[min(max(entry.level, 0), 3)], shortened(entry.message, LONGEST_TEXT)]
+            'entries': [[entry.name, level_name(entry.level), shortened(entry.message, LONGEST_TEXT)]
                         for entry in self.entries],
             'regime': self.regime, 'doubts': list(self.doubts), 'enabled': self.is_enabled, 'goal': self.goal,
             'departure': None if self.departure is None else self.departure._asdict()}

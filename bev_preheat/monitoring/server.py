@@ -52,11 +52,9 @@ class Shared(NamedTuple):
     wrong_tokens: set[object]
 
 
-class Checked:
+class Checked(RequestHandler):
     """Refuses a request by its headers before anything else is done with it."""
 
-    request: Any
-    settings: dict[str, Any]
     is_followed = False
     needs_session = True
 
@@ -69,10 +67,10 @@ class Checked:
     def set_default_headers(self) -> None:
         """Send the security headers with every answer."""
         for name, value in HEADERS.items():
-            self.set_header(name, value)  # type: ignore[attr-defined]
-        self.clear_header('Server')  # type: ignore[attr-defined]
+            self.set_header(name, value)
+        self.clear_header('Server')
 
-    def check(self) -> None:
+    def prepare(self) -> None:
         """Raise HTTPError if the request is not from this page, or needs the token."""
         access, headers = self.shared.access, self.request.headers
         if not access.allows_host(headers.get('Host', '')):
@@ -85,7 +83,12 @@ class Checked:
     @property
     def cookie(self) -> str:
         """The cookie of the session, '' without one."""
-        return str(self.get_cookie(COOKIE, '') or '')  # type: ignore[attr-defined]
+        return str(self.get_cookie(COOKIE, '') or '')
+
+    def write_error(self, status_code: int, **options: Any) -> None:
+        """Answer with one line."""
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(f'{status_code}: {self._reason}\n')
 
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
         """Log an unexpected exception in one line, without the request's address."""
@@ -93,17 +96,8 @@ class Checked:
             self.shared.log(f'web page: {type(error).__name__}: {error}')
 
 
-class PageHandler(Checked, RequestHandler):
+class PageHandler(Checked):
     """A request for a page or a file."""
-
-    def prepare(self) -> None:
-        """Check the request."""
-        self.check()
-
-    def write_error(self, status_code: int, **options: Any) -> None:
-        """Answer with one line."""
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{status_code}: {self._reason}\n')
 
     def write_page(self, text: str) -> None:
         """Answer with a page."""
@@ -124,7 +118,7 @@ class MissingHandler(PageHandler):
 
     def prepare(self) -> None:
         """Refuse."""
-        self.check()
+        super().prepare()
         raise HTTPError(404)
 
 
@@ -227,18 +221,13 @@ class TabHandler(Checked, WebSocketHandler):
 
     def prepare(self) -> None:
         """Check the request before the connection becomes a WebSocket."""
-        self.check()
+        super().prepare()
         if len(self.shared.tabs) >= MOST_TABS:
             raise HTTPError(503, reason='Too many tabs')
 
     def check_origin(self, origin: str) -> bool:
         """Allow only the page itself; `prepare` has refused the others."""
         return self.shared.access.is_same_origin(self.request.headers)
-
-    def write_error(self, status_code: int, **options: Any) -> None:
-        """Answer with one line."""
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{status_code}: {self._reason}\n')
 
     def open(self, *arguments: str, **named: str) -> None:
         """Start."""

@@ -20,7 +20,7 @@ from bev_preheat.errors import one_line, shortened
 from bev_preheat.files.output_files import write_whole
 from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.planners import find_planners, Planners, PLANNERS_PERIOD_S
-from bev_preheat.monitoring.seen import LEVELS
+from bev_preheat.monitoring.seen import level_name
 from bev_preheat.monitoring.view import LONGEST_SENTENCE, number, status_name
 from bev_preheat.nodes.node import without_figures
 from bev_preheat.planning.explanation import duration_text
@@ -159,7 +159,7 @@ def _diagnostics(view: View) -> Table:
     # Written up to a second apart, they differ in the time left until arrival.
     shown = None if view.plan is None else without_figures(f'{status_name(view.plan.status)}: {view.sentence}')
     for entry in view.diagnosis.entries:
-        level = LEVELS[min(max(entry.level, 0), len(LEVELS) - 1)]
+        level = level_name(entry.level)
         table.add_row(one_line(entry.name), Text(level, STYLES[level]), Text(
             'as above' if without_figures(entry.message) == shown else one_line(entry.message[:LONGEST_TOLD])))
     return table
