@@ -5,10 +5,10 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 import reaping
+from waiting import poll_until
 
 # It starts a process that starts another one in a session of its own, and prints the mark of both.
 TEST_PROCESS = """
@@ -26,16 +26,6 @@ subprocess.Popen(['bash', '-c', 'setsid sleep 600 & wait'])
 print(f'{reaping.VARIABLE}={os.environ[reaping.VARIABLE]}', flush=True)
 time.sleep(600)
 """
-LIMIT_S = 100.0
-
-
-def wait_until(condition):
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
-
-
 # A controller that starts the test process as its worker.
 CONTROLLER = """
 import os
@@ -58,6 +48,6 @@ def test_all_processes_of_a_killed_test_process_are_killed(monkeypatch, program,
                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         mark = process.stdout.readline().strip().encode()
         # bash and sleep; the process itself has set the variable too late for its own environment.
-        wait_until(lambda: len(reaping.left_behind(mark)) == 2)
+        poll_until(lambda: len(reaping.left_behind(mark)) == 2, 'both processes')
         process.send_signal(number)
-    wait_until(lambda: not reaping.left_behind(mark))
+    poll_until(lambda: not reaping.left_behind(mark), 'their end')

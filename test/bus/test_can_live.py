@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from example_frames import COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
 import pytest
 from slcan_port import SlcanPort
+from waiting import poll_until, TIME_LIMIT_S
 
 from bev_preheat.bus.can_decoder import CanDecoder
 from bev_preheat.bus.can_source import CanLink, CanSource
@@ -19,15 +20,6 @@ from bev_preheat.bus.source import age_of_stamp, Readings, steady_s
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial')]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
-TIME_LIMIT_S = 10.0
-
-
-def until(condition, what):
-    deadline_s = time.monotonic() + TIME_LIMIT_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.01)
-    return value
 
 
 def write_map(folder, path):
@@ -50,14 +42,14 @@ class Car:
         self._counts = {STATUS: 0, TEMPERATURES: 0}
         self._sent = 0
         self.source.start()
-        until(lambda: b'O' in self.port.commands and not self.source.problem, 'the adapter is opened')
+        poll_until(lambda: b'O' in self.port.commands and not self.source.problem, 'the adapter is opened')
 
     def send(self, *frames):
         """Send frames, and wait until they have been taken."""
         for identifier, data in frames:
             self.port.send(identifier, data)
         self._sent += len(frames)
-        until(lambda: int(self.source.figures()['frames']) >= self._sent, f'{self._sent} frames')
+        poll_until(lambda: int(self.source.figures()['frames']) >= self._sent, f'{self._sent} frames')
 
     def status(self, soc=0.5, **changed):
         self._counts[STATUS] = (self._counts[STATUS] + 1) % 16
@@ -165,9 +157,9 @@ def test_frames_from_before_the_bus_was_opened_are_not_used(tmp_path):
     source = CanSource(load_live_map(write_map(tmp_path, port.path)), steady_s)
     source.start()
     try:
-        until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
+        poll_until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
         port.send(STATUS, status_frame(0.5, 360.0, 0.0, 9))
-        until(lambda: int(source.figures()['frames']) >= 1, 'the new frame')
+        poll_until(lambda: int(source.figures()['frames']) >= 1, 'the new frame')
         battery, (sentence,) = source.battery(steady_s())
         assert battery is None
         assert sentence == 'battery_temperature_c: no valid reading of BMS_Temperatures.BMS_TempMean yet'
@@ -202,11 +194,11 @@ def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
     source = CanSource(load_live_map(file), lambda: now_s)
     source.start()
     try:
-        until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
+        poll_until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
         assert source.value('speed_mps', now_s) is None
         port.send(STATUS, status_frame(0.72, 360.0, 0.0, 1))
         port.send(TEMPERATURES, temperature_frame(-2.0, 1, low_c=-5.5))
-        until(lambda: int(source.figures()['frames']) == 2, 'both frames')
+        poll_until(lambda: int(source.figures()['frames']) == 2, 'both frames')
         assert source.value('speed_mps', now_s + 1.9) == pytest.approx(20.0)
         assert source.value('speed_mps', now_s + 2.1) is None
         # The air changes slowly.
@@ -220,7 +212,7 @@ def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
 def test_the_commands_frame_has_power_counter_and_checksum(car):
     for power_w in (3456.0, 7000.0, 99999.0, 0.0):
         assert car.source.send_power(power_w) == ''
-    until(lambda: len(car.port.frames) >= 4, 'four frames')
+    poll_until(lambda: len(car.port.frames) >= 4, 'four frames')
     read = [read_command(data) for _, identifier, data in car.port.frames if identifier == COMMAND]
     # In steps of 10 W, rounded down.
     assert [power_w for power_w, *_ in read] == [3450.0, 7000.0, 7000.0, 0.0]
@@ -245,15 +237,15 @@ def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes(monkeypatch):
     live_map = load_live_map('example_car')
     link = CanLink(live_map.can[0], [(STATUS, False)], lambda *frame: None)
     link.start()
-    until(lambda: not link.problem, 'an open bus')
+    poll_until(lambda: not link.problem, 'an open bus')
     bus_off = SimpleNamespace(is_error_frame=True, arbitration_id=0x40)
     frame = SimpleNamespace(is_error_frame=False, is_remote_frame=False, is_rx=True, arbitration_id=STATUS,
                             is_extended_id=False, data=b'', timestamp=0.0)
     arriving.put(bus_off)
-    until(lambda: link.problem.startswith('bus off: '), 'bus off')
+    poll_until(lambda: link.problem.startswith('bus off: '), 'bus off')
     assert 'bus off' in link.send(COMMAND, False, b'\x00')
     arriving.put(frame)
-    until(lambda: not link.problem, 'the end of the problem')
+    poll_until(lambda: not link.problem, 'the end of the problem')
     link.close()
 
 
@@ -288,16 +280,16 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
     link_path.symlink_to(first.path)
     source = CanSource(load_live_map(write_map(tmp_path, link_path)), steady_s)
     source.start()
-    until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
+    poll_until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
     link_path.unlink()
     first.close()
-    until(lambda: source.problem, 'the adapter is missed')
+    poll_until(lambda: source.problem, 'the adapter is missed')
     assert source.send_power(1000.0)
     link_path.symlink_to(second.path)
-    until(lambda: not source.problem, 'the adapter is back')
+    poll_until(lambda: not source.problem, 'the adapter is back')
     second.send(STATUS, status_frame(0.5, 360.0, 0.0, 3))
     second.send(TEMPERATURES, temperature_frame(-2.0, 3))
-    assert until(lambda: source.battery(steady_s())[0], 'the battery').temperature_c == pytest.approx(-2.0)
+    assert poll_until(lambda: source.battery(steady_s())[0], 'the battery').temperature_c == pytest.approx(-2.0)
     assert source.figures()['reconnects'] == '1'
     source.close()
     second.close()
@@ -335,9 +327,9 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
     begun_s = steady_s()
     source.start()
     try:
-        first = until(lambda: source.battery(steady_s())[0], 'the first battery')
+        first = poll_until(lambda: source.battery(steady_s())[0], 'the first battery')
         assert (first.temperature_c, first.soc) == pytest.approx((-6.0, 0.61))
-        until(lambda: int(source.figures()['frames']) == 13, 'all frames')
+        poll_until(lambda: int(source.figures()['frames']) == 13, 'all frames')
         assert 0.9 < steady_s() - begun_s < 3.0
         now_s = steady_s()
         battery = source.battery(now_s)[0]

@@ -4,6 +4,7 @@
 import time
 
 import pytest
+from waiting import poll_until
 
 from bev_preheat.bus.conditioning import ACTUATORS, IS_ACTIVE, MODE
 from bev_preheat.bus.live_map import load_live_map
@@ -11,7 +12,6 @@ from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
 
 pytestmark = [pytest.mark.needs('kuksa_client')]
-TIME_LIMIT_S = 15.0
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'
 
@@ -20,14 +20,6 @@ def new_broker(**options):
     # The broker needs grpc, which is optional.
     from vss_broker import Broker
     return Broker(**options)
-
-
-def until(condition, what):
-    deadline_s = time.monotonic() + TIME_LIMIT_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.02)
-    return value
 
 
 def set_all(broker, temperature_c=-6.5):
@@ -77,7 +69,7 @@ def cabin(request, tmp_path):
 
 def test_values_arrive_with_unit_and_sign_and_hold_until_they_change(cabin):
     set_all(cabin.broker)
-    battery = until(lambda: (now := cabin.has(-6.5)) and len(now.cells_c) == 2 and None not in (
+    battery = poll_until(lambda: (now := cabin.has(-6.5)) and len(now.cells_c) == 2 and None not in (
         now.soc, now.voltage_v, now.current_a, now.is_charging) and now, 'all values')
     assert battery.is_charging is False
     assert (battery.soc, battery.voltage_v) == pytest.approx((0.625, 350.0))
@@ -92,38 +84,38 @@ def test_values_arrive_with_unit_and_sign_and_hold_until_they_change(cabin):
     assert cabin.source.figures()['updates'] == updates
     assert now_s - battery.instant_s < 1.1
     cabin.broker.set(f'{PACK}.Temperature.Average', -6.0)
-    until(lambda: cabin.has(-6.0), 'the changed value')
+    poll_until(lambda: cabin.has(-6.0), 'the changed value')
 
 
 def test_a_value_that_is_withdrawn_or_implausible_holds_no_longer(cabin):
     for bad in (None, float('nan'), 900.0):
         set_all(cabin.broker)
-        until(lambda: cabin.has(-6.5), 'the battery')
+        poll_until(lambda: cabin.has(-6.5), 'the battery')
         cabin.broker.set(f'{PACK}.Temperature.Average', bad)
-        until(lambda: cabin.battery()[0] is None, f'no battery after {bad}')
+        poll_until(lambda: cabin.battery()[0] is None, f'no battery after {bad}')
         assert f'{PACK}.Temperature.Average' in ' '.join(cabin.battery()[1])
 
 
 def test_a_broker_that_is_gone_takes_the_battery_along_and_comes_back(cabin):
     set_all(cabin.broker)
-    until(lambda: cabin.has(-6.5), 'the battery')
+    poll_until(lambda: cabin.has(-6.5), 'the battery')
     port = cabin.broker.port
     cabin.broker.close()
-    until(lambda: cabin.source.problem, 'the broker is missed')
+    poll_until(lambda: cabin.source.problem, 'the broker is missed')
     cabin.ahead_s = 4.0
     battery, (sentence,) = cabin.battery()
     assert battery is None and sentence.startswith('no sign of life of the connection for ')
     cabin.ahead_s = 0.0
     cabin.broker = new_broker(v2=cabin.v2, port=port)
     set_all(cabin.broker, -3.0)
-    until(lambda: cabin.has(-3.0), 'the new broker')
+    poll_until(lambda: cabin.has(-3.0), 'the new broker')
     assert cabin.source.problem == '' and cabin.source.connections == 2
 
 
 def test_requests_of_the_cabin_arrive_and_the_state_goes_back(cabin):
-    until(cabin.broker.has_provider, 'the actuators are served')
+    poll_until(cabin.broker.has_provider, 'the actuators are served')
     cabin.broker.request({MODE: 'FAST_CHARGING_PREPARATION', f'{CONDITIONING}.TargetTemperature': 25.0})
-    until(lambda: cabin.requests, 'the request')
+    poll_until(lambda: cabin.requests, 'the request')
     assert cabin.requests[0] == {MODE: 'FAST_CHARGING_PREPARATION', f'{CONDITIONING}.TargetTemperature': 25.0}
     cabin.source.publish({IS_ACTIVE: True, 'Vehicle.No.Such.Path': 1})
     cabin.broker.wait_for(IS_ACTIVE, True)

@@ -16,6 +16,7 @@ import pytest
 from seen_examples import a_board, a_plan, START_S
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
+from waiting import poll_until
 
 from bev_preheat.monitoring import server
 from bev_preheat.monitoring.access import Access
@@ -238,7 +239,7 @@ def test_only_so_many_tabs(page):
         for connection in connections:
             connection.close()
     asyncio.run(crowd())
-    _wait_until(lambda: page.server.tabs == 0)
+    poll_until(lambda: page.server.tabs == 0, 'no tab')
 
 
 def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch):
@@ -271,7 +272,7 @@ def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch)
             connection.close()
             return seen
         assert asyncio.run(follow()) > 3
-        _wait_until(lambda: page.server.tabs == 0)
+        poll_until(lambda: page.server.tabs == 0, 'no tab')
 
 
 @pytest.mark.parametrize('address', ['127.0.0.1', '0.0.0.0'])
@@ -312,10 +313,3 @@ def _raw_tab(page):
 def _send_text(raw, text):
     """Send a short masked text frame; the mask is 0."""
     raw.sendall(struct.pack('!BB4x', 0x81, 0x80 | len(text)) + text.encode())
-
-
-def _wait_until(condition):
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)

@@ -8,21 +8,12 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
-from spinning import take_down, TIME_LIMIT_S
+from spinning import take_down
+from waiting import poll_until, TIME_LIMIT_S
 
 from bev_preheat.nodes.installed_drive import NodeProcess
 
-POLL_S = 0.005
 ANSWER_TIME_S = 5.0
-
-
-def poll_until(condition, what, timeout_s=TIME_LIMIT_S):
-    """Return the first truthy `condition()`; AssertionError naming `what` at the limit."""
-    deadline_s = time.monotonic() + timeout_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, f'{what}: not within {timeout_s:g} s'
-        time.sleep(POLL_S)
-    return value
 
 
 @contextmanager
@@ -48,26 +39,22 @@ def repeating(action, period_s):
         raise failures[0]
 
 
-class Recorder:
-    """Keeps every message of a topic, with the instant (time.monotonic) of its arrival."""
+class Record:
+    """The messages of a topic; a subclass says how a wait passes, and calls `_receive`."""
 
-    def __init__(self, node, message_type, topic, qos):
-        """Subscribe."""
-        self._node, self._topic = node, topic
-        self._changed = threading.Condition()
-        self._received = []
-        self._latest = None
-        self._subscription = node.create_subscription(message_type, topic, self._receive, qos)
+    patience_s = TIME_LIMIT_S
+
+    def __init__(self, topic):
+        """Begin empty."""
+        self._topic, self._received, self.latest = topic, [], None
 
     def _receive(self, message):
-        with self._changed:
-            self._received.append((time.monotonic(), message))
-            self._latest = message
-            self._changed.notify_all()
+        self._received.append((time.monotonic(), message))
+        self.latest = message
 
-    def destroy(self):
-        """Unsubscribe; recorded messages stay."""
-        take_down(self._node, lambda: self._node.destroy_subscription(self._subscription))
+    def _comes(self, condition, timeout_s):
+        """Return whether condition() holds, at once or within a time."""
+        raise NotImplementedError
 
     @property
     def messages(self):
@@ -77,63 +64,71 @@ class Recorder:
     @property
     def timed(self):
         """Return (instant of arrival [s, time.monotonic], message) so far, oldest first."""
-        with self._changed:
-            return list(self._received)
-
-    @property
-    def latest(self):
-        """Return the last message, forgotten or not; None before the first."""
-        return self._latest
+        return list(self._received)
 
     def comes_to(self, condition, timeout_s):
         """Return whether condition(the latest message) holds, at once or within `timeout_s`."""
-        with self._changed:
-            return self._changed.wait_for(
-                lambda: self._latest is not None and condition(self._latest), timeout_s)
+        return self._comes(lambda: self.latest is not None and condition(self.latest), timeout_s)
 
     def clear(self):
         """Forget all messages, so that wait_for() sees only later ones."""
-        with self._changed:
-            self._received = []
+        self._received = []
 
-    def wait_for(self, condition=lambda message: True, what='', timeout_s=TIME_LIMIT_S):
+    def wait_for(self, condition=lambda message: True, what='', timeout_s=None):
         """
         Return the first message, received already or to come, for which condition(message).
 
         Each message is checked once: there may be thousands.
         """
-        received, looked_at = None, 0
+        received, looked_at, found, timeout_s = self._received, 0, [], timeout_s or self.patience_s
 
-        def found():
+        def is_there():
             nonlocal received, looked_at
             if received is not self._received:
                 received, looked_at = self._received, 0
-            while looked_at < len(received):
+            while looked_at < len(received) and not found:
                 looked_at += 1
                 if condition(received[looked_at - 1][1]):
-                    return received[looked_at - 1]
-            return None
+                    found.append(received[looked_at - 1][1])
+            return found
 
-        with self._changed:
-            item = self._changed.wait_for(found, timeout_s)
-            assert item is not None, (
-                f'{self._topic}: {what or "the message waited for"}: not among '
-                f'{len(self._received)} messages within {timeout_s:g} s; the last: '
-                f'{self._received[-1][1] if self._received else None}')
-            return item[1]
+        assert self._comes(is_there, timeout_s), (
+            f'{self._topic}: {what or "the message waited for"}: not among {len(self._received)} messages within '
+            f'{timeout_s:g} s; the last: {self.latest}')
+        return found[0]
 
-    def wait_for_count(self, count, timeout_s=TIME_LIMIT_S):
+    def wait_for_count(self, count):
         """Return the first `count` messages once they have arrived."""
-        with self._changed:
-            enough = self._changed.wait_for(lambda: len(self._received) >= count, timeout_s)
-            assert enough, (f'{self._topic}: {len(self._received)} of {count} messages within '
-                            f'{timeout_s:g} s')
-            return [message for _, message in self._received[:count]]
+        assert self._comes(lambda: len(self._received) >= count, self.patience_s), (
+            f'{self._topic}: {len(self._received)} of {count} messages within {self.patience_s:g} s')
+        return self.messages[:count]
 
-    def wait_for_publisher(self, timeout_s=TIME_LIMIT_S):
+
+class Recorder(Record):
+    """Keeps every message of a topic, which comes in another thread."""
+
+    def __init__(self, node, message_type, topic, qos):
+        """Subscribe."""
+        super().__init__(topic)
+        self._node, self._changed = node, threading.Condition()
+        self._subscription = node.create_subscription(message_type, topic, self._receive, qos)
+
+    def _receive(self, message):
+        with self._changed:
+            super()._receive(message)
+            self._changed.notify_all()
+
+    def _comes(self, condition, timeout_s):
+        with self._changed:
+            return self._changed.wait_for(condition, timeout_s)
+
+    def destroy(self):
+        """Unsubscribe; recorded messages stay."""
+        take_down(self._node, lambda: self._node.destroy_subscription(self._subscription))
+
+    def wait_for_publisher(self):
         """Wait for a publisher of the topic."""
-        poll_until(lambda: self._subscription.get_publisher_count(),
-                   f'{self._topic}: a publisher', timeout_s)
+        poll_until(self._subscription.get_publisher_count, f'{self._topic}: a publisher')
 
 
 class Sender:

@@ -20,6 +20,7 @@ import sys
 import time
 from types import SimpleNamespace
 
+from node_bench import Record
 import pytest
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
@@ -204,53 +205,23 @@ class Subscription(Endpoint):
         self._rehearsal.topic(self.topic_name).subscriptions.remove(self)
 
 
-class Recorder:
+class Recorder(Record):
     """Keeps every message of a topic; a wait moves the time."""
+
+    patience_s = TIME_LIMIT_S
 
     def __init__(self, rehearsal, message_type, topic, qos):
         """Subscribe."""
-        self._rehearsal, self._topic, self.messages, self.latest = rehearsal, topic, [], None
+        super().__init__(topic)
+        self._rehearsal = rehearsal
         self._subscription = rehearsal.subscribe(message_type, topic, qos, self._receive)
 
-    def _receive(self, message):
-        self.messages.append(message)
-        self.latest = message
+    def _comes(self, condition, timeout_s):
+        return self._rehearsal.comes_to(condition, timeout_s)
 
     def destroy(self):
         """Unsubscribe; recorded messages stay."""
         self._subscription.destroy()
-
-    def clear(self):
-        """Forget all messages, so that wait_for() sees only later ones."""
-        self.messages = []
-
-    def comes_to(self, condition, timeout_s):
-        """Return whether condition(the latest message) holds, at once or within a time."""
-        return self._rehearsal.comes_to(lambda: self.latest is not None and condition(self.latest), timeout_s)
-
-    def wait_for(self, condition=lambda message: True, what='', timeout_s=TIME_LIMIT_S):
-        """Return the first message, received already or to come, for which condition(message)."""
-        looked_at, found = 0, []
-
-        def is_there():
-            nonlocal looked_at
-            while looked_at < len(self.messages):
-                looked_at += 1
-                if condition(self.messages[looked_at - 1]):
-                    found.append(self.messages[looked_at - 1])
-                    return True
-            return False
-
-        assert self._rehearsal.comes_to(is_there, timeout_s), (
-            f'{self._topic}: {what or "the message waited for"}: not among {len(self.messages)} messages within '
-            f'{timeout_s:g} s; the last: {self.latest}')
-        return found[0]
-
-    def wait_for_count(self, count, timeout_s=TIME_LIMIT_S):
-        """Return the first `count` messages once they have arrived."""
-        assert self._rehearsal.comes_to(lambda: len(self.messages) >= count, timeout_s), (
-            f'{self._topic}: {len(self.messages)} of {count} messages within {timeout_s:g} s')
-        return self.messages[:count]
 
     def wait_for_publisher(self):
         """Wait for a publisher."""

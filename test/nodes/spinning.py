@@ -8,9 +8,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
-
-# Used up only by a failing test, or on a heavily loaded computer.
-TIME_LIMIT_S = 240.0
+from waiting import TIME_LIMIT_S
 
 
 @contextmanager

@@ -9,11 +9,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import (
     TEMPERATURES,
 )
-from node_bench import poll_until, repeating
+from node_bench import repeating
 import numpy as np
 import pytest
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
+from waiting import poll_until
 
 from bev_preheat_msgs.msg import HvchCommand
 

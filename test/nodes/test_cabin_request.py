@@ -11,10 +11,11 @@ import signal
 
 from can_car import can_map, CanCar
 from example_frames import COMMAND
-from node_bench import poll_until, repeating
+from node_bench import repeating
 import pytest
 from std_msgs.msg import Float64
 from test_whole_car import small_battery
+from waiting import poll_until
 
 from bev_preheat.files.input_files import find_configuration
 

@@ -10,12 +10,13 @@ import socket
 import time
 from urllib.request import Request, urlopen
 
-from node_bench import poll_until, repeating
+from node_bench import repeating
 from planner_car import LATCHED
 import pytest
 from sensor_msgs.msg import BatteryState
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
+from waiting import poll_until
 
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.messages.fields import time_message

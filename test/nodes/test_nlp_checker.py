@@ -5,12 +5,11 @@ from array import array
 from math import isnan, nan
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from planner_car import LATCHED, route_at, set_parameters, state_at
+import planner_car
+from planner_car import LATCHED, PlannerCar, route_at
 import psutil
 import pytest
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from bev_preheat.messages.fields import nanoseconds, time_message
@@ -22,7 +21,7 @@ from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import HvchCommand, OptimalityReport, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
 
 FEEDING_PERIOD_S = 0.5
 # Exact in the float32 of the message.
@@ -40,6 +39,10 @@ REAL_S_PER_S = 0.1
 MOST_CHECKS = 5
 
 
+def state_at(stamp_ns, **fields):
+    return planner_car.state_at(stamp_ns, **{'temperature': TEMPERATURE_C, 'percentage': SOC, **fields})
+
+
 def route_plan(stamp_ns, route_id='home', duration_s=2400, **fields):
     """Return a RoutePlan whose target is within reach after 40 min."""
     return route_at(stamp_ns, **{
@@ -49,55 +52,30 @@ def route_plan(stamp_ns, route_id='home', duration_s=2400, **fields):
         'minimum_arrival_soc': RESERVE_SOC, **fields})
 
 
-class Surroundings:
-    """Route, battery and listeners; battery states are sent automatically after the first."""
+class Surroundings(PlannerCar):
+    """A car with a checker, with or without a planner; battery states come in a block of `feeding`."""
 
     def __init__(self, bench, namespace=''):
-        self.bench = bench
-        self.namespace = namespace
-        self.reports = self._record(OptimalityReport, 'optimality_report', LATCHED)
-        self.plans = self._record(PreheatPlan, 'preheat_plan')
-        self.commands = self._record(HvchCommand, 'hvch_command')
-        self._diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._states = bench.publisher(BatteryState, f'{namespace}/battery_state')
-        self._routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
-        self.started = []
-        self._hanging = []
-        # Names of parameters by node.
-        self._were_set = {}
+        super().__init__(bench, namespace)
+        self.namespace, self.started, self._hanging = namespace, [], []
+        self.reports = bench.record(OptimalityReport, f'{namespace}/optimality_report', LATCHED)
 
-    def _record(self, message_type, topic, qos=10):
-        return self.bench.record(message_type, f'{self.namespace}/{topic}', qos)
+    def run(self, name, *arguments):
+        """Start an executable, and return its process."""
+        self.started.append(self.bench.start(name, '-r', f'__ns:={self.namespace or "/"}', *arguments))
+        return self.started[-1]
 
-    def start(self, name, *arguments):
-        """Start an executable, and return its process once it listens."""
-        process = self.bench.start(name, '-r', f'__ns:={self.namespace or "/"}', *arguments)
-        self.started.append(process)
-        self._states.wait_for_subscription(len(self.started))
-        self._routes.wait_for_subscription(len(self.started))
-        if name == 'nlp_checker':
-            self.reports.wait_for_publisher()
-        else:
-            self.plans.wait_for_publisher()
-            self.commands.wait_for_publisher()
-        return process
+    def state(self, age_s=0.0, **fields):
+        return state_at(self.now_ns, **fields)
 
-    def send_state(self, stamp_ns=None, **fields):
-        self._states.publish(state_at(
-            stamp_ns or self.bench.now_ns, **{'temperature': TEMPERATURE_C, 'percentage': SOC, **fields}))
+    def feeding(self, make_state=None, period_s=FEEDING_PERIOD_S):
+        return super().feeding(make_state, period_s)
 
     def send_route(self, *arguments, age_s=0, **fields):
         """Publish a route that started some time ago, and return it."""
-        message = route_plan(self.bench.now_ns - age_s * NS_PER_S, *arguments, **fields)
-        self.repeat_route(message)
+        message = route_plan(self.now_ns - age_s * NS_PER_S, *arguments, **fields)
+        self.give(message)
         return message
-
-    def repeat_route(self, message):
-        self._routes.publish(message)
-
-    def feeding(self, send=None):
-        """Publish battery states, or the messages of `send`, continuously."""
-        return self.bench.repeating(send or self.send_state, FEEDING_PERIOD_S)
 
     def report(self, condition=lambda report: True):
         """Return the first report for which condition(report), already received or later."""
@@ -124,17 +102,6 @@ class Surroundings:
         """Ask for a check; return the response."""
         return self.bench.call(Trigger, f'{self.namespace}/nlp_checker/check', Trigger.Request())
 
-    def set(self, node, **values):
-        """Set parameters of a node; return the result of the last."""
-        self._were_set.setdefault(node, set()).update(values)
-        return set_parameters(self.bench, f'{self.namespace}/{node}', **values)
-
-    def undo_set(self, values):
-        """Reset parameters to their initial values, {node: {name: value}}."""
-        for node, names in list(self._were_set.items()):
-            assert self.set(node, **{name: values[node][name] for name in names}).successful
-        self._were_set.clear()
-
     def diagnosis(self, condition):
         """Wait for (level, message, values by name) of the checker's diagnostics."""
         name = f'{self.namespace}/nlp_checker: optimality check'.lstrip('/')
@@ -146,27 +113,13 @@ class Surroundings:
                             {item.key: item.value for item in status.values})
             return None
 
-        self._diagnostics.clear()
-        return own(self._diagnostics.wait_for(
+        self.diagnostics.clear()
+        return own(self.diagnostics.wait_for(
             lambda message: own(message) is not None and condition(*own(message))))
 
     def count(self, name):
         """Return the value of a counter of the checker."""
         return int(self.diagnosis(lambda level, text, values: True)[2][name])
-
-    def solver_process_id(self, route_id):
-        """Return the id of the solver's process once it solves for a route."""
-        _, _, values = self.diagnosis(
-            lambda level, text, values: (values['state'], values['checked route_id'])
-            == ('solving', route_id))
-        return int(values['solver process'])
-
-    def start_endless_check(self, route_id, **fields):
-        """Publish a route while the solver hangs, and return the solver's id once it has it."""
-        solver = self.hang_solver(route_id)
-        self.send_route(route_id, **fields)
-        assert self.solver_process_id(route_id) == solver
-        return solver
 
     def hang_solver(self, route_id):
         """Let the solver hang before it gets to check a route, and return its id."""
@@ -208,8 +161,8 @@ def own(graph):
 @pytest.fixture(scope='module')
 def planner_and_checker(graph):
     surroundings = Surroundings(graph)
-    surroundings.start('planner', *PATIENT)
-    surroundings.start('nlp_checker', *ONLY_ASKED)
+    surroundings.run('planner', *PATIENT)
+    surroundings.run('nlp_checker', *ONLY_ASKED)
     return surroundings
 
 
@@ -218,17 +171,13 @@ def both(planner_and_checker):
     """Planner and checker, shared by tests; changes made by a test are undone."""
     yield planner_and_checker
     planner_and_checker.end_hanging()
-    # Only if changed: setting the vehicle restarts the solver, even for the same vehicle.
-    planner_and_checker.undo_set({
-        'planner': {'method': 'value_function', 'planning_step': 30.0,
-                    'target_battery_temperature': nan, 'estimation': True},
-        'nlp_checker': {'vehicle': 'reference'}})
+    planner_and_checker.set(method='value_function', estimation=True)
 
 
 @pytest.fixture(scope='module')
 def only_checker(graph):
     surroundings = Surroundings(graph, '/alone')
-    surroundings.process = surroundings.start('nlp_checker', *ONLY_ASKED)
+    surroundings.process = surroundings.run('nlp_checker', *ONLY_ASKED)
     return surroundings
 
 
@@ -238,7 +187,6 @@ def alone(only_checker):
     yield only_checker
     only_checker.end_hanging()
     assert only_checker.process.exit_status is None
-    only_checker.set('nlp_checker', time_limit=300.0)
 
 
 def of_route(route_id):
@@ -289,7 +237,7 @@ def test_reports_for_a_new_route_that_its_plan_is_the_optimum(both):
 
 def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
     # Without estimation, plans start from the measured values of any of the states.
-    assert both.set('planner', method='paper', estimation=False).successful
+    assert both.set(method='paper', estimation=False).successful
     sent = both.send_route('by paper')
     with both.feeding():
         report = both.report(of_route('by paper'))
@@ -330,7 +278,7 @@ def test_checks_on_demand_and_not_by_itself_where_told_so(both):
     with both.feeding():
         first = both.report(of_route('asked'))
         # A repeated route is not a new route.
-        both.repeat_route(route)
+        both.give(route)
         both.plans.clear()
         both.plans.wait_for_count(10)
         assert len(both.reports_of('asked')) == 1
@@ -344,7 +292,7 @@ def test_checks_on_demand_and_not_by_itself_where_told_so(both):
 def test_a_cancelled_trip_leaves_nothing_to_check(alone):
     alone.send_route('called off')
     alone.bench.wait_until(lambda: alone.check().message != 'The trip was cancelled.', 'a route')
-    alone.repeat_route(RoutePlan())
+    alone.give(RoutePlan())
     with alone.feeding():
         alone.bench.wait_until(lambda: alone.check().message == 'The trip was cancelled.', 'the cancellation')
         assert not alone.check().success
@@ -354,18 +302,17 @@ def test_a_cancelled_trip_leaves_nothing_to_check(alone):
 
 @pytest.mark.deep
 def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(own):
-    own.start('nlp_checker', *SHARING, '-p', 'use_sim_time:=true', '-p',
-              'check_period:=10.0')
+    own.run('nlp_checker', *SHARING, '-p', 'use_sim_time:=true', '-p', 'check_period:=10.0')
     clocks = own.bench.publisher(Clock, '/clock')
     clocks.wait_for_subscription()
     start_ns = now_ns = 1000 * NS_PER_S
-    own.repeat_route(route_plan(start_ns, 'simulated'))
+    own.give(route_plan(start_ns, 'simulated'))
 
-    def send():
+    def state():
         clocks.publish(Clock(clock=time_message(now_ns)))
-        own.send_state(stamp_ns=now_ns - 1)
+        return state_at(now_ns - 1)
 
-    with own.feeding(send):
+    with own.feeding(state):
         first = own.report()
         now_ns = start_ns + round(9.9 * NS_PER_S)
         # A check that begins now is not for the earlier report.
@@ -382,7 +329,10 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(o
 def test_a_forecast_for_the_same_route_does_not_cancel(both):
     superseded = both.count('superseded')
     with both.feeding():
-        solver = both.start_endless_check('forecast')
+        solver = both.hang_solver('forecast')
+        both.send_route('forecast')
+        both.diagnosis(lambda level, text, values: (values['state'], values['checked route_id'])
+                       == ('solving', 'forecast'))
         both.send_route('forecast', target_battery_temperature=12.0)
         # A check could begin with each of these plans.
         both.plans.wait_for(lambda plan: plan.target_battery_temperature == 12.0)
@@ -409,8 +359,8 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
         predicted_arrival_temperature=3.75, heating_planned=True,
         heating_start=time_message(stamp_ns + 7))
     plan.header.stamp = time_message(stamp_ns)
-    alone.send_state(stamp_ns=stamp_ns)
-    alone.repeat_route(route)
+    alone.give(state_at(stamp_ns))
+    alone.give(route)
     plans.publish(plan)
     report = alone.report(of_route('told'))
     assert nanoseconds(report.header.stamp) == stamp_ns
@@ -437,7 +387,7 @@ def test_bad_inputs_do_no_harm(alone):
     alone.send_route('straight', 60)
     with alone.feeding():
         alone.send_state(temperature=nan)
-        alone.send_state(stamp_ns=1)
+        alone.give(state_at(1))
         report = alone.report(of_route('straight'))
     assert not isnan(report.optimal_energy)
     assert report.method == 'magic'
@@ -446,8 +396,8 @@ def test_bad_inputs_do_no_harm(alone):
 
 def test_the_solver_is_ready_before_the_first_check(own):
     """Route first, battery later, as when a car wakes up: the process runs by then."""
-    own.start('nlp_checker', *ONLY_ASKED)
-    own.start('planner', *PATIENT)
+    own.run('nlp_checker', *ONLY_ASKED)
+    own.run('planner', *PATIENT)
     own.send_route('first')
     _, _, values = own.diagnosis(lambda level, text, values: values['state'] == 'idle')
     ready = values['solver process']
@@ -458,5 +408,3 @@ def test_the_solver_is_ready_before_the_first_check(own):
     assert report.optimal
     assert values['solver process'] == ready
 
-
-# Beside other processes

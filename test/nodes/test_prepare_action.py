@@ -16,12 +16,12 @@ from types import SimpleNamespace
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from node_bench import poll_until
 from planner_car import heats, PlannerCar
 import pytest
 from rclpy.action import ActionClient
 from rich.console import Console
 from spinning import take_down
+from waiting import poll_until
 import yaml
 
 from bev_preheat.commands.main import main

@@ -5,12 +5,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 from ament_index_python.packages import get_package_prefix
 import pytest
 import rclpy
-from spinning import TIME_LIMIT_S
+from waiting import poll_until, TIME_LIMIT_S
 
 PROGRAM = """
 import gc
@@ -88,13 +87,7 @@ sys.exit(run_node(Slow, None, loading_node))
 
 
 def await_names(node, wanted):
-    end = time.monotonic() + TIME_LIMIT_S
-    while time.monotonic() < end:
-        names = set(node.get_node_names()) - {node.get_name()}
-        if names == wanted:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f'{wanted} expected, {names} there')
+    poll_until(lambda: set(node.get_node_names()) - {node.get_name()} == wanted, f'the names {wanted}')
 
 
 def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterwards(domain_id):

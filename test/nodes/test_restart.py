@@ -5,10 +5,10 @@ import json
 import math
 import signal
 
-from node_bench import poll_until
 from planner_car import heats, LATCHED, PlannerCar, values_of
 import pytest
 from sensor_msgs.msg import BatteryState
+from waiting import poll_until
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds

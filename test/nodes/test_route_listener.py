@@ -4,11 +4,11 @@
 from array import array
 import re
 
-from node_bench import poll_until
 from planner_car import LATCHED, route_at
 import psutil
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from waiting import poll_until
 
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan

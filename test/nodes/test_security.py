@@ -12,13 +12,12 @@ import time
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
-from node_bench import poll_until
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rehearsal import class_of, SilentNode
-from spinning import TIME_LIMIT_S
+from waiting import poll_until, TIME_LIMIT_S
 
 from bev_preheat_msgs.msg import HvchCommand
 

@@ -18,12 +18,13 @@ import signal
 import subprocess
 import sys
 
-from node_bench import poll_until, repeating
+from node_bench import repeating
 from planner_car import heats, PlannerCar
 import pytest
 from rclpy.qos import QoSPresetProfiles
 from sensor_msgs.msg import BatteryState
 from typed_pages import files_of, node_commands_of, run_page
+from waiting import poll_until
 import yaml
 
 from bev_preheat.commands.main import main

@@ -16,10 +16,9 @@ import time
 from can_car import can_map, CanCar, HEATER_TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from example_frames import COMMAND
-from node_bench import poll_until
 import pytest
 from sensor_msgs.msg import BatteryState
-from spinning import TIME_LIMIT_S
+from waiting import poll_until, TIME_LIMIT_S
 import yaml
 
 from bev_preheat.files.input_files import find_configuration

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+from waiting import poll_until
 
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.nonlinear_program.solver_process import Failure, Question, SolverAnswer, SolverProcess
@@ -90,22 +91,14 @@ def solver(lasting):
     return lasting
 
 
-def wait_until(condition, what):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, f'{what}: not within {PATIENCE_S:g} s'
-        time.sleep(0.005)
-    return value
-
-
 def answer_of(solver):
-    return wait_until(solver.poll, 'an answer')
+    return poll_until(solver.poll, 'an answer')
 
 
 def let_it_solve(solver, question, time_limit_s=PATIENCE_S):
     """Ask, and return once the process has the question."""
     solver.ask(question, time_limit_s)
-    wait_until(lambda: solver.poll() or solver.is_solving, 'the start of the solver')
+    poll_until(lambda: solver.poll() or solver.is_solving, 'the start of the solver')
     assert solver.is_busy
 
 
@@ -148,9 +141,9 @@ def test_the_process_gives_way_to_all_others():
     solver = SolverProcess(VEHICLE)
     solver.start()
     try:
-        wait_until(lambda: psutil.Process(solver.process_id).nice() == 19, 'the lowest priority')
+        poll_until(lambda: psutil.Process(solver.process_id).nice() == 19, 'the lowest priority')
         oom_score = Path(f'/proc/{solver.process_id}/oom_score_adj')
-        wait_until(lambda: not oom_score.exists() or oom_score.read_text() == '1000\n',
+        poll_until(lambda: not oom_score.exists() or oom_score.read_text() == '1000\n',
                    'the first to go where memory runs short')
     finally:
         solver.close()
@@ -174,7 +167,7 @@ def test_a_newer_question_ends_the_solving_of_the_older(solver):
     solver.ask(QUESTION, PATIENCE_S)
     solution = answer_of(solver)
     assert len(solution.optimal_plan.time_s) == len(ROUTE) + 1
-    wait_until(lambda: is_gone(older), 'the end of the older process')
+    poll_until(lambda: is_gone(older), 'the end of the older process')
 
 
 def test_says_so_when_its_process_is_killed_and_starts_another(solver):
@@ -218,7 +211,7 @@ def let_it_start(solver):
     """Start the process, and return once it waits for questions."""
     solver.start()
     assert solver.is_starting
-    wait_until(lambda: solver.poll() or not solver.is_starting, 'the start')
+    poll_until(lambda: solver.poll() or not solver.is_starting, 'the start')
     assert not solver.is_busy
 
 
@@ -275,7 +268,7 @@ def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
             assert not is_gone(process_id)
         finally:
             owner.kill()
-    wait_until(lambda: is_gone(process_id), 'the end of the orphan')
+    poll_until(lambda: is_gone(process_id), 'the end of the orphan')
 
 
 def test_asking_loads_no_solver_and_no_ros():

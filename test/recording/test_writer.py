@@ -9,6 +9,7 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from waiting import poll_until
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.recording import writer as module
@@ -22,13 +23,6 @@ NUMBERS = st.integers(0, 2**62)
 
 def a_writer(folder, **options):
     return RecordingWriter(Recording(folder, 10**9, '01234567', '20260101T000000'), {}, tuple, **options)
-
-
-def wait_for(condition):
-    until = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 @given(st.builds(RecordedStep, NUMBERS, st.sampled_from(['step', 'fail', 'stop']),
@@ -52,9 +46,9 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_planner_goes_on(tmp
     writer = a_writer(blocked / 'folder')
     for second in range(100):
         writer.put(Entry(STEP_CHANNEL, second, RecordedStep(second)))
-    wait_for(lambda: writer.report)
+    poll_until(lambda: writer.report, 'a report')
     assert 'cannot be written' in writer.report and 'goes on without a recording' in writer.report
-    wait_for(lambda: writer.dropped == 100)
+    poll_until(lambda: writer.dropped == 100, 'the dropped steps')
     assert blocked.read_text() == 'mine'
     writer.close()
 
@@ -70,10 +64,10 @@ def test_a_full_disk_is_reported_counted_and_tried_again(tmp_path, monkeypatch):
     writer = a_writer(tmp_path, entries_of=entries_of)
     monkeypatch.setattr(module, 'REOPENED_AFTER_S', 0.0)
     writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
-    wait_for(lambda: 'No space left' in writer.report)
+    poll_until(lambda: 'No space left' in writer.report, 'the full disk')
     full[0] = False
     writer.put(Entry(STEP_CHANNEL, 2, RecordedStep(2)))
-    wait_for(lambda: not writer.report)
+    poll_until(lambda: not writer.report, 'the end of the problem')
     writer.close(10.0)
     assert writer.dropped == 1
     data = b''.join(path.read_bytes() for path in recordings_in(tmp_path))
@@ -84,7 +78,7 @@ def test_after_its_file_was_deleted_it_writes_another_one(tmp_path, monkeypatch)
     monkeypatch.setattr(module, 'COLLECTING_S', 0.01)
     writer = a_writer(tmp_path / 'flights')
     writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
-    wait_for(lambda: writer.path)
+    poll_until(lambda: writer.path, 'a file')
     shutil.rmtree(tmp_path / 'flights')
     first = writer.path
     # The first of these may still go into the deleted file.
@@ -127,7 +121,7 @@ def test_the_folder_is_bounded_and_only_own_files_are_deleted(tmp_path):
 def test_two_planners_in_a_folder_do_not_delete_what_the_other_writes(tmp_path):
     other = RecordingWriter(Recording(tmp_path, 10**9, '89abcdef', '20250101T000000'), {}, tuple)
     other.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
-    wait_for(lambda: other.path)
+    poll_until(lambda: other.path, 'a file')
     [written] = recordings_in(tmp_path)
     old = tmp_path / 'flight_20260101T000000_01234567_0000.mcap'
     old.write_bytes(b'x' * 1000)
