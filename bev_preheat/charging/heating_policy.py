@@ -32,7 +32,7 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.description import DIRECT
-from bev_preheat.vehicle.model import hottest_c, make_rates
+from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
@@ -158,7 +158,7 @@ class _Table:
         car = replace(vehicle, battery=battery, heat_path=DIRECT)
         self._efficiency, self._heat_j_per_k = car.hvch.efficiency, battery.heat_capacity_j_per_k
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
-        self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
+        self._idle_heat_w = idle_heat_w(self._leakage_w_per_k, stop.ambient_c, 0.0)
         self._side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
         self._supply_w, self._heater_w = supply_of(car, stop), heater_power_of(car, stop)
         self._per_j = prices.energy_per_kwh / (WH_PER_KWH * JOULES_PER_WH)

@@ -40,7 +40,7 @@ from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
-from bev_preheat.vehicle.model import hottest_c, make_rates
+from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.heating_policy import HeatingLimit
@@ -201,7 +201,7 @@ class _Plug:
         self._supply_w, self._heater_w = supply_of(vehicle, stop), heater_power_of(vehicle, stop)
         self._limits = heating.function(charging.heated_below_c)
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
-        self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
+        self._idle_heat_w = idle_heat_w(self._leakage_w_per_k, stop.ambient_c, 0.0)
         self._cooling = make_cooling(charging.cooling, stop.ambient_c, FLOATS)
         self._rates = make_charging_rates(self._limit_w, self._cooling, make_rates(vehicle, FLOATS), FLOATS)
         self._integrate = make_charging_step(self._rates)

@@ -55,7 +55,7 @@ from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
-from bev_preheat.vehicle.model import hottest_c, make_rates
+from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
@@ -160,16 +160,16 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
         above_k = 0.5 * (heated_c(vehicle, temperature_c, heater_w, excess_k) + heated_end_c) - limit_c
         command_w = 0.5 * most_w * (1.0 - casadi.tanh(above_k / SWITCH_K))
     leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
-    idle_heat_w = leakage_w_per_k * stop.ambient_c
+    idle_w = idle_heat_w(leakage_w_per_k, stop.ambient_c, 0.0)
     other_heat_w = casadi.SX(0.0)
     if vehicle.heat_path.has_coolant:
         other_heat_w = battery.heat_capacity_j_per_k * rates(
-            soc, temperature_c, command_w - supply_w, 0.0, idle_heat_w, leakage_w_per_k)[1]
+            soc, temperature_c, command_w - supply_w, 0.0, idle_w, leakage_w_per_k)[1]
     drawn_w, arriving_w, heater_end_w, coolant_c = make_heat_step(vehicle, SYMBOLS)(
         heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w,
-        idle_heat_w, leakage_w_per_k)
+        idle_w, leakage_w_per_k)
     soc_end, temperature_end_c, _, powers = make_charging_step(rates)(
-        soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_heat_w + arriving_w,
+        soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_w + arriving_w,
         leakage_w_per_k)
     excess_end_k = (coolant_c - temperature_end_c if vehicle.heat_path.has_coolant else excess_k)
     return casadi.Function('charging_step', inputs, [
