@@ -18,8 +18,8 @@ from bev_preheat.control.forecast_plan import (
     believed_share,
     believed_state,
     ForecastPlanner,
+    planned_as_measured,
     PlanningTask,
-    seen_from_now,
 )
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.target import TargetChoice
@@ -174,21 +174,20 @@ class DecisionMaker(NamedTuple):
             maker, choice = (maker._without_charger(leg, settings) if is_simple else
                              maker._choose_target(moment, leg, goal, route, estimate))
             goal = choice.goal(goal)
-        if estimate is None:
-            return maker, _planned_as_measured(
-                _Start(limited, leg, route, state, start_ns, starts_in_s), goal, choice, moment)
+        task = PlanningTask(route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.terms,
+                            inputs.heater_refusal)
         try:
-            forecasts, forecast_plan = maker.forecasts.make(limited, PlanningTask(
-                route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.terms,
-                inputs.heater_refusal), estimate)
+            if estimate is None:
+                found = planned_as_measured(limited, state, task)
+            else:
+                forecasts, found = maker.forecasts.make(limited, task, estimate)
+                maker = maker._replace(forecasts=forecasts)
         except (InvalidInput, PlanningFailure) as error:
             return maker, Decision(Status.INVALID_INPUT, str(error))
-        plan = forecast_plan.plan
-        return maker._replace(forecasts=forecasts), Decision(
-            *_told(plan, choice, now_ns), plan, start_ns, leg,
-            forecast=forecast_plan.forecast,
-            commanded=forecast_plan.commanded, command_share=forecast_plan.command_share,
-            model_factors=forecast_plan.model_factors, target=choice)
+        return maker, Decision(
+            *_told(found.plan, choice, now_ns), found.plan, start_ns, leg, forecast=found.forecast,
+            commanded=found.commanded, command_share=found.command_share, model_factors=found.model_factors,
+            target=choice)
 
     def limited(self, vehicle: Vehicle) -> Vehicle:
         """Return a Vehicle with the power limits of its coldest cell."""
@@ -230,52 +229,18 @@ class DecisionMaker(NamedTuple):
     def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
         vehicle = self.limited(inputs.vehicle)
-        return tuple(_decided_later(vehicle, leg, inputs.goal_of(leg), inputs.settings.method)
-                     for leg in decision.later_legs)
+        decisions = []
+        for leg in decision.later_legs:
+            assert leg.departure is not None
+            plan = _planned_later(vehicle, leg.route, leg.departure, inputs.goal_of(leg), inputs.settings.method)
+            decisions.append(Decision(Status.INVALID_INPUT, plan) if isinstance(plan, str) else Decision(
+                plan.status, None, plan, leg.start_ns, leg))
+        return tuple(decisions)
 
 
 @lru_cache(maxsize=4)
 def _limited(vehicle: Vehicle, colder_by_k: float) -> Vehicle:
     return limited_by_coldest_cell(vehicle, colder_by_k)
-
-
-class _Start(NamedTuple):
-    """The start of a plan from the battery state as it was measured, at `start_ns` [ns], in `starts_in_s` [s]."""
-
-    vehicle: Vehicle
-    leg: Leg
-    route: Route
-    state: BatteryState
-    start_ns: int
-    starts_in_s: float
-
-
-def _planned_as_measured(start: _Start, goal: Goal, choice: TargetChoice | None, moment: Moment) -> Decision:
-    """Return the Decision for a leg from the battery state as it was measured, without an estimate."""
-    method, refusal, leg = moment.inputs.settings.method, moment.inputs.heater_refusal, start.leg
-    at = start.vehicle, start.route, start.state, goal, method
-    try:
-        plan = leg.terms.plan(*at)
-    except (InvalidInput, PlanningFailure) as error:
-        return Decision(Status.INVALID_INPUT, str(error))
-    plan, commanded = seen_from_now(
-        plan, start.vehicle, goal, start.starts_in_s, heated_s=moment.heated_s), None
-    status, sentence = _told(plan, choice, moment.now_ns)
-    if refusal and plan.heating_start_s is not None:
-        commanded, plan = plan, seen_from_now(
-            plan_preheating(*at, heater_share=0.0), start.vehicle, goal, start.starts_in_s,
-            heated_s=moment.heated_s)
-        status, sentence = plan.status, f'{refusal} {plan.explanation}'
-    return Decision(status, sentence, plan, start.start_ns, leg, commanded=commanded, target=choice)
-
-
-def _decided_later(vehicle: Vehicle, leg: Leg, goal: Goal, method: str) -> Decision:
-    """Return the Decision for a later leg, from its departure on."""
-    assert leg.departure is not None
-    plan = _planned_later(vehicle, leg.route, leg.departure, goal, method)
-    if isinstance(plan, str):
-        return Decision(Status.INVALID_INPUT, plan)
-    return Decision(plan.status, None, plan, leg.start_ns, leg)
 
 
 @lru_cache(maxsize=16)

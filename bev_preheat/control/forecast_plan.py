@@ -89,36 +89,36 @@ class PlanningTask(NamedTuple):
 
 class ForecastPlan(NamedTuple):
     """
-    The expected Plan, from an estimate.
+    The expected Plan.
 
     `commanded` is the plan that the command follows if it differs from `plan`: a heater that does not
     respond is still commanded. `command_share` is the share of its command that the heater delivers, `forecast`
-    has the uncertainty of the arrival temperature. `model_factors` are those of the corrected vehicle; () if the
-    heater does not obey, because they do not cover that.
+    has the uncertainty of the arrival temperature, None: unknown. `model_factors` are those of the corrected
+    vehicle; () if it is not corrected, or the heater does not obey, because they do not cover that.
     """
 
     plan: Plan
-    forecast: Forecast
-    commanded: Plan | None
-    command_share: float
-    model_factors: tuple[float, ...]
-
-
-def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
-                  heated_s: float = 0.0) -> Plan:
-    """
-    Return the Plan with status and sentence as of now; its time 0 lies `starts_in_s` [s] ahead.
-
-    The battery has been heated for `heated_s` [s].
-    """
-    return plan.told(_status_now(plan, starts_in_s), partial(
-        explain, reserve=reserve_soc(vehicle, goal), starts_in_s=starts_in_s, heated_s=heated_s))
+    forecast: Forecast | None = None
+    commanded: Plan | None = None
+    command_share: float = 1.0
+    model_factors: tuple[float, ...] = ()
 
 
 def _status_now(plan: Plan, starts_in_s: float) -> Status:
     """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
     return (Status.WAITING if plan.status is Status.HEATING and starts_in_s > 0.0
             else plan.status)
+
+
+def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> ForecastPlan:
+    """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
+    situation = vehicle, task.route, state, task.goal, task.settings.method
+    plan, commanded, refusal = task.terms.plan(*situation), None, ''
+    if task.heater_refusal and plan.heating_start_s is not None:
+        plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
+    return ForecastPlan(plan.told(_status_now(plan, task.starts_in_s), partial(
+        in_words, refusal=refusal, reserve=reserve_soc(vehicle, task.goal), starts_in_s=task.starts_in_s,
+        heated_s=task.heated_s)), commanded=commanded)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
@@ -307,15 +307,17 @@ class _Planning:
             is_heating=self._task.is_heating or self._full_power is not None)
 
 
-def in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:
+def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
+             **told: Any) -> str:
     """
-    Return a plan's sentence with the heater's behaviour, its refusal, and the uncertainty.
+    Return a plan's sentence with the heater's behaviour and the uncertainty, None: unknown, and its refusal.
 
     `told` are the other arguments of planning.explanation.explain.
     """
-    sentence = f'{refusal} ' if refusal else SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
+    sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
+        heater.heater, '').format(share=100.0 * heater.share)
     sentence += explain(plan, **told)
-    if plan.heating_end_s is not None and plan.heat is None:
+    if forecast is not None and plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')
     return sentence

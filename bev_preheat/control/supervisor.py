@@ -123,16 +123,6 @@ def stop(state: State, now_ns: int) -> tuple[State, StepOutput]:
     return state, StepOutput(command=state.latest_command)
 
 
-def decide_later(state: State) -> tuple[Decision, ...]:
-    """
-    Return a Decision for each later leg of the current one.
-
-    They are planned when they are asked for, so that the command does not wait for them. Raises anything that
-    planning raises.
-    """
-    return state.decision_maker.decide_later(state.inputs, state.decision)
-
-
 # The stages of a step
 
 
@@ -334,8 +324,12 @@ class Supervisor:
         return self._keep(*stop(self._state, now_ns))
 
     def later_decisions(self) -> tuple[Decision, ...]:
-        """Return a Decision for each later leg of the current one; see `decide_later`."""
-        return decide_later(self._state)
+        """
+        Return a Decision for each later leg of the current one; raises what planning raises.
+
+        They are planned when they are asked for, so that the command does not wait for them.
+        """
+        return self._state.decision_maker.decide_later(self._state.inputs, self._state.decision)
 
     @property
     def state(self) -> State:

@@ -17,7 +17,6 @@ import numpy as np
 from bev_preheat.nonlinear_program.symbols import (
     FACTORS,
     symbolic_curve,
-    symbolic_heated_step,
     symbolic_rates,
     symbolic_step,
 )
@@ -95,9 +94,6 @@ ENERGY_SCALE_J = 1e6
 RESERVES = ('discharge', 'charge', 'discharge_at_end', 'charge_at_end')
 # Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
 ROUTE_INPUTS = 5
-# FACTORS and the heater's efficiency are inputs, so that a car whose factors are being learned needs no new
-# program.
-CORRECTIONS = len(FACTORS) + 1
 
 
 class Quantity(NamedTuple):
@@ -112,7 +108,7 @@ class DriveSteps:
     """
     N steps of a drive: their `energy`, from the cells and of a heater with lag after arrival (scaled).
 
-    `parameters` are the ROUTE_INPUTS of each step, then the CORRECTIONS.
+    `parameters` are the ROUTE_INPUTS of each step, then the FACTORS.
     """
 
     vehicle: Vehicle
@@ -146,7 +142,7 @@ def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Bloc
     rows = [variables.variable(state.name, steps + 1, state.scale) for state in states]
     controls = [variables.variable(control.name, steps, control.scale) for control in _controls(limited)]
     route = casadi.MX.sym('route', ROUTE_INPUTS, steps)
-    corrections = casadi.MX.sym('corrections', CORRECTIONS)
+    corrections = casadi.MX.sym('corrections', len(FACTORS))
     ends, energy, reserves = along_rows(_drive_step(vehicle, limited), [
         casadi.vertcat(*(row[:-1] for row in rows), *controls), route, corrections], steps)
     energy = casadi.sum2(energy)
@@ -167,7 +163,7 @@ def drive_parameters(trip: Trip, corrections: Corrections) -> FloatArray:
     return np.concatenate([
         np.vstack([trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2,
                    trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
-        [getattr(corrections, factor) for factor in FACTORS], [trip.vehicle.hvch.efficiency]])
+        [getattr(corrections, factor) for factor in FACTORS]])
 
 
 def along_rows(function: casadi.Function, arguments: Sequence[casadi.MX],
@@ -210,7 +206,7 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
     """
     Return one step of a drive as a CasADi Function.
 
-    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the CORRECTIONS. Outputs: the
+    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the FACTORS. Outputs: the
     states at the end; the energy from the cells (scaled); the RESERVES (scaled; only if `limited`).
     Derivatives: with respect to states and controls only.
     """
@@ -218,27 +214,17 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
     quantities = (*states, *_controls(limited))
     variables = casadi.SX.sym('variables', len(quantities))
     route = casadi.SX.sym('route', ROUTE_INPUTS)
-    corrections = casadi.SX.sym('corrections', CORRECTIONS)
+    factors = casadi.SX.sym('corrections', len(FACTORS))
     duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = casadi.vertsplit(route)
-    *factors, efficiency = casadi.vertsplit(corrections)
     in_si = {quantity.name: quantity.scale * value for quantity, value in zip(
         quantities, casadi.vertsplit(variables))}
     nothing = casadi.SX(0.0)
-    soc, temperature_c = in_si['soc'], in_si['temperature']
-    heater_w, brake_w = in_si['heater'], in_si.get('brake', nothing)
-    heat_w = heat_with_brake_w(vehicle, idle_heat_w, brake_w)
-    ends = {}
-    if vehicle.heat_path.is_direct:
-        drawn_w, heat_w = heater_w, heat_w + efficiency * heater_w
-        ends['soc'], ends['temperature'], _, joule_w = symbolic_step(vehicle)(
-            soc, temperature_c, duration_s, idle_power_w + brake_w + drawn_w, variance_w2, heat_w,
-            leakage_w_per_k, *factors)
-    else:
-        (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,
-         drawn_w, _) = symbolic_heated_step(vehicle)(
-            soc, temperature_c, in_si.get('heater_power', nothing),
-            in_si.get('coolant_excess', nothing), duration_s, idle_power_w + brake_w, variance_w2,
-            heat_w, leakage_w_per_k, heater_w, *factors, efficiency)
+    soc, temperature_c, brake_w = in_si['soc'], in_si['temperature'], in_si.get('brake', nothing)
+    heat_w, ends = heat_with_brake_w(vehicle, idle_heat_w, brake_w), {}
+    (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,
+     drawn_w, _) = symbolic_step(vehicle)(
+        soc, temperature_c, in_si.get('heater_power', nothing), in_si.get('coolant_excess', nothing), duration_s,
+        idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, in_si['heater'], *casadi.vertsplit(factors))
     power_w = idle_power_w + brake_w + drawn_w
     reserves = []
     if limited:
@@ -247,11 +233,11 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
             vehicle.battery.discharge_power_limit, vehicle.battery.charge_power_limit))
         for state in (soc, temperature_c), (ends['soc'], ends['temperature']):
             battery_w = power_w + rates(
-                *state, power_w, variance_w2, heat_w, leakage_w_per_k, *factors)[2]
+                *state, power_w, variance_w2, heat_w, leakage_w_per_k, *casadi.vertsplit(factors))[2]
             reserves += [most_w(*state) - battery_w, battery_w - least_w(*state)]
     outputs = casadi.cse([
         casadi.vertcat(*(ends[state.name] / state.scale for state in states)),
         duration_s * (power_w + joule_w) / ENERGY_SCALE_J,
         casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W])
-    return casadi.Function('drive_step', [variables, route, corrections], outputs,
+    return casadi.Function('drive_step', [variables, route, factors], outputs,
                            {'is_diff_in': [True, False, False]})

@@ -11,7 +11,7 @@ finds it only with slightly rounded corners.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -20,12 +20,10 @@ import casadi
 from bev_preheat.numerics import AnyNumber, Arithmetic
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.heated_step import make_heated_step
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from bev_preheat.numerics import Curve, CurveFunction
     from bev_preheat.vehicle import Vehicle
 
@@ -36,48 +34,25 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
     root=lambda value: casadi.sqrt(casadi.fmax(value, LEAST_DISCRIMINANT_V2)),
     log=casadi.log, exp=casadi.exp, maximum=casadi.fmax, minimum=casadi.fmin)
 
-# Corrections of the vehicle that are inputs, so that they may differ from call to call; leakage and heat are
-# inputs anyway.
-FACTORS = ('heat_capacity', 'resistance')
+# Corrections of the vehicle that are inputs, so that a car whose factors are being learned needs no new program;
+# leakage and heat are inputs anyway.
+FACTORS = ('heat_capacity', 'resistance', 'heater_efficiency')
 
 
 def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     """
-    Return the Runge-Kutta step of `model` as a CasADi Function.
-
-    Inputs: soc, temperature [deg C], duration [s], terminal power [W], variance [W^2], heat [W],
-    leakage [W/K], then FACTORS. Outputs: soc, temperature at the end, mean temperature, mean Joule
-    heat [W].
-    """
-    names = ('soc', 'temperature_c', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
-             'leakage_w_per_k')
-    inputs, factors = _symbols(names), _symbols(FACTORS)
-    step = make_runge_kutta_4(make_rates(_corrected(vehicle, factors), SYMBOLS))
-    return _function('step', inputs + factors, step(*inputs), (*names, *FACTORS), (
-        'soc_end', 'temperature_end_c', 'mean_temperature_c', 'mean_joule_w'))
-
-
-def symbolic_heated_step(vehicle: Vehicle) -> casadi.Function:
-    """
-    Return the step of `heat_path`, for a vehicle that has one, as a CasADi Function.
+    Return the step of `vehicle.heated_step` as a CasADi Function.
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], terminal
     power [W] and heat [W] without the heater's, with the variance [W^2] between them, leakage [W/K],
-    command [W], then FACTORS and the heater's efficiency. Outputs: the four states at the end, mean
-    temperature, mean Joule heat [W], means of heater power and of heat into the battery [W].
+    command [W], then FACTORS. Outputs: the four states at the end, mean temperature, mean Joule heat [W],
+    means of heater power and of heat into the battery [W].
     """
-    names = ('soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2',
-             'heat_w', 'leakage_w_per_k', 'command_w')
-    inputs, factors = _symbols(names), _symbols(FACTORS)
-    efficiency: AnyNumber = casadi.SX.sym('efficiency')
-    corrected = _corrected(vehicle, factors)
-    step = make_heated_step(
-        replace(corrected, hvch=replace(corrected.hvch, efficiency=efficiency)), SYMBOLS)
-    return _function(
-        'heated_step', [*inputs, *factors, efficiency], step(*inputs),
-        (*names, *FACTORS, 'efficiency'),
-        ('soc_end', 'temperature_end_c', 'heater_end_w', 'excess_end_k', 'mean_temperature_c',
-         'mean_joule_w', 'drawn_w', 'arriving_w'))
+    return _of_equations('step', vehicle, lambda car: make_heated_step(car, SYMBOLS), (
+        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
+        'leakage_w_per_k', 'command_w'), (
+        'soc_end', 'temperature_end_c', 'heater_end_w', 'excess_end_k', 'mean_temperature_c', 'mean_joule_w',
+        'drawn_w', 'arriving_w'))
 
 
 def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
@@ -87,11 +62,9 @@ def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
     Inputs: soc, temperature [deg C], terminal power [W], variance [W^2], heat [W], leakage [W/K],
     then FACTORS. Outputs: soc/s, K/s, Joule heat [W].
     """
-    names = ('soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k')
-    inputs, factors = _symbols(names), _symbols(FACTORS)
-    rates = make_rates(_corrected(vehicle, factors), SYMBOLS)
-    return _function('rates', inputs + factors, rates(*inputs), (*names, *FACTORS),
-                     ('soc_rate', 'temperature_rate', 'joule_w'))
+    return _of_equations('rates', vehicle, lambda car: make_rates(car, SYMBOLS), (
+        'soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k'), (
+        'soc_rate', 'temperature_rate', 'joule_w'))
 
 
 def symbolic_curve(curve: Curve) -> casadi.Function:
@@ -101,17 +74,13 @@ def symbolic_curve(curve: Curve) -> casadi.Function:
                            [curve.function(SYMBOLS)(soc, temperature_c)])
 
 
-def _function(name: str, inputs: Sequence[casadi.SX], outputs: Iterable[casadi.SX],
-              input_names: Iterable[str], output_names: Iterable[str]) -> casadi.Function:
-    return casadi.Function(name, inputs, list(outputs), list(input_names), list(output_names))
-
-
-def _symbols(names: Iterable[str]) -> list[casadi.SX]:
-    return [casadi.SX.sym(name) for name in names]
-
-
-def _corrected(vehicle: Vehicle, factors: Iterable[casadi.SX]) -> Vehicle:
-    return corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))
+def _of_equations(name: str, vehicle: Vehicle, equations: Callable[[Vehicle], Callable[..., Sequence[AnyNumber]]],
+                  inputs: Sequence[str], outputs: Sequence[str]) -> casadi.Function:
+    """Return equations of a vehicle that is corrected by FACTORS as a CasADi Function."""
+    arguments, factors = ([casadi.SX.sym(each) for each in names] for names in (inputs, FACTORS))
+    corrected = corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))
+    return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)),
+                           [*inputs, *FACTORS], outputs)
 
 
 # Half the width of a rounded corner: state of charge, temperature [K], power [W].

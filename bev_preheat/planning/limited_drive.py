@@ -14,12 +14,13 @@ temperature.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import FLOATS
+from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
@@ -110,7 +111,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w,
         mean_share_left(path, trip.route.duration_s)))))
-    foresight = _Foresight(trip, limits) if path.heater_lag_s > 0.0 else None
+    foresight = Foresight(trip, FLOATS) if path.heater_lag_s > 0.0 else None
 
     def drive(k: int, states: States, wanted_w: float, below_c: float = math.inf) -> Driven:
         duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w, left = columns[k]
@@ -137,12 +138,13 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
                 # As a steady command: a command that compensates the lag would swing from step to step.
                 surplus_w = least_w - power_w
                 if foresight is not None and surplus_w > 0.0:
-                    surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, states))
+                    surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, soc, temperature_c))
                 free_w = min(cap_w, surplus_w)
                 # If that is enough, no heat is paid for, whatever the caller.
                 command_w, paid_w = (free_w, 0.0) if command_w <= free_w else (command_w, paid_w)
             if foresight is not None and command_w > 0.0:
-                command_w = max(0.0, min(command_w, foresight.off_in_time_w(k, states)))
+                command_w = max(0.0, min(
+                    command_w, foresight.off_in_time_w(k, soc, temperature_c, heater_w)))
             while True:
                 brake_w = 0.0
                 if may_overcharge:
@@ -223,22 +225,20 @@ def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
     return trial.outcome
 
 
-class _Foresight:
-    """Looks ahead along one trip, with the limits of the battery's state now."""
+class Foresight:
+    """Looks ahead along a trip whose heater has a lag, with the limits of the battery's state now."""
 
-    def __init__(self, trip: Trip, limits: TerminalLimits[float]) -> None:
-        """Take a trip, and the terminal limits for floats."""
-        self._limits, self._lag_s = limits, trip.vehicle.heat_path.heater_lag_s
+    def __init__(self, trip: Trip, arithmetic: Arithmetic[AnyNumber]) -> None:
+        """Take a trip, and the kind of number of the states: floats or arrays."""
+        self._limits = make_terminal_limits(trip.vehicle, arithmetic)
+        self._minimum, self._maximum = arithmetic.minimum, arithmetic.maximum
+        self._lag_s = trip.vehicle.heat_path.heater_lag_s
         self._duration_s: list[float] = trip.route.duration_s.tolist()
         self._idle_power_w: list[float] = trip.idle_power_w.tolist()
         self._variance_w2: list[float] = trip.power_variance_w2.tolist()
         self._decay = [math.exp(-each_s / self._lag_s) for each_s in self._duration_s]
         self._mean_left: list[float] = mean_share_left(
             trip.vehicle.heat_path, trip.route.duration_s).tolist()
-        ahead_s, starts_s = LAGS_AHEAD * self._lag_s, trip.time_s[:-1]
-        self._before_climbs = frozenset(
-            k for k in range(len(trip.route))
-            if ((starts_s > trip.time_s[k]) & (starts_s < trip.time_s[k + 1] + ahead_s)).any())
 
     def _steps_after(self, k: int, duration_s: float) -> range:
         """Return the steps that begin within this duration after the end of step k."""
@@ -248,24 +248,20 @@ class _Foresight:
             duration_s -= self._duration_s[last]
         return range(k + 1, last + 1)
 
-    def off_in_time_w(self, k: int, states: States) -> float:
+    def off_in_time_w(self, k: int, soc: AnyNumber, temperature_c: AnyNumber, heater_w: float) -> AnyNumber:
         """Return the highest command [W] with which the heater, once switched off, leaves a climb its power."""
-        if k not in self._before_climbs:
-            return math.inf
-        soc, temperature_c, heater_w, _ = states
-        allowed_w = math.inf
+        allowed_w: AnyNumber = math.inf
         for j in reversed(self._steps_after(k, LAGS_AHEAD * self._lag_s)):
             # With a lag that is short compared with the step, nothing is left at its end.
             allowed_w = allowed_w / self._decay[j] if self._decay[j] > 0.0 else math.inf
             _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
             # A deficit that exists without any heating is not the heater's to fix.
-            allowed_w = min(allowed_w, max(
-                most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
+            allowed_w = self._minimum(
+                allowed_w, self._maximum(most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
         return (allowed_w - self._decay[k] * heater_w) / (1.0 - self._decay[k])
 
-    def lasting_surplus_w(self, k: int, states: States) -> float:
+    def lasting_surplus_w(self, k: int, soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
         """Return the part of the surplus [W] that lasts: the heater's power after it is paid for."""
-        soc, temperature_c, _, _ = states
         # Counted from the middle of the step: in a step that is long compared with the lag, its own surplus is
         # worth using whatever follows.
         ahead_s = LASTING_LAGS * self._lag_s - 0.5 * self._duration_s[k]
@@ -275,8 +271,9 @@ class _Foresight:
         if sum(self._duration_s[j] for j in steps) < ahead_s:
             # The rest would be drawn after arrival.
             return 0.0
-        return max(0.0, min(self._limits(soc, temperature_c, self._variance_w2[j])[0]
-                            - self._idle_power_w[j] for j in steps))
+        least_w = reduce(self._minimum, (
+            self._limits(soc, temperature_c, self._variance_w2[j])[0] - self._idle_power_w[j] for j in steps))
+        return self._maximum(least_w, 0.0)
 
 
 def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:

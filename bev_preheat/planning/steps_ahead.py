@@ -15,6 +15,7 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
+from bev_preheat.planning.limited_drive import Foresight
 from bev_preheat.tunables import (
     BELOW_HIGHEST_K,
     BEYOND_PRICE,
@@ -22,8 +23,6 @@ from bev_preheat.tunables import (
     HALVINGS,
     HIGHEST_TOLERANCE_K,
     LACK_TOLERANCE_W,
-    LAGS_AHEAD,
-    LASTING_LAGS,
     LEAST_HEATING_W,
     LEAST_MIXED_SHARE,
     MOST_SPREAD,
@@ -67,7 +66,7 @@ class StepsAhead:
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
         self._lag_s, self._coolant_lag_s = path.heat_lag_s, path.coolant_lag_s
-        self._heater_lag_s = path.heater_lag_s
+        self._foresight = Foresight(trip, ARRAYS) if path.heater_lag_s > 0.0 else None
         battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
         both_j_per_k = battery_j_per_k + path.coolant_heat_capacity_j_per_k
         self._battery_j_per_k = battery_j_per_k
@@ -141,9 +140,10 @@ class StepsAhead:
         may_overcharge = watched[0]
         is_cold = start_c < self._highest_c
         asked_w, cap_w = np.where(is_cold, wanted_w, 0.0), np.where(is_cold, full_w, 0.0)
-        in_time_w = self._off_in_time_w(k, soc, start_c) if self._heater_lag_s > 0.0 else None
-        lasting_w = (self._lasting_surplus_w(k, soc, start_c)
-                     if self._heater_lag_s > 0.0 and may_overcharge and takes_surplus else None)
+        foresight, in_time_w, lasting_w = self._foresight, None, None
+        if foresight is not None:
+            in_time_w = foresight.off_in_time_w(k, soc, start_c, 0.0)
+            lasting_w = foresight.lasting_surplus_w(k, soc, start_c) if may_overcharge and takes_surplus else None
         all_w = np.zeros(len(soc))
         least_w, most_w = self.limits_w(k, soc, start_c) if any(watched) else (all_w - np.inf, all_w + np.inf)
         first_w, coolest_w = (least_w, most_w), all_w + np.inf
@@ -218,36 +218,6 @@ class StepsAhead:
             enough_w = np.where(is_enough & is_full, middle_w, enough_w)
             too_little_w = np.where(is_enough, too_little_w, middle_w)
         return enough_w
-
-    def _steps_after(self, k: int, duration_s: float) -> range:
-        """Return the steps that begin within this duration after the end of step k."""
-        starts_s = self._trip.time_s[k + 1:-1] - float(self._trip.time_s[k + 1])
-        return range(k + 1, k + 1 + int(np.searchsorted(starts_s, duration_s)))
-
-    def _off_in_time_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
-        """Return the highest command [W] that leaves the steps ahead their power; see `limited_drive`."""
-        lag_s, durations_s = self._heater_lag_s, self._trip.route.duration_s
-        allowed_w = np.full(len(soc), np.inf)
-        for j in reversed(self._steps_after(k, LAGS_AHEAD * lag_s)):
-            decay = math.exp(-float(durations_s[j]) / lag_s)
-            allowed_w = allowed_w / decay if decay > 0.0 else np.full(len(soc), np.inf)
-            _, most_w = self.limits_w(j, soc, temperature_c)
-            allowed_w = np.minimum(
-                allowed_w, np.maximum(most_w - self._trip.idle_power_w[j], 0.0) / self.due_share[j])
-        allowed_w = allowed_w / (1.0 - math.exp(-float(durations_s[k]) / lag_s))
-        return allowed_w
-
-    def _lasting_surplus_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
-        """Return the part of the surplus [W] that lasts; see `limited_drive`."""
-        ahead_s = LASTING_LAGS * self._heater_lag_s - 0.5 * float(self._trip.route.duration_s[k])
-        steps = self._steps_after(k, ahead_s)
-        if not steps:
-            return np.full(len(soc), np.inf)
-        if sum(float(self._trip.route.duration_s[j]) for j in steps) < ahead_s:
-            return np.zeros(len(soc))
-        least_w: FloatArray = np.min([self.limits_w(j, soc, temperature_c)[0] - self._trip.idle_power_w[j]
-                                      for j in steps], axis=0)
-        return np.maximum(least_w, 0.0)
 
 
 class Layer(NamedTuple):

@@ -5,17 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from bev_preheat.numerics import FloatArray
 from bev_preheat.planning import engine
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w, TripColumns
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # This many trips with at most this many segments are cached, for planning again from another state or for another
 # target.
@@ -25,48 +23,31 @@ MOST_KEPT_SEGMENTS = 2000
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
 
+class _Column(cached_property[FloatArray]):
+    """One of a Trip's TripColumns, by the name of the attribute."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda trip: trip.columns.column(self.attrname))
+
+
 @dataclass(frozen=True)
 class Trip:
-    """The model's inputs in N steps, without battery heating: columns of shape (N,), `time_s` (N + 1,)."""
+    """The model's inputs in N steps, without battery heating: columns of shape (N,), `time_s` [s] (N + 1,)."""
 
     vehicle: Vehicle
     route: Route
     columns: TripColumns
 
-    @cached_property
-    def time_s(self) -> FloatArray:
-        """The instants between the steps [s], (N + 1,)."""
-        return self.columns.column('time_s')
-
-    @cached_property
-    def idle_power_w(self) -> FloatArray:
-        """P_t without battery heating [W]."""
-        return self.columns.column('idle_power_w')
-
-    @cached_property
-    def power_variance_w2(self) -> FloatArray:
-        """Mean square minus squared mean of the propulsion power [W^2]."""
-        return self.columns.column('power_variance_w2')
-
-    @cached_property
-    def idle_heat_w(self) -> FloatArray:
-        """The heat gamma T_amb + Q_ed [W]."""
-        return self.columns.column('idle_heat_w')
-
-    @cached_property
-    def drivetrain_heat_w(self) -> FloatArray:
-        """Q_ed [W]."""
-        return self.columns.column('drivetrain_heat_w')
-
-    @cached_property
-    def leakage_w_per_k(self) -> FloatArray:
-        """The coefficient gamma [W/K]."""
-        return self.columns.column('leakage_w_per_k')
-
-    @cached_property
-    def heater_limit_w(self) -> FloatArray:
-        """The HVCH power beyond the cabin's share (9g) [W]."""
-        return self.columns.column('heater_limit_w')
+    time_s = _Column()
+    # P_t without battery heating [W], and mean square minus squared mean of the propulsion power [W^2].
+    idle_power_w = _Column()
+    power_variance_w2 = _Column()
+    # gamma T_amb + Q_ed, and Q_ed alone [W]; gamma [W/K].
+    idle_heat_w = _Column()
+    drivetrain_heat_w = _Column()
+    leakage_w_per_k = _Column()
+    # The HVCH power beyond the cabin's share (9g) [W].
+    heater_limit_w = _Column()
 
     def changed(self, **columns: FloatArray) -> Trip:
         """Return the Trip with other columns, by name."""

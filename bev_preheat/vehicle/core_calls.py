@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Calls of the native core, with arrays in and out: planning, and the estimation's filters; core.h documents them.
+Vehicles and arrays as the native core takes them, and the calls of the estimation's filters (see estimation.h).
 
-Each raises Declined if the core does not answer.
+A call raises Declined if the core does not answer.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 from ctypes import addressof, byref, c_double, c_int32
 from functools import lru_cache
 from struct import Struct as Packed
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.vehicle.core_library import call, core, Declined, EMPTY, LEFT
+from bev_preheat.vehicle.core_library import call, core, Declined
 from bev_preheat.vehicle.core_structs import (
     address_of,
     BeliefStruct,
@@ -22,43 +22,27 @@ from bev_preheat.vehicle.core_structs import (
     doubles,
     DRIVE_COLUMNS,
     ELEMENTS,
-    ENERGIES,
     ExpectedDriveStruct,
     MOST_HEATERS,
     NativeVehicle,
     NotDescribed,
     PassedStruct,
     ReadingStruct,
-    room,
-    RunOfPowersStruct,
-    StrandingStruct,
-    SwitchPlanStruct,
-    TripTermsStruct,
-    ValueGoalStruct,
 )
-from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4, TRIP_COLUMNS, TripColumns
+from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.core_structs import BeliefTermsStruct, NativeTrip
+    from bev_preheat.vehicle.core_structs import BeliefTermsStruct
     from bev_preheat.vehicle.description import Leakage, Vehicle
     from bev_preheat.vehicle.model import Integrator
     from bev_preheat.vehicle.variants import DriveInputs
 
 INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_runge_kutta_4: 2}
 FLOAT = np.dtype(float)
-# Here memory is cheaper than computing values twice.
-ALL_KEPT = 1
-
-
-def check_vehicle(vehicle: NativeVehicle) -> None:
-    """Do nothing if the core takes a vehicle's numbers, down to its tables."""
-    call('bev_check_vehicle', vehicle.address)
 
 
 def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
@@ -74,201 +58,11 @@ def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
 def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
     try:
         native = NativeVehicle(vehicle)
-        check_vehicle(native)
+        # Down to its tables.
+        call('bev_check_vehicle', native.address)
     except (NotDescribed, Declined):
         return None
     return native
-
-
-def make_trip(terms: Sequence[float], route: FloatArray) -> TripColumns:
-    """
-    Return the columns of a route, whose columns (8, N) are given in their order; `terms` as of TripTermsStruct.
-
-    Declined also if a step is too long for the integrators.
-    """
-    steps = route.shape[1]
-    columns = np.empty(len(TRIP_COLUMNS) * steps + 1)
-    call('bev_make_trip', byref(TripTermsStruct(*terms)), steps, place(route), place(columns))
-    return TripColumns(steps, columns)
-
-
-def run(vehicle: NativeVehicle, integrator: int, trip: NativeTrip, states: FloatArray,
-        heater_w: FloatArray | None, brake_w: FloatArray | None) -> None:
-    """Write the run after the first charge and temperature [deg C], (2, N + 1); powers are (N,) [W] or None."""
-    call('bev_run', vehicle.address, integrator, trip.address, 0, doubles_at(heater_w, trip.steps),
-         doubles_at(brake_w, trip.steps), *_rows(states, 2))
-
-
-def run_heated(vehicle: NativeVehicle, trip: NativeTrip, states: FloatArray,
-               command_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Do as `run` for four states; return means of heater power and of the heat that arrives [W] (N,)."""
-    heat_w = np.empty((2, trip.steps))
-    call('bev_run_heated', vehicle.address, trip.address, doubles_at(command_w, trip.steps), place(states),
-         place(heat_w))
-    return heat_w[0], heat_w[1]
-
-
-def drive_as_planned(vehicle: NativeVehicle, trip: NativeTrip, command_w: FloatArray, below_c: float,
-                     takes_surplus: bool, states: FloatArray, powers_w: FloatArray) -> tuple[int, float] | None:
-    """
-    Write the run within limits after the first states (S, N + 1), and its powers (S, N), under commands (N,) [W].
-
-    Returns the step in which the charge runs out and its driven share, or None.
-    """
-    stranding, flags = StrandingStruct(), np.empty(2 * trip.steps, np.uint8)
-    call('bev_drive_as_planned', vehicle.address, trip.address, doubles_at(command_w, trip.steps), below_c,
-         takes_surplus, place(states), place(powers_w), flags.ctypes.data, addressof(stranding))
-    return None if stranding.step < 0 else (stranding.step, stranding.driven_share)
-
-
-def limits_of_steps(vehicle: NativeVehicle, soc: FloatArray, temperature_c: FloatArray,
-                    variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return least and most terminal power [W] (K,) of steps with variances (K,) between states (K + 1,)."""
-    count = len(variance_w2)
-    limits_w = np.empty((2, count))
-    call('bev_limits_of_steps', vehicle.address, count, doubles_at(soc, count + 1),
-         doubles_at(temperature_c, count + 1), doubles_at(variance_w2, count), *_rows(limits_w, 2))
-    return limits_w[0], limits_w[1]
-
-
-def keep_accounts(vehicle: NativeVehicle, integrator: int, trip: NativeTrip, deliverable: bool,
-                  run_of_powers: Sequence[FloatArray | None]) -> tuple[list[float], FloatArray]:
-    """
-    Return energies [Wh], as ENERGIES, and means over each step [W], (4, N), of a run as of RunOfPowersStruct.
-
-    The means are Joule heat, leakage, power of the cells, and deficit of the circuit.
-    """
-    columns, energies_wh = np.empty((4, trip.steps)), (c_double * len(ENERGIES))()
-    kept = [array if array is None else np.ascontiguousarray(array, dtype=float) for array in run_of_powers]
-    made = RunOfPowersStruct(deliverable, *map(address_of, kept))
-    call('bev_keep_accounts', vehicle.address, integrator, trip.address, addressof(made), place(columns),
-         addressof(energies_wh))
-    return energies_wh[:], columns
-
-
-class SwitchedRun(NamedTuple):
-    """
-    Charge and temperature [deg C] (N + 1,) and heater power [W] (N,) of a plan with one switching instant.
-
-    `plan` has the instant, the limits and the energies, `idle_soc` and `idle_c` (N + 1,) are the unheated run.
-    """
-
-    plan: SwitchPlanStruct
-    idle_soc: FloatArray
-    idle_c: FloatArray
-    soc: FloatArray
-    temperature_c: FloatArray
-    heater_power_w: FloatArray
-
-
-def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float, target_c: float,
-                in_one_interval: bool) -> SwitchedRun:
-    """Return the run that is switched on once to arrive at the target [deg C]."""
-    return _switched('bev_plan_switch', trip, (
-        vehicle.address, trip.address, soc, temperature_c, target_c, in_one_interval))
-
-
-def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
-               target_c: float) -> SwitchedRun:
-    """Return the run of the paper's heuristic."""
-    return _switched('bev_plan_paper', trip, (
-        vehicle.address, trip.address, soc, temperature_c, target_c))
-
-
-def _switched(name: str, trip: NativeTrip, arguments: tuple[Any, ...]) -> SwitchedRun:
-    instants, steps = trip.steps + 1, trip.steps
-    block = np.empty(2 * instants + steps)
-    at = addressof(c_double.from_buffer(block))  # type: ignore[arg-type]
-    memory, found = np.empty(room('BEV_SWITCH_MEMORY', steps)), SwitchPlanStruct()
-    call(name, *arguments, place(memory), at, at + DOUBLE_BYTES * instants, at + 2 * DOUBLE_BYTES * instants,
-         addressof(found))
-    # The memory begins with the unheated run.
-    return SwitchedRun(found, memory[:instants], memory[instants:2 * instants], block[:instants],
-                       block[instants:2 * instants], block[2 * instants:])
-
-
-class TwiceSwitchedRun(NamedTuple):
-    """
-    A run that is heated between two instants [s]: states (4, N + 1), heater commands [W] (N,).
-
-    `heat_w` are means of heater power and of the heat that arrives [W] (N,).
-    """
-
-    on_s: float
-    off_s: float
-    states: FloatArray
-    command_w: FloatArray
-    heat_w: tuple[FloatArray, FloatArray]
-
-
-def find_two_switches(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
-                      idle_states: FloatArray) -> TwiceSwitchedRun:
-    """Return the run that arrives at a target [deg C], from the unheated one (4, N + 1), which does not."""
-    states, command_w, heat_w = np.empty((4, trip.steps + 1)), np.empty(trip.steps), np.empty((2, trip.steps))
-    instants_s = (c_double * 2)()
-    call('bev_find_two_switches', vehicle.address, trip.address, target_c, place(idle_states),
-         place(np.empty(room('BEV_TWO_SWITCHES_MEMORY', trip.steps))), place(states), place(command_w),
-         place(heat_w), byref(instants_s), byref(instants_s, DOUBLE_BYTES))
-    return TwiceSwitchedRun(instants_s[0], instants_s[1], states, command_w, (heat_w[0], heat_w[1]))
-
-
-class NativeValues(NamedTuple):
-    """What `bev_plan_by_values` leaves for `bev_follow_values`, of a trip of so many steps."""
-
-    steps: int
-    flags: NDArray[np.uint8]
-    memory: FloatArray
-
-
-class ValueRequirements(NamedTuple):
-    """A `bev_value_goal`: target [deg C], charge to keep, standard deviation [K], is it heating, prices (N,)."""
-
-    target_c: float
-    lowest_soc: float
-    deviation_k: float
-    is_heating: bool
-    price: FloatArray | None
-
-    def struct(self) -> ValueGoalStruct:
-        """Return the struct; it points to the prices."""
-        return ValueGoalStruct(self.is_heating, self.target_c, self.lowest_soc, self.deviation_k,
-                               address_of(self.price))
-
-
-def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[float], wanted: ValueRequirements,
-                   ) -> tuple[FloatArray | None, int | None, NativeValues]:
-    """
-    Return the commands [W] (N,) from four states on, the step within which heating ends or None, and the values.
-
-    The commands are None if the charge does not carry the trip.
-    """
-    steps = trip.steps
-    values = NativeValues(steps, np.zeros(room('BEV_VALUE_BYTES', steps), dtype=np.uint8),
-                          np.empty(room('BEV_VALUE_MEMORY', steps)))
-    states, powers_w, ends_in, goal = _begin(trip, start, wanted)
-    status = call(
-        'bev_plan_by_values', vehicle.address, trip.address, byref(goal), *map(address_of, (states, powers_w)),
-        address_of(values.flags), address_of(values.memory), byref(ends_in), ALL_KEPT)
-    return None if status == EMPTY else powers_w[0], None if ends_in.value < 0 else ends_in.value, values
-
-
-def follow_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[float], wanted: ValueRequirements,
-                  values: NativeValues) -> tuple[FloatArray | None, int | None] | None:
-    """Return commands and end as `plan_by_values`, from values of an earlier plan; None if they lead to none."""
-    states, powers_w, ends_in, goal = _begin(trip, start, wanted)
-    status = call(
-        'bev_follow_values', vehicle.address, trip.address, byref(goal), values.steps,
-        *map(address_of, (states, powers_w)), address_of(values.flags), address_of(values.memory), byref(ends_in))
-    if status == LEFT:
-        return None
-    return None if status == EMPTY else powers_w[0], None if ends_in.value < 0 else ends_in.value
-
-
-def _begin(trip: NativeTrip, start: Sequence[float],
-           wanted: ValueRequirements) -> tuple[FloatArray, FloatArray, c_int32, ValueGoalStruct]:
-    states, powers_w = np.zeros((4, trip.steps + 1)), np.zeros((4, trip.steps))
-    states[:, 0] = start
-    return states, powers_w, c_int32(), wanted.struct()
 
 
 def doubles_at(values: FloatArray | None, count: int) -> Any:
@@ -286,10 +80,10 @@ def doubles_at(values: FloatArray | None, count: int) -> Any:
     return place(copy)
 
 
-def _rows(array: FloatArray, rows: int) -> list[Any]:
-    """Return pointers to the rows of a contiguous array (rows, any)."""
-    width = DOUBLE_BYTES * array.shape[1]
-    return [place(array, row * width) for row in range(rows)]
+def rows_of(array: FloatArray) -> list[Any]:
+    """Return pointers to the rows of a contiguous array."""
+    rows, columns = array.shape
+    return [place(array, row * columns * DOUBLE_BYTES) for row in range(rows)]
 
 
 def place(array: FloatArray, offset: int = 0) -> Any:

@@ -13,10 +13,9 @@ import pytest
 from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.engine import run_forward, trip_in_core
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle import core_calls as calls
 from bev_preheat.vehicle import core_library as library_module
-from bev_preheat.vehicle.core_calls import place, vehicle_in_core
-from bev_preheat.vehicle.core_library import core, core_in_words, Declined, use_core, without_core
+from bev_preheat.vehicle.core_calls import INTEGRATORS, place, rows_of, vehicle_in_core
+from bev_preheat.vehicle.core_library import call, core, core_in_words, Declined, use_core, without_core
 from bev_preheat.vehicle.core_structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import HeatPath
@@ -93,10 +92,10 @@ def one_step(inputs):
 
 def run_in_core(vehicle, make_integrator, soc, temperature_c, inputs):
     """Return charge and temperature after a step in the core; None if it declines."""
-    states = np.array([[soc, nan], [temperature_c, nan]])
+    states, native, trip = np.array([[soc, nan], [temperature_c, nan]]), NativeVehicle(vehicle), one_step(inputs)
     try:
-        calls.run(NativeVehicle(vehicle), calls.INTEGRATORS[make_integrator], one_step(inputs), states,
-                  None, None)
+        call('bev_run', native.address, INTEGRATORS[make_integrator], trip.address, 0, None, None,
+             *rows_of(states))
     except Declined:
         return None
     return tuple(states[:, 1].tolist())
@@ -119,7 +118,7 @@ def with_resistance(curve):
 
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
 @pytest.mark.deep
-@pytest.mark.parametrize('make_integrator', calls.INTEGRATORS)
+@pytest.mark.parametrize('make_integrator', INTEGRATORS)
 @pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES, *map(with_resistance, CURVES)])
 @given(soc=SOC, temperature_c=TEMPERATURE_C, inputs=INPUTS)
 def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs):
@@ -140,9 +139,9 @@ def test_steps_with_a_heat_path_are_the_same(path, states, inputs):
     ends = np.full((4, 2), nan)
     ends[:, 0] = states
     *of_step, command_w = inputs
-    found = None
+    found, native, trip = None, NativeVehicle(vehicle), one_step(of_step)
     try:
-        calls.run_heated(NativeVehicle(vehicle), one_step(of_step), ends, np.array([command_w]))
+        call('bev_run_heated', native.address, trip.address, place(np.array([command_w])), place(ends), None)
         found = tuple(ends[:, 1].tolist())
     except Declined:
         pass

@@ -11,7 +11,9 @@ from bev_preheat.nonlinear_program.drive_steps import along_rows
 from bev_preheat.nonlinear_program.symbols import symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 # Formulas, and tables.
@@ -20,9 +22,9 @@ CURVES = ('open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge
 POINTS = 300
 # Both sides round each of about a hundred operations to 1e-16.
 ROUNDING = 1e-12
-# In the functions' order: of the heat capacity and of the resistance.
-FACTORS = (1.13, 0.79)
-CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79)
+# In the functions' order: of the heat capacity, of the resistance and of the heater's efficiency.
+FACTORS = (1.13, 0.79, 0.93)
+CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79, heater_efficiency=0.93)
 
 
 @pytest.fixture(params=VEHICLES)
@@ -64,21 +66,21 @@ def test_rates_are_those_of_floats(vehicle):
             pytest.approx(joule_w, rel=ROUNDING)]
 
 
-def test_runge_kutta_step_is_that_of_floats(vehicle):
+@pytest.mark.parametrize('path', [HeatPath(), HeatPath(31.0, 9e3, 410.0)])
+def test_a_step_is_that_of_floats(vehicle, path):
+    vehicle = replace(vehicle, heat_path=path)
     symbolic = symbolic_step(vehicle)
     # The program keeps the state of charge within 0 ... 1 by its bounds, not by its curves.
     unbounded = replace(SATURATING_FLOATS, share=lambda value: value)
-    numeric = make_runge_kutta_4(make_rates(corrected_vehicle(vehicle, CORRECTIONS), unbounded))
+    numeric = make_heated_step(corrected_vehicle(vehicle, CORRECTIONS), unbounded)
     random = np.random.default_rng(12)
-    for soc, temperature_c, *inputs in random_points(vehicle, seed=13):
-        step = (soc, temperature_c, random.uniform(0.5, 300.0), 0.5 * inputs[0], *inputs[1:])
-        soc_end, end_c, mean_c, mean_joule_w = numeric(*step)
+    for soc, temperature_c, power_w, *inputs in random_points(vehicle, seed=13):
+        step = (soc, temperature_c, random.uniform(0.0, 7e3), random.uniform(-5.0, 40.0),
+                random.uniform(0.5, 300.0), 0.4 * power_w, *inputs, random.uniform(0.0, 2e3))
         # Temperatures in degC pass through 0; rounding depends on their size in kelvin.
-        assert [float(value) for value in symbolic(*step, *FACTORS)] == [
-            pytest.approx(soc_end, rel=0.0, abs=ROUNDING),
-            pytest.approx(end_c, rel=0.0, abs=300.0 * ROUNDING),
-            pytest.approx(mean_c, rel=0.0, abs=300.0 * ROUNDING),
-            pytest.approx(mean_joule_w, rel=ROUNDING)]
+        for found, expected, scale in zip(symbolic(*step, *FACTORS), numeric(*step), (
+                1.0, 300.0, 7e3, 300.0, 300.0, 1e5, 7e3, 1e5)):
+            assert float(found) == pytest.approx(expected, rel=0.0, abs=scale * ROUNDING)
 
 
 def points_of_curve(curve, seed):
@@ -109,7 +111,7 @@ def test_derivatives_are_those_of_the_expressions(vehicle):
     def outputs(variables):
         soc, temperature_c, power_w, heat_w = (variables[at] for at in range(4))
         return casadi.vertcat(
-            *step(soc, temperature_c, 30.0, power_w, 7e6, heat_w, 40.0, *FACTORS))
+            *step(soc, temperature_c, 0.0, 0.0, 30.0, power_w, 7e6, heat_w, 40.0, 0.0, *FACTORS))
 
     variables = casadi.MX.sym('variables', 4)
     jacobian = np.array(casadi.Function(
