@@ -53,9 +53,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Integrator
 
-# `bev_plan_by_values` keeps the values of all instants: memory is cheaper here than computing them twice.
-ALL_KEPT = 1
-
 
 def trip_in_core(trip: Trip) -> NativeTrip:
     """Return the columns of a Trip as a native struct, which is made once."""
@@ -237,7 +234,8 @@ def _find_values_in_core(trip: Trip, start: States, wanted: Requirements) -> Pla
     steps = len(trip.route)
     values = NativeValues(steps, np.zeros(room('BEV_VALUE_BYTES', steps), dtype=np.uint8),
                           np.empty(room('BEV_VALUE_MEMORY', steps)))
-    _, found = _by_values('bev_plan_by_values', trip, start, wanted, values, (), (ALL_KEPT,))
+    # It keeps the values of every instant: memory is cheaper here than computing them twice.
+    _, found = _by_values('bev_plan_by_values', trip, start, wanted, values, (), (1,))
     return found if found.command_w is not None else PlanByValues(None)
 
 
