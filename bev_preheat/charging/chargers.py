@@ -2,7 +2,7 @@
 """
 Choice of a charger: candidates along a route, each with its own best target, compared on the same end.
 
-    total cost = price · bought energy + value of time · (charging time + detour + expected wait)
+    total cost = price · bought energy + value of time · (charging time + detour + expected wait) + ageing
 
 All candidates reach the end of the route with the same state of charge, so each departs with the charge for the
 rest of the route: an early charger charges more, a late one less. The rest is driven without heating, from the
@@ -81,7 +81,7 @@ class CandidateWorth:
 
     `problem` explains why it is ruled out, or is None. `departure_soc` is the state of charge at departure,
     `end_soc` at the end of the route; `worth` has all its targets. Costs are those of energy, and of time at the
-    charger, on the detour and waiting; infinite with a problem.
+    charger, on the detour and waiting; infinite with a problem. That of ageing is 0 if it has no price.
     """
 
     candidate: Candidate
@@ -93,11 +93,12 @@ class CandidateWorth:
     charging_cost: float = math.inf
     detour_cost: float = math.inf
     wait_cost: float = math.inf
+    ageing_cost: float = 0.0
 
     @property
     def total_cost(self) -> float:
         """Sum of all costs; infinite with a problem."""
-        return self.energy_cost + self.charging_cost + self.detour_cost + self.wait_cost
+        return self.energy_cost + self.charging_cost + self.detour_cost + self.wait_cost + self.ageing_cost
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as JSON-compatible data, including the contract of `preheat worth`."""
@@ -105,6 +106,7 @@ class CandidateWorth:
                 'end_soc': self.end_soc, 'energy_cost': self.energy_cost,
                 'charging_cost': self.charging_cost, 'detour_cost': self.detour_cost,
                 'wait_cost': self.wait_cost, 'total_cost': self.total_cost,
+                **({'ageing_cost': self.ageing_cost} if self.ageing_cost else {}),
                 'worth': None if self.worth is None else self.worth.as_dictionary()}
 
 
@@ -178,7 +180,7 @@ class _Leg:
             candidate, None, departure_soc, float(end_soc), worth,
             candidate.energy_price_per_kwh * best.bought_energy_wh / WH_PER_KWH,
             time_per_h * best.charging_time_s / hour_s, time_per_h * candidate.detour_s / hour_s,
-            self._wait_cost(best, time_per_h))
+            self._wait_cost(best, time_per_h), best.ageing_cost)
 
     def _wait_cost(self, best: TargetWorth, time_per_h: float) -> float:
         """Return the mean cost of waiting: of its time, and of charging a battery that has cooled meanwhile."""

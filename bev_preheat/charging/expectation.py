@@ -132,7 +132,7 @@ class Expectation:
         if not self._arrivals:
             charged = item.cost
             if math.isinf(charged):
-                charged = self._sessions.of_session(math.inf, 0.0, plan.arrival_soc)
+                charged = self._sessions.of_endless(plan.arrival_soc)
             return Expected(charged, self._not_charged(
                 plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan)))
         return self._over_arrivals(plan)
@@ -205,10 +205,8 @@ class SessionCosts:
             (low_k, low_s + 1, (1.0 - share_k) * share_s), (low_k + 1, low_s + 1, share_k * share_s))
             if weight > 0.0)
 
-    def of_session(self, time_s: float, bought_wh: float, soc: float) -> float:
-        """Return the cost of a session from a state of charge (0 ... 1); an endless one counts as the longest."""
-        if math.isfinite(time_s):
-            return self._prices.cost(bought_wh, time_s)
+    def of_endless(self, soc: float) -> float:
+        """Return the cost of a session that never ends, from a state of charge (0 ... 1): as the longest."""
         battery = self._vehicle.battery
         voltage_v = battery.open_circuit_voltage.function(FLOATS)(soc, self._stop.ambient_c)
         wanted_wh = max(self._stop.departure_soc - soc, 0.0) * battery.capacity_as * voltage_v / JOULES_PER_WH
@@ -218,9 +216,9 @@ class SessionCosts:
         if (at_k, at_s) not in self._costs:
             lowest_c, highest_c = self._vehicle.battery.temperature_range_c
             soc = min(max(SPACING_SOC * at_s, 0.0), self._stop.departure_soc)
-            session = self._heating.choose(BatteryState(
-                min(max(SPACING_K * at_k, lowest_c), highest_c), soc)).session
-            self._costs[at_k, at_s] = self.of_session(session.charging_time_s, session.bought_energy_wh, soc)
+            cost = self._heating.choose(BatteryState(
+                min(max(SPACING_K * at_k, lowest_c), highest_c), soc)).cost
+            self._costs[at_k, at_s] = cost if math.isfinite(cost) else self.of_endless(soc)
         return self._costs[at_k, at_s]
 
 

@@ -2,7 +2,7 @@
 """
 The choice at the charger: whether, and up to which temperature, a car that can heats its battery there.
 
-    cost = price · bought energy + value of time · charging time
+    cost = price · bought energy + value of time · charging time + ageing
 
 Three sessions compete: heating never, heating up to the car's own limit, and heating up to the cheapest limit over
 the state of charge (`heating_policy`). Each is simulated by `session`, and the cheapest is chosen, so the choice
@@ -149,7 +149,7 @@ class ChargerHeating:
 
     def cost(self, session: Session) -> float:
         """Return the cost of a Session."""
-        return self._prices.cost(session.bought_energy_wh, session.charging_time_s)
+        return self._prices.cost(session.bought_energy_wh, session.charging_time_s) + session.ageing_cost
 
     def _session(self, state: BatteryState, limit: HeatingLimit) -> tuple[float, Session]:
         session = charge(self._vehicle, self._stop, state, heating=limit)

@@ -3,12 +3,14 @@
 The cheapest heating at a charger, from every battery state at once, by dynamic programming.
 
     V(s, T) = min over off, hold and full power of [ rate · time + V(s + Delta s, T') ],  V(s_departure, T) = 0
-    rate = price · (P_c + P_aux + P_cabin + P_h) + value of time
+    rate = price · (P_c + P_aux + P_cabin + P_h) + value of time + price of ageing
 
 The rows are states of charge, because the charge only rises; the columns are battery temperatures. Within a row
 the temperature follows the session's own equations. Full power pays below some temperature, so the result is a
-`HeatingLimit`, which holds from every state, whatever happened before. Heat arrives at once here; with a heat path
-the temperature is that with the heat under way, and the heat capacity includes the coolant's.
+`HeatingLimit`, which holds from every state, whatever happened before (but where a battery is so dear that heat,
+which raises the current, makes plating worse in the cold: there the limit may cost 1 % too much). Heat arrives at
+once here; with a heat path the temperature is that with the heat under way, and the heat capacity includes the
+coolant's.
 """
 from __future__ import annotations
 
@@ -21,6 +23,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.ageing import cost_per_s
 from bev_preheat.charging.equations import (
     heated_heat_capacity_j_per_k,
     heater_power_of,
@@ -162,7 +165,7 @@ class _Table:
         self._side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
         self._supply_w, self._heater_w = supply_of(car, stop), heater_power_of(car, stop)
         self._per_j = prices.energy_per_kwh / (WH_PER_KWH * JOULES_PER_WH)
-        self._per_s = prices.time_per_h / S_PER_H
+        self._per_s, self._ageing = prices.time_per_h / S_PER_H, charging_of(car).ageing
         self._rates = make_charging_rates(
             charging_of(car).power_limit.function(ARRAYS),
             make_cooling(charging_of(car).cooling, stop.ambient_c, ARRAYS), make_rates(car, ARRAYS), ARRAYS)
@@ -196,7 +199,8 @@ class _Table:
         is_short = np.abs(rise_k) <= MOST_RISE_K
         rise_k = np.where(is_short, middle_rate_k_per_s * time_s, self._rise_k(rate_k_per_s, time_s))
         return _Action(time_s, rise_k, time_s * (
-            self._per_j * (terminal_w + self._side_w + heater_w) + self._per_s))
+            self._per_j * (terminal_w + self._side_w + heater_w) + self._per_s
+            + cost_per_s(self._ageing, self._middle_soc, middle_c, soc_per_s)))
 
     def _rise_k(self, rate_k_per_s: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return the rise of the temperature [K] in a time [s], towards the temperature at which it settles."""

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.ageing import AgeingCost, session_ageing
 from bev_preheat.charging.equations import (
     charging_power,
     heated_c,
@@ -99,7 +100,8 @@ class Session:
 
     `problem` explains why it does not reach the departure's state of charge, or is None. Shapes: `time_s`,
     `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals), `hvch_battery_power_w`
-    and `cooling_power_w` (electrical) (N,), the mean in each step [W].
+    and `cooling_power_w` (electrical) (N,), the mean in each step [W]. `ageing` is the AgeingCost, None if the
+    vehicle file does not price it.
     """
 
     problem: str | None
@@ -110,6 +112,7 @@ class Session:
     hvch_battery_power_w: FloatArray
     cooling_power_w: FloatArray
     energy_wh: SessionEnergies
+    ageing: AgeingCost | None = None
 
     @property
     def charging_time_s(self) -> float:
@@ -120,6 +123,11 @@ class Session:
     def bought_energy_wh(self) -> float:
         """Energy bought until then [Wh]; infinite if the session never ends."""
         return self.energy_wh.bought if self.problem is None else math.inf
+
+    @property
+    def ageing_cost(self) -> float:
+        """Cost of the ageing until then, 0 if it is not priced; infinite if the session never ends."""
+        return 0.0 if self.ageing is None else self.ageing.cost if self.problem is None else math.inf
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the session as JSON-compatible numbers, texts and lists."""
@@ -132,6 +140,7 @@ class Session:
             'departure_temperature_c': float(self.battery_temperature_c[-1]),
             'departure_soc': float(self.soc[-1]),
             'energy_wh': dict(vars(self.energy_wh)),
+            **({} if self.ageing is None else {'ageing': self.ageing._asdict()}),
             'time_s': self.time_s.tolist(),
             'battery_temperature_c': self.battery_temperature_c.tolist(),
             'soc': self.soc.tolist(),
@@ -397,15 +406,18 @@ def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: 
              / JOULES_PER_WH - arriving - leakage + cooled)
     cabin, auxiliary = side * stop.cabin_heating_power_w, side * stop.auxiliary_power_w
     hvch_heat = vehicle.hvch.efficiency * drawn if vehicle.heat_path.is_shell else arriving
+    time_s = np.concatenate(([0.0], np.cumsum(hours) * JOULES_PER_WH))
+    soc, ageing = np.array([state.soc for state in states]), charging_of(vehicle).ageing
     return Session(
         problem=problem,
-        time_s=np.concatenate(([0.0], np.cumsum(hours) * JOULES_PER_WH)),
+        time_s=time_s,
         battery_temperature_c=temperature_c,
-        soc=np.array([state.soc for state in states]),
+        soc=soc,
         charging_power_w=terminal_w,
         hvch_battery_power_w=drawn_w,
         cooling_power_w=cooling_w,
         energy_wh=SessionEnergies(
             bought=terminal + drawn + cooling + cabin + auxiliary, terminal=terminal, stored=terminal - joule,
             joule=joule, hvch_electric=drawn, hvch_heat=hvch_heat, cabin=cabin, auxiliary=auxiliary,
-            leakage=leakage, cooling_electric=cooling, cooling_heat=cooled))
+            leakage=leakage, cooling_electric=cooling, cooling_heat=cooled),
+        ageing=None if ageing is None else session_ageing(ageing, time_s, temperature_c, soc))

@@ -2,7 +2,7 @@
 """
 The best target within a range of temperatures, for any value of the state on arrival.
 
-    cost = price · bought energy + value of time · charging time
+    cost = price · bought energy + value of time · charging time + ageing
 
 Time and energy after an arrival come from the car's session, or from a table of charging times over the arrival
 state.
@@ -44,10 +44,12 @@ LIMITS = ((0.0, 1.0), (-60.0, 100.0), (0.0, 86400.0))
 
 
 class AfterArrival(NamedTuple):
-    """Charging time [s] and bought energy [Wh] after an arrival; infinite if charging never ends."""
+    """Charging time [s], bought energy [Wh] and ageing after an arrival; infinite if charging never ends."""
 
     time_s: float
     bought_wh: float
+    ageing_cost: float = 0.0
+    ageing_outside_share: float = 0.0
 
 
 def by_session(vehicle: Vehicle, stop: ChargingStop, prices: Prices) -> Callable[[BatteryState], AfterArrival]:
@@ -56,7 +58,8 @@ def by_session(vehicle: Vehicle, stop: ChargingStop, prices: Prices) -> Callable
 
     def after(arrival: BatteryState) -> AfterArrival:
         session = heating.choose(arrival).session
-        return AfterArrival(session.charging_time_s, session.bought_energy_wh)
+        return AfterArrival(session.charging_time_s, session.bought_energy_wh, session.ageing_cost,
+                            0.0 if session.ageing is None else session.ageing.outside_share)
 
     return after
 
@@ -65,12 +68,16 @@ def by_table(vehicle: Vehicle, times: Table, departure_soc: float) -> Callable[[
     """
     Return the AfterArrival of each arrival, by a Table of charging times [s] and the energy stored.
 
-    The table is linear between its points and constant beyond. Raises InvalidInput for a charge not allowed.
+    The table is linear between its points and constant beyond. Raises InvalidInput for a charge not allowed, and
+    for a vehicle whose ageing has a price.
     """
     low, high = vehicle.battery.soc_range
     if not low <= departure_soc <= high:
         raise InvalidInput(f'departure state of charge: {departure_soc:g} is not allowed; it must be {low:g} ... '
                            f"{high:g} (the vehicle's soc_range){share_hint(departure_soc)}")
+    if vehicle.charging is not None and vehicle.charging.ageing is not None:
+        raise InvalidInput('charging.ageing: a table of charging times has no temperatures for the model of '
+                           'ageing; leave out the key or the table')
     time_s = times.function(FLOATS)
 
     def after(arrival: BatteryState) -> AfterArrival:
@@ -134,7 +141,9 @@ def targets_in_range(vehicle: Vehicle, route: Route, state: BatteryState, goal: 
             found[target_c] = TargetWorth(
                 target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
                 charged.time_s, charged.bought_wh,
-                math.inf if is_short else prices.cost(charged.bought_wh, charged.time_s))
+                math.inf if is_short else (
+                    prices.cost(charged.bought_wh, charged.time_s) + charged.ageing_cost),
+                ageing_cost=charged.ageing_cost, ageing_outside_share=charged.ageing_outside_share)
         return found[target_c].cost
 
     first_c = max(low_c, unheated.arrival_temperature_c)

@@ -8,7 +8,7 @@ from typing import Any
 
 from bev_preheat.numerics import S_PER_H, WH_PER_KWH
 
-OF_UNCERTAINTY = 'charged_cost', 'not_charged_cost'
+OF_UNCERTAINTY, OF_AGEING = ('charged_cost', 'not_charged_cost'), ('ageing_cost', 'ageing_outside_share')
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,9 @@ class TargetWorth:
     `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
     are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
     the highest target that needs no heating. `charger_heating` is the value of the HeatingDecision at the charger
-    ('unable', 'never', 'always', 'limited'), `charger_heating_wh` its electrical energy [Wh].
+    ('unable', 'never', 'always', 'limited'), `charger_heating_wh` its electrical energy [Wh]. `ageing_cost` is the
+    part of the cost for ageing, `ageing_outside_share` the share of the charge outside the model's range; 0 if the
+    vehicle file has no price.
 
     If charging or arrival are uncertain (`expectation`), `cost` is the expected cost, `charged_cost` that with
     charging on arrival and `not_charged_cost` that without; NaN if they are certain.
@@ -51,14 +53,14 @@ class TargetWorth:
     charger_heating_wh: float = 0.0
     charged_cost: float = math.nan
     not_charged_cost: float = math.nan
+    ageing_cost: float = 0.0
+    ageing_outside_share: float = 0.0
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return it as `preheat worth --json` writes it; a sure arrival has no figures of an uncertain one."""
-        figures = asdict(self)
-        if math.isnan(self.charged_cost):
-            for name in OF_UNCERTAINTY:
-                del figures[name]
-        return figures
+        """Return it as `preheat worth --json` writes it, without the figures of uncertainty and ageing if none."""
+        left_out = (*(OF_UNCERTAINTY if math.isnan(self.charged_cost) else ()),
+                    *(() if self.ageing_cost else OF_AGEING))
+        return {name: value for name, value in asdict(self).items() if name not in left_out}
 
 
 # A saving of less than this [s] is rounding.
@@ -76,10 +78,12 @@ def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: floa
         return math.inf
     if math.isinf(without.charging_time_s):
         return 0.0
-    more = price_per_kwh * (item.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
+    younger = without.ageing_cost - item.ageing_cost
+    more = price_per_kwh * (item.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH - younger
     saved_h = (without.charging_time_s - item.charging_time_s) / S_PER_H
     if saved_h < LEAST_SAVED_S / S_PER_H:
-        return math.inf
+        # As fast, but the battery ages less.
+        return 0.0 if younger > 0.0 > more and saved_h > -LEAST_SAVED_S / S_PER_H else math.inf
     if probability < 1.0:
         more += (1.0 - probability) / probability * lost
     return max(more, 0.0) / saved_h
@@ -97,10 +101,12 @@ def pays_to_price_per_kwh(item: TargetWorth, without: TargetWorth, value_per_h: 
     if math.isinf(without.charging_time_s):
         return math.inf
     saved_h = (without.charging_time_s - item.charging_time_s) / S_PER_H
-    if saved_h < LEAST_SAVED_S / S_PER_H:
+    younger = without.ageing_cost - item.ageing_cost
+    gain = value_per_h * saved_h + younger
+    if (saved_h < LEAST_SAVED_S / S_PER_H and younger <= 0.0) or gain < 0.0:
         return 0.0
     more_kwh = (item.bought_energy_wh - without.bought_energy_wh + lost_wh) / WH_PER_KWH
-    return value_per_h * saved_h / more_kwh if more_kwh > 0.0 else math.inf
+    return gain / more_kwh if more_kwh > 0.0 else math.inf
 
 
 def pays_from_probability(item: TargetWorth, without: TargetWorth) -> float:

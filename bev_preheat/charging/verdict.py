@@ -158,9 +158,10 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
                 f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
     if best is not without:
         saved = _saved_text(best, without, prices)
-        pays = ('Some heating pays whatever your time is worth' if break_even == 0.0 else
-                f'Some heating pays as soon as an hour is worth {break_even:.2f} to you')
-        return f'Worth it: {heating} {saved}. {pays}.'
+        pays = ('' if math.isinf(break_even) else
+                ' Some heating pays whatever your time is worth.' if break_even == 0.0 else
+                f' Some heating pays as soon as an hour is worth {break_even:.2f} to you.')
+        return f'Worth it: {heating} {saved}.{pays}'
     if math.isinf(break_even):
         return 'Not worth it: heating before arrival saves neither time nor money at this charger.'
     return (f'Not worth it at {prices.time_per_h:.2f} an hour: heating pays as soon as an hour is worth '
@@ -219,4 +220,8 @@ def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:
     time = (f'saves {duration_text(saved_s)} at the charger' if saved_s >= 0.0 else
             f'takes {duration_text(-saved_s)} longer at the charger')
     energy = f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} in energy costs'
-    return f'{time} and {energy}'
+    younger = without.ageing_cost - best.ageing_cost
+    if younger == 0.0:
+        return f'{time} and {energy}'
+    ageing = f'saves {younger:.2f} in ageing' if younger > 0.0 else f'costs {-younger:.2f} more for ageing'
+    return f'{time}, {energy} and {ageing}'

@@ -2,7 +2,7 @@
 """
 Worth of heating before the charger: its cost, and the savings at the charger, over all targets.
 
-    cost = price · bought energy + value of time · charging time
+    cost = price · bought energy + value of time · charging time + ageing
 
 Energy spent on heat before arrival is bought back at the charger, so the bought energy includes it. Plans
 are those of the planner, sessions those of `session`, with the heating at the charger that costs least from each
@@ -284,7 +284,8 @@ class WorthSearch:
         item = TargetWorth(
             plan.target_temperature_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh, choice.cost, choice.decision.value,
-            choice.heated_wh)
+            choice.heated_wh, ageing_cost=session.ageing_cost,
+            ageing_outside_share=0.0 if session.ageing is None else session.ageing.outside_share)
         return item if self._expectation is None else self._expectation.of(item, plan)
 
     def choice_after(self, item: TargetWorth) -> HeatingChoice:

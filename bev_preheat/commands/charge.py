@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.ageing import outside_in_words
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import (
     ChargingStop,
@@ -122,6 +123,8 @@ def run(arguments: Namespace) -> int:
           if any(session.energy_wh.cooling_electric > 0.0 for session in sessions.values()) else ()),
         ('… by cabin and auxiliaries', lambda session: (
             f'{(session.energy_wh.cabin + session.energy_wh.auxiliary) / WH_PER_KWH:.2f}')),
+        *([('Ageing [cost]', lambda session: f'{session.ageing_cost:.2f}')]
+          if any(session.ageing_cost for session in sessions.values()) else ()),
         ('Joule heat [kWh]', lambda session: f'{session.energy_wh.joule / WH_PER_KWH:.2f}'),
         ('Highest power [kW]', lambda session: (
             f'{max(session.charging_power_w, default=0.0) / W_PER_KW:.1f}')),
@@ -129,7 +132,8 @@ def run(arguments: Namespace) -> int:
         ('Departure SoC [%]', lambda session: f'{100 * session.soc[-1]:.2f}'))
     print_figures(console, title, ['', *sessions], [
         (heading, *map(figure, sessions.values())) for heading, figure in rows])
-    console.say(*_sentences(sessions), *_heating_sentences(choices), *_warm_sentences(warm))
+    console.say(*_sentences(sessions), *_heating_sentences(choices), *_warm_sentences(warm), outside_in_words(
+        vehicle, {name: session.ageing.outside_share for name, session in sessions.items() if session.ageing}))
     return 0
 
 

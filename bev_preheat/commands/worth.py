@@ -7,6 +7,7 @@ from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.ageing import outside_in_words
 from bev_preheat.charging.chargers import load_chargers, rank_chargers, ranking_verdict
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.stop import check_stop, stop_after, USUAL_DEPARTURE_SOC
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.commands.terminal import ResultConsole
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
@@ -125,14 +127,15 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.figure import save_figure
         save_figure(make_worth_figure(worth, title), arguments.plot)
     console = result_console(arguments.json)
-    rows = [*(_row(target, _names(worth, target)) for target in _shown(worth)),
-            *(_row(item, name) for name, item in worth.by_rule.items())]
-    print_records(
-        console, title.replace('\n', ', '),
-        HEADINGS, rows, (*('right',) * 7, 'left'))
+    _print_targets(console, title.replace('\n', ', '), [
+        *((target, _names(worth, target)) for target in _shown(worth)),
+        *((item, name) for name, item in worth.by_rule.items())])
     console.say(worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
                 None if sensitivity is None else sensitivity.in_words(worth.unheated_in_words()),
-                worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation))
+                worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation),
+                outside_in_words(situation.vehicle, {
+                    'unheated': worth.without_heating.ageing_outside_share,
+                    'with the best target': worth.best.ageing_outside_share}))
     return 0
 
 
@@ -160,6 +163,18 @@ def _shown(worth: Worth) -> list[TargetWorth]:
 def _names(worth: Worth, target: TargetWorth) -> str:
     return ', '.join(name for name, other in (('unheated', worth.without_heating), ('best', worth.best),
                                               ('fixed', worth.fixed)) if target == other)
+
+
+def _print_targets(console: ResultConsole, title: str, targets: list[tuple[TargetWorth, str]]) -> None:
+    """Print targets with their names; the cost of ageing, if it has a price, instead of the state of charge."""
+    rows, headings = [list(_row(*item)) for item in targets], list(HEADINGS)
+    if any(target.ageing_cost for target, _ in targets):
+        texts = ['ageing', *(f'{target.ageing_cost:.2f}' if math.isfinite(target.cost) else '–'
+                             for target, _ in targets)]
+        for row, text in zip((headings, *rows), texts):
+            row.insert(HEADINGS.index('cost'), text)
+            del row[HEADINGS.index('SoC [%]')]
+    print_records(console, title, headings, rows, (*('right',) * 7, 'left'))
 
 
 def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
@@ -228,13 +243,13 @@ def run_range(arguments: Namespace) -> int:
     low_c, high_c = arguments.target_range
     console = result_console(arguments.json)
     title = f'vehicle {vehicle.name}, route {arguments.route}, {low_c:g} ... {high_c:g} degC on arrival'
-    print_records(console, title, HEADINGS, [_row(item, 'best' if item is best else '') for item in sorted(
-                      found, key=lambda item: item.target_c)
-                      if item is best or item.target_c % 1.0 == 0.0], (*('right',) * 7, 'left'))
+    _print_targets(console, title, [(item, 'best' if item is best else '') for item in sorted(
+        found, key=lambda item: item.target_c) if item is best or item.target_c % 1.0 == 0.0])
     console.say('No target within the range is reached with the reserve of charge and charged to the end.'
                 if math.isinf(best.cost) else
                 f'Best target: {best.target_c:.2f} degC, {duration_text(best.charging_time_s)} at the charger, '
-                f'{best.hvch_electric_wh:.0f} Wh for heat.')
+                f'{best.hvch_electric_wh:.0f} Wh for heat.',
+                outside_in_words(vehicle, {'with the best target': best.ageing_outside_share}))
     return 0
 
 
@@ -261,12 +276,15 @@ def run_chargers(arguments: Namespace) -> int:
         from bev_preheat.drawing.figure import save_figure
         save_figure(make_chargers_figure(ranked, title), arguments.plot)
     console = result_console(arguments.json)
+    costs = ('energy', 'charging', 'detour', 'wait',
+             *(('ageing',) if any(item.ageing_cost for item in ranked) else ()), 'total')
     print_records(
         console, title.replace('\n', ', '),
         ('charger', 'after [min]', 'power [kW]', 'arrives [%]', 'leaves [%]', 'target [degC]',
-         'bought [kWh]', 'charging [min]', 'energy', 'charging', 'detour', 'wait', 'total'),
-        [_charger_row(item) for item in ranked], ('left', *('right',) * 12))
-    console.say(verdict)
+         'bought [kWh]', 'charging [min]', *costs),
+        [_charger_row(item, costs) for item in ranked], ('left', *('right',) * (7 + len(costs))))
+    console.say(verdict, outside_in_words(situation.vehicle, {
+        f'at {item.candidate.name}': item.worth.best.ageing_outside_share for item in ranked if item.worth}))
     for item in ranked:
         if item.problem is not None:
             console.say(f'{item.candidate.name}: {item.problem}.')
@@ -275,18 +293,17 @@ def run_chargers(arguments: Namespace) -> int:
     return 0
 
 
-def _charger_row(item: CandidateWorth) -> tuple[str, ...]:
+def _charger_row(item: CandidateWorth, costs: tuple[str, ...]) -> tuple[str, ...]:
     candidate = item.candidate
     place = (candidate.name, f'{candidate.instant_s / S_PER_MIN:.1f}',
              f'{candidate.charger_power_w / W_PER_KW:g}')
     if item.problem is not None or item.worth is None:
-        return (*place, *('–',) * 10)
+        return (*place, *('–',) * (5 + len(costs)))
     best = item.worth.best
     return (*place, f'{100.0 * best.arrival_soc:.1f}', f'{100.0 * item.departure_soc:.1f}',
             'none' if best is item.worth.without_heating else f'{best.target_c:.1f}',
             f'{best.bought_energy_wh / WH_PER_KWH:.2f}', f'{best.charging_time_s / S_PER_MIN:.1f}',
-            *(f'{cost:.2f}' for cost in (item.energy_cost, item.charging_cost, item.detour_cost,
-                                         item.wait_cost, item.total_cost)))
+            *(f'{getattr(item, f"{name}_cost"):.2f}' for name in costs))
 
 
 def _sentence(item: CandidateWorth, best: CandidateWorth) -> str:

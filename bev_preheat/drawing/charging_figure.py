@@ -29,6 +29,7 @@ from bev_preheat.drawing.palette import (
     GREEN,
     look_of,
     ORANGE,
+    PURPLE,
     TARGET,
     WITHOUT_PREHEATING,
 )
@@ -118,7 +119,7 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
 
 MARK_POINTS = 9.0
 PARTS = (('energy', 'energy_cost', BLUE), ('charging time', 'charging_cost', ORANGE),
-         ('detour', 'detour_cost', GREEN), ('expected wait', 'wait_cost', GRAY))
+         ('detour', 'detour_cost', GREEN), ('expected wait', 'wait_cost', GRAY), ('ageing', 'ageing_cost', PURPLE))
 
 
 def make_worth_figure(worth: Worth, title: str) -> Figure:
@@ -135,7 +136,7 @@ def make_worth_figure(worth: Worth, title: str) -> Figure:
 def draw_costs(axis: Axes, worth: Worth) -> None:
     """Draw the cost over the target on an axis of any figure."""
     _draw(axis, worth, lambda target: (target.target_c, target.cost))
-    axis.set(xlabel='target [°C]', ylabel='cost of energy and time at the charger')
+    axis.set(xlabel='target [°C]', ylabel='cost at the charger')
 
 
 def _draw(axis: Axes, worth: Worth, place: Place) -> None:
@@ -161,7 +162,7 @@ def make_chargers_figure(ranked: Sequence[CandidateWorth], title: str) -> Figure
     figure, ((axis,),) = grid_figure(1, 1, title, height_in=1.8 + 0.5 * len(ranked))
     places = np.arange(len(ranked))
     left = np.zeros(len(ranked))
-    for label, name, colour in PARTS:
+    for label, name, colour in PARTS if any(item.ageing_cost for item in ranked) else PARTS[:-1]:
         widths = np.array([0.0 if item.problem is not None else getattr(item, name) for item in ranked])
         axis.barh(places, widths, left=left, height=0.6, color=colour, label=label)
         left += widths
@@ -172,6 +173,6 @@ def make_chargers_figure(ranked: Sequence[CandidateWorth], title: str) -> Figure
     axis.set_axisbelow(True)
     axis.invert_yaxis()
     axis.set_xlim(0.0, max(1.12 * float(left.max(initial=0.0)), 1e-3))
-    axis.set(xlabel='cost of energy and time')
+    axis.set(xlabel='cost')
     legend_above(axis, columns=4)
     return figure

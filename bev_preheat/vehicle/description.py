@@ -274,6 +274,27 @@ class Cooling:
 
 
 @dataclass(frozen=True)
+class Ageing:
+    """
+    The price of ageing in a charging session, by a published `model` (`charging.ageing`).
+
+    The battery is `age_years` old and has been charged and discharged `full_cycles` times. It ends with the share
+    `end_of_life` (0 ... 1) of its capacity, and a new one costs `battery_price`, in the currency of all prices.
+    """
+
+    model: str
+    battery_price: float
+    age_years: float
+    full_cycles: float
+    end_of_life: float = 0.8
+
+    @property
+    def price(self) -> float:
+        """Price of the loss of all the capacity, at that of the share that may be lost."""
+        return self.battery_price / (1.0 - self.end_of_life)
+
+
+@dataclass(frozen=True)
 class Charging:
     """
     A car at a fast charger.
@@ -285,7 +306,7 @@ class Charging:
     `has_own_limit`: the file has a map for fast charging. `power_limit` includes the derating of a hot battery;
     `assumed_fall_c` is the temperature [deg C] from which it falls by assumption, because neither the map nor
     the file says how, else None. `polarization_factor` is the pack's resistance in a session over
-    `Battery.resistance`, `cooling` the active cooling, None without.
+    `Battery.resistance`, `cooling` the active cooling, `ageing` the price of ageing; None without.
     """
 
     power_limit: Curve
@@ -296,6 +317,7 @@ class Charging:
     assumed_fall_c: float | None = None
     polarization_factor: float = 1.0
     cooling: Cooling | None = None
+    ageing: Ageing | None = None
 
     @property
     def heated_below_c(self) -> float:

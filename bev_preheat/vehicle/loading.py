@@ -18,6 +18,7 @@ from bev_preheat.numerics import ARRAYS, Curve
 from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
 from bev_preheat.vehicle.description import (
+    Ageing,
     Battery,
     Charging,
     Cooling,
@@ -180,9 +181,10 @@ def _charging(contents: dict[str, FileData], charge: Table, problems: list[str])
                              contents['battery']['power_limits']['charge'])
     temperature_range_c = _pair(contents['battery']['temperature_range_c'])
     heating, cooling = node.pop('battery_heating', None), _cooling(node.pop('cooling', None), problems)
+    ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
     limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), temperature_range_c[1], problems)
     charging = Charging(limit, heating, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c,
-                        cooling=cooling, **_floats(node))
+                        cooling=cooling, ageing=ageing, **_floats(node))
     problems += charging_problems(charging, temperature_range_c)
     return charging
 

@@ -40,7 +40,9 @@ HINTS = {
                 '              coolant_conductance_w_per_k: 500, sensor_lag_s: 20}\n'
                 'For charging sessions. Data sheets do not state how the battery is cooled at a charger; without '
                 'cooling it is not; coefficient_of_performance may stand for cooling_power_w:\n'
-                '  cooling: {set_point_c: 35, electrical_power_w: 2000, cooling_power_w: 4000}'}
+                '  cooling: {set_point_c: 35, electrical_power_w: 2000, cooling_power_w: 4000}\n'
+                'The price of ageing at the charger, of LFP cells; without it ageing costs nothing:\n'
+                '  ageing: {model: schimpe_2018, battery_price: 9000, age_years: 3, full_cycles: 200}'}
 NO_ROAD_LOAD = """\
 # Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} to
 # plan routes given as legs of road.

@@ -20,7 +20,7 @@ def constant(value):
 
 
 def plain_car(resistance_ohm=1e-9, leakage_w_per_k=0.0, limit=None, heats=False, limit_c=22.0,
-              inlet_w=math.inf, **changes):
+              inlet_w=math.inf, ageing=None, **changes):
     """Return a Vehicle of constant voltage; without `limit` its charging power is unlimited."""
     limit = constant(-1e6) if limit is None else limit
     battery = Battery(
@@ -30,7 +30,7 @@ def plain_car(resistance_ohm=1e-9, leakage_w_per_k=0.0, limit=None, heats=False,
     return replace(
         Vehicle('plain', battery, Drivetrain(0.9, 0.5, 100e3), Hvch(HEATER_W, HEATER_EFFICIENCY),
                 Defaults(1000.0, 300.0, 25.0),
-                charging=Charging(limit, heats, limit_c, inlet_w)), **changes)
+                charging=Charging(limit, heats, limit_c, inlet_w, ageing=ageing)), **changes)
 
 
 def own_session(vehicle, stop, temperature_c, soc, step_s=0.02):

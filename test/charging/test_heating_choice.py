@@ -7,6 +7,7 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from own_ageing import AGEING, own_cost_per_s
 from plain_car import plain_car
 import pytest
 
@@ -32,7 +33,7 @@ def stop_at(charger_w, ambient_c=-15.0, departure_soc=0.8):
     return ChargingStop(charger_w, departure_soc, ambient_c, 900.0, 350.0)
 
 
-def own_cost(vehicle, stop, state, prices, is_on, step_s=10.0):
+def own_cost(vehicle, stop, state, prices, is_on, step_s=10.0, ageing=None):
     """Return the cost of a session by the midpoint rule; `is_on(elapsed_s, soc, temperature_c)` heats."""
     battery, charging = vehicle.battery, vehicle.charging
     voltage, resistance, limit = (curve.function(FLOATS) for curve in (
@@ -49,7 +50,7 @@ def own_cost(vehicle, stop, state, prices, is_on, step_s=10.0):
         return (current_a / (3600.0 * battery.capacity_ah), heat_w / battery.heat_capacity_j_per_k,
                 power_w + side_w + heater_w)
 
-    soc, temperature_c, elapsed_s, bought_j = state.soc, state.temperature_c, 0.0, 0.0
+    soc, temperature_c, elapsed_s, bought_j, aged = state.soc, state.temperature_c, 0.0, 0.0, 0.0
     while soc < stop.departure_soc:
         if elapsed_s > 86400.0:
             return math.inf
@@ -62,9 +63,10 @@ def own_cost(vehicle, stop, state, prices, is_on, step_s=10.0):
         duration_s = min(step_s, (stop.departure_soc - soc) / middle[0]) if middle[0] > 0.0 else step_s
         soc, temperature_c = soc + duration_s * middle[0], temperature_c + duration_s * middle[1]
         elapsed_s, bought_j = elapsed_s + duration_s, bought_j + duration_s * middle[2]
+        aged += 0.0 if ageing is None else duration_s * own_cost_per_s(soc, temperature_c, middle[0], ageing)
         if duration_s < step_s:
             break
-    return prices.energy_per_kwh * bought_j / 3.6e6 + prices.time_per_h * elapsed_s / 3600.0
+    return prices.energy_per_kwh * bought_j / 3.6e6 + prices.time_per_h * elapsed_s / 3600.0 + aged
 
 
 def is_between(stretches):
@@ -72,12 +74,14 @@ def is_between(stretches):
     return lambda elapsed_s, soc, temperature_c: any(start <= elapsed_s < end for start, end in stretches)
 
 
-@pytest.mark.parametrize('charger_w, prices', [
-    (11e3, PRICES), (22e3, PRICES), (50e3, Prices(0.4, 3.0)), (150e3, Prices(0.3, 25.0))])
-def test_no_stretches_of_heating_beat_the_choice(charger_w, prices):
+@pytest.mark.parametrize('charger_w, prices, ageing', [
+    (11e3, PRICES, None), (22e3, PRICES, None), (50e3, Prices(0.4, 3.0), None), (150e3, Prices(0.3, 25.0), None),
+    (50e3, Prices(0.4, 3.0), AGEING)])
+def test_no_stretches_of_heating_beat_the_choice(charger_w, prices, ageing):
     """Brute force over one and two stretches, and over thermostats that rise or fall with the charge."""
     stop, state = stop_at(charger_w), BatteryState(-11.0, 0.3)
-    choice = ChargerHeating(CAR, stop, prices).compare(state)
+    car = replace(CAR, charging=replace(CAR.charging, ageing=ageing))
+    choice = ChargerHeating(car, stop, prices).compare(state)
     longest_s = charge(CAR, stop, state).time_s[-1]
     instants = [share * longest_s for share in (0.0, 0.1, 0.2, 0.35, 0.5, 0.7)]
     rules = [is_between([(start, end)]) for start in instants for end in instants if end > start]
@@ -86,10 +90,11 @@ def test_no_stretches_of_heating_beat_the_choice(charger_w, prices):
     rules += [lambda elapsed_s, soc, at_c, low=low, slope=slope: at_c < low + slope * (soc - 0.3)
               for low in (-12.0, -8.0, -4.0, 0.0, 5.0, 10.0, 15.0, 20.0)
               for slope in (-15.0, 0.0, 10.0, 20.0, 35.0)]
-    best = min(own_cost(CAR, stop, state, prices, rule, 30.0) for rule in rules)
+    best = min(own_cost(CAR, stop, state, prices, rule, 30.0, ageing) for rule in rules)
     assert choice.cost <= best * 1.001
     # The integrator above agrees with the session.
-    always, never = (own_cost(CAR, stop, state, prices, lambda *_, on=on: on, 2.0) for on in (True, False))
+    always, never = (own_cost(CAR, stop, state, prices, lambda *_, on=on: on, 2.0, ageing)
+                     for on in (True, False))
     assert choice.cost_always == pytest.approx(always, rel=2e-3)
     assert choice.cost_never == pytest.approx(never, rel=1e-3)
 

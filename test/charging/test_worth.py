@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from own_ageing import AGEING, own_session_cost
 from plain_car import constant, plain_car
 import pytest
 
@@ -54,8 +55,9 @@ def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
 
 def money(session, prices):
     """Return the cost of a Session."""
+    aged = 0.0 if session.ageing is None else own_session_cost(session)
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
-            + prices.time_per_h * session.charging_time_s / 3600.0)
+            + prices.time_per_h * session.charging_time_s / 3600.0 + aged)
 
 
 @pytest.fixture(scope='module')
@@ -71,7 +73,8 @@ CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
 
 @pytest.mark.parametrize('vehicle, charger_w', [
     pytest.param(REFERENCE, 150e3, id='reference', marks=pytest.mark.deep),
-    pytest.param(replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3, id='corners')])
+    pytest.param(replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3, id='corners'),
+    pytest.param(replace(REFERENCE, charging=replace(REFERENCE.charging, ageing=AGEING)), 50e3, id='ageing')])
 def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
     route = drive()
     worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)

@@ -6,6 +6,8 @@ import json
 from matplotlib.image import imread
 import pytest
 
+from bev_preheat.vehicle import vehicle_file
+
 # Section 8 of the design: the JSON that other programs read.
 KEYS = {'targets', 'best', 'without_heating', 'break_even_value_of_time_per_h', 'verdict'}
 TARGET_KEYS = {'target_c', 'arrival_temperature_c', 'arrival_soc', 'hvch_electric_wh',
@@ -151,6 +153,35 @@ def test_a_range_of_targets_with_a_table_of_charging_times(said, tmp_path):
     assert '--charger-power: not allowed with --charging-times' in said(
         *within, '5', '10', '--charger-power', '9e4')[2]
     assert '--target: not allowed with --target-range' in said(*within, '5', '10', '--target', '20')[2]
+
+
+@pytest.mark.costly
+def test_a_price_of_ageing_stands_beside_minutes_and_energy(said, tmp_path):
+    text = vehicle_file('reference').read_text(encoding='utf-8')
+    (tmp_path / 'aged.yaml').write_text(text.replace('charging:', 'charging:\n  ageing: ' + (
+        '{model: schimpe_2018, battery_price: 9000, age_years: 3, full_cycles: 200}')), encoding='utf-8')
+    status, output, _ = said(*DRIVE, '--vehicle', 'aged.yaml', '--json', 'aged.json')
+    written = json.loads((tmp_path / 'aged.json').read_text())
+    best, unheated = written['best'], written['without_heating']
+    assert status == 0 and set(best) == TARGET_KEYS | {'ageing_cost', 'ageing_outside_share'}
+    assert best['ageing_cost'] < unheated['ageing_cost']
+    for item, name in ((best, 'best'), (unheated, 'unheated')):
+        line = next(line for line in output.splitlines() if f'│ {name} ' in line)
+        assert [cell.strip() for cell in line.split('│')][4:8] == [
+            f'{item["charging_time_s"] / 60.0:.1f}', f'{item["bought_energy_wh"] / 1e3:.2f}',
+            f'{item["ageing_cost"]:.2f}', f'{item["cost"]:.2f}']
+    assert f'{100.0 * best["ageing_outside_share"]:.0f} % of the charge with the best target' in output
+    car = ('--vehicle', 'aged.yaml', '--charger-power', '50000')
+    _, output, _ = said(*DRIVE[:-4], *car, '--target-range', '5', '12')
+    assert 'ageing' in output and 'all charge is within' in output
+    _, output, _ = said(*ALONG, *car[:2], '--only', 'village', '--json', '-', '--plot', 'along.png')
+    [village] = json.loads(output)['chargers']
+    assert village['ageing_cost'] == village['worth']['best']['ageing_cost'] > 0.0
+    assert village['total_cost'] == pytest.approx(
+        village['worth']['best']['cost'] + 10.0 * village['detour_s'] / 3600.0)
+    _, output, _ = said('charge', *car, '--departure-soc', '0.7', '--arrival-temperature', '-10', '20',
+                        '--arrival-soc', '0.1', '--ambient', '-10')
+    assert 'Ageing [cost]' in output and ' of the charge from -10 degC, which counts as at the edge.' in output
 
 
 def test_without_a_charge_to_leave_with_it_is_80_percent_as_in_the_planner(said):

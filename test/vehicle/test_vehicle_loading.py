@@ -11,7 +11,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.description import Charging
+from bev_preheat.vehicle.description import Ageing, Charging
 
 GOOD = {
     'name': 'test car',
@@ -41,6 +41,7 @@ NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one
            'nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the cold')
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
+AGEING = {'model': 'schimpe_2018', 'battery_price': 8000, 'age_years': 2.5, 'full_cycles': 150}
 THERMAL = {'shell_share': 0.25, 'conductance_w_per_k': 300, 'sensor': 'shell'}
 
 
@@ -100,6 +101,9 @@ def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
     assert replace(empty.charging, power_limit=None, assumed_fall_c=None) == Charging(None)
     with pytest.raises(InvalidInput):
         charging_of(empty)
+    aged = load_vehicle(written(tmp_path, with_change('charging', {**node, 'ageing': AGEING})))
+    assert aged.charging.ageing == Ageing('schimpe_2018', 8000.0, 2.5, 150.0, 0.8)
+    assert aged.charging.ageing.price == pytest.approx(40000.0)
 
 
 def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
@@ -189,6 +193,12 @@ def test_reference_is_the_car_of_the_papers_table_1():
      f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2000000 ... 0 W {EVERYWHERE}'),
     ('charging', {'power_limit': {'soc': [0, 1], 'values': [-70000, -2000]}},
      f'charging.power_limit: {NO_COLD}'),
+    ('charging', {'ageing': {**AGEING, 'model': 'linear'}},
+     "charging.ageing.model: 'linear' is not one of schimpe_2018"),
+    ('charging', {'ageing': {**AGEING, 'age_years': 0}},
+     'charging.ageing.age_years: 0 is not allowed; it must be at least 0.1 and at most 30'),
+    ('charging', {'ageing': {'model': 'schimpe_2018'}},
+     'charging.ageing: missing battery_price, age_years, full_cycles'),
     # Values that are not numbers.
     ('battery.heat_capacity_j_per_k', float('nan'),
      'battery.heat_capacity_j_per_k: nan is not a finite number'),
