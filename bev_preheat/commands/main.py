@@ -42,11 +42,7 @@ SUBCOMMANDS = {name: module for commands in GROUPS.values() for name, module in 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """
-    Run one subcommand and return its exit status: 0, or 2 for refused input.
-
-    `arguments` None: those of the process, which then ends.
-    """
+    """Run one subcommand and return its exit status: 0, or 2 for refused input; None: the process's arguments."""
     if arguments is None:
         loading('preheat')
     return run_program('preheat', lambda: _load(arguments), ends_process=arguments is None)

@@ -62,11 +62,7 @@ def json_output(path: AnyPath | None, make_folder: bool = False) -> OutputFile:
 
 def check_output_arguments(arguments: Namespace, inputs: Sequence[AnyPath],
                            others: Sequence[OutputFile] = ()) -> None:
-    """
-    Check `--json`, `--plot` and other OutputFiles before anything is computed; `inputs` are read.
-
-    Raises InvalidInput if one cannot be written, or would overwrite an input.
-    """
+    """Check `--json`, `--plot` and others before anything is computed; raise InvalidInput, also for an input."""
     check_outputs([json_output(arguments.json),
                    OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES), *others], inputs)
 
@@ -91,11 +87,7 @@ def _without_nan(value: Json) -> Json:
 def print_plans(console: Console, plans: Sequence[Plan], title: str,
                 headings: Sequence[str] | None = None,
                 more_rows: Iterable[Sequence[str]] = ()) -> None:
-    """
-    Print a table with one column per plan; `headings` are the methods if None.
-
-    `more_rows` follow the plans' own rows: a heading and a text for each plan.
-    """
+    """Print a table with a column for each plan, its heading or its method above, `more_rows` below."""
     rows: list[tuple[str, Callable[[Plan], str]]] = [
         ('Status', lambda plan: plan.status.name),
         ('Heating starts after', lambda plan: _text(plan.heating_start_s)),

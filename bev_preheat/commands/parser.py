@@ -217,11 +217,7 @@ def complete(parser: ArgumentParser) -> None:
 
 
 def make_parser(subcommands: Mapping[str, str], groups: Mapping[str, Iterable[str]]) -> OneLineParser:
-    """
-    Return the parser of subcommands {name: module}; a module has add_parser(subparsers).
-
-    `groups` are the headings in the help, with the names below each.
-    """
+    """Return the parser of subcommands {name: module with add_parser(subparsers)}, below headings in the help."""
     parser = OneLineParser(
         prog='preheat', formatter_class=partial(GroupedHelp, groups=groups),
         description='When to warm the battery of an electric vehicle before fast charging.')

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Start and end of every command-line program: signals, closed and full outputs, refused input, finished results.
-
-Imports nothing slow, because Ctrl-C must work while the rest is still loading.
-"""
+"""Start and end of each program: signals, full outputs, refusals, finished results; imports nothing slow."""
 
 from __future__ import annotations
 

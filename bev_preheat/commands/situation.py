@@ -75,11 +75,7 @@ class PlanningArguments:
 
 def add_situation_arguments(parser: ArgumentParser,
                             route_group: Alternatives | None = None) -> None:
-    """
-    Add the arguments that `read_situation` reads.
-
-    `route_group` is a group that requires exactly one argument, if `--route` has alternatives.
-    """
+    """Add the arguments that `read_situation` reads; `route_group` has the alternatives to `--route`."""
     add_drive_arguments(parser, route_group)
     option_group(parser, LESS_COMMON).add_argument(
         '--no-charging', action='store_true', help='no fast charging at the end of the route')
@@ -87,12 +83,7 @@ def add_situation_arguments(parser: ArgumentParser,
 
 def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
                         needs_state: bool = True, ambient_help: str = AMBIENT_HELP) -> None:
-    """
-    Add the arguments of a drive to a charger, all that `read_situation` needs.
-
-    `route_group` is as in `add_situation_arguments`; without `needs_state` temperature and state of
-    charge at the start are optional.
-    """
+    """Add the arguments of a drive to a charger; without `needs_state` its state at the start is optional."""
     add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
@@ -215,11 +206,7 @@ class MethodNames:
         return iter((*self._more, *method_names()))
 
     def checked(self, name: str) -> str:
-        """
-        Return an allowed name, as the `type` of an option; a method of a package is loaded.
-
-        For a method of earlier versions, say what took its place, and return that.
-        """
+        """Return an allowed name or what took its place; a method of a package is loaded."""
         if name in REPLACED:
             say(f'preheat: {replaced_in_words(name)}')
             return REPLACED[name]

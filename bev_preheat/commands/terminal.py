@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Consoles: results on standard output, or on standard error if JSON uses that; progress on stderr.
-
-Tables never truncate a name: columns that do not fit side by side are stacked.
-"""
+"""Consoles: results on stdout, or on stderr beside JSON; tables stack columns that do not fit, and cut no name."""
 
 from __future__ import annotations
 
@@ -84,12 +80,7 @@ def progress_bar(*columns: str | ProgressColumn) -> Progress:
 
 def print_figures(console: Console, title: str | None, headings: Sequence[Cell],
                   rows: Iterable[Sequence[Cell]]) -> None:
-    """
-    Print a table of figures: the first column names them, each other column is an item.
-
-    `headings` and `rows` are texts, or rich Texts if they have a colour. Items that do
-    not fit side by side are split into several tables.
-    """
+    """Print a table of figures, a column an item after the first, in several tables if they do not fit."""
     columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
     label, *items = columns
     room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH - _width(label)
@@ -109,11 +100,7 @@ def print_figures(console: Console, title: str | None, headings: Sequence[Cell],
 
 def print_records(console: Console, title: str, headings: Sequence[Cell],
                   rows: Iterable[Sequence[Cell]], justify: Sequence[str] = ()) -> None:
-    """
-    Print a table of records, each a row of texts; stacked if the words do not fit.
-
-    `justify` has 'left' or 'right' for each column; empty means 'left'.
-    """
+    """Print a table of records, columns justified 'left' (default) or 'right'; stacked if they do not fit."""
     columns = [[_text(cell) for cell in column] for column in zip(headings, *rows)]
     least = sum(_longest_word(column) + COLUMN_FRAME_WIDTH for column in columns) + FRAME_WIDTH
     if least <= console.width:

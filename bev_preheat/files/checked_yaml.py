@@ -25,11 +25,7 @@ MOST_VALUES = 1_000_000
 
 
 def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData]:
-    """
-    Return the contents of a YAML file that satisfies a schema (JSON Schema draft 7, itself YAML).
-
-    Raises InvalidInput with one problem per wrong key, naming file, key, value and allowed range.
-    """
+    """Return a YAML file's contents by a schema (draft 7, YAML); InvalidInput names file, key, value and range."""
     return check_yaml(read_text(path), path, schema_path)
 
 

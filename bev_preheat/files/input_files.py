@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Finds and reads input files: those that come with the package, by name or path, and its version.
-
-Refuses all that is no regular file: a pipe blocks, a device never ends.
-"""
+"""Finds and reads input files, regular ones only, because a pipe blocks and a device never ends; the version."""
 
 from __future__ import annotations
 
@@ -88,11 +84,7 @@ _HERE = Path(__file__).resolve()
 
 
 def installed_prefix(package: str) -> Path | None:
-    """
-    Return the prefix that a package is installed in, None if it is not installed.
-
-    The first prefix in AMENT_PREFIX_PATH with the package is used, else the prefix of this file.
-    """
+    """Return the first prefix of AMENT_PREFIX_PATH, else of this file, with a package; None if there is none."""
     prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
     return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
 

@@ -27,11 +27,7 @@ STANDARD_OUTPUT = '-'
 
 
 class OutputFile(NamedTuple):
-    """
-    An output of a run: the option that names it, and its path (None: not requested).
-
-    `suffixes` are those allowed (empty: any). With `make_folder` its folder may be missing.
-    """
+    """An output: option, path (None: not requested), allowed suffixes, and whether a missing folder is made."""
 
     option: str
     path: AnyPath | None
@@ -50,11 +46,7 @@ def target_of(path: AnyPath) -> str:
 
 
 def existing_file(path: AnyPath) -> os.stat_result | None:
-    """
-    Return the os.stat_result of the regular file at a path, None if nothing exists there.
-
-    Raises InvalidInput if anything else exists there, or if the path cannot be a file's.
-    """
+    """Return the os.stat_result of a regular file, None if nothing is there; raise InvalidInput for all else."""
     text = expanded(path)
     try:
         status = os.stat(text)
@@ -71,11 +63,7 @@ def existing_file(path: AnyPath) -> os.stat_result | None:
 
 
 def check_writable(path: AnyPath, make_folder: bool = False) -> None:
-    """
-    Raise InvalidInput if a file cannot be written at a path; change and open nothing.
-
-    With `make_folder` the folder may be missing if it can be created.
-    """
+    """Raise InvalidInput if a file cannot be written, its folder made if allowed; change and open nothing."""
     status, target = existing_file(path), target_of(path)
     if status is not None and not os.access(target, os.W_OK):
         raise InvalidInput(f'{_shown(path)}: cannot be written: the file is write-protected')

@@ -73,11 +73,7 @@ def first_lines(head: bytes, encoding: str) -> list[str]:
 
 
 def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str]]]:
-    """
-    Yield blocks of lines, without their ends, with the number of the first line.
-
-    Raises InvalidInput on a line of more than LONGEST_LINE characters.
-    """
+    """Yield blocks of lines, ends cut, and the first one's number; refuse lines beyond LONGEST_LINE characters."""
     number, rest = 1, ''
     try:
         with open(path, encoding=encoding, errors='replace', newline=None) as file:

@@ -36,11 +36,7 @@ TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d
 
 
 class Clock:
-    """
-    Reads the times of a log. `absolute` says whether they count from the epoch.
-
-    `remark` is a sentence on an assumption, '' if none was needed. Times of day continue after midnight.
-    """
+    """Reads the times of a log, `absolute` if from the epoch; `remark` is a sentence on an assumption, or ''."""
 
     def __init__(self, read: Callable[[Sequence[str]], FloatArray], absolute: bool, remark: str = '') -> None:
         """Take a function from texts to seconds, NaN if a text is no time."""
@@ -52,11 +48,7 @@ class Clock:
 
 
 def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Clock | None:
-    """
-    Return the Clock that reads the first times of a log; None if these texts are no times.
-
-    `unit` is that in the header, '' without a unit.
-    """
+    """Return the Clock that reads a log's first times with the header's unit ('': none); None if they are none."""
     texts = [text for text in texts if text.strip()]
     if not texts:
         return None

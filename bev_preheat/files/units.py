@@ -117,11 +117,7 @@ def check_unit(unit: str, signal: str) -> None:
 
 
 def conversion(unit: str, wanted: str) -> Conversion:
-    """
-    Return the Conversion from a unit to another, both as logs write them.
-
-    Raises InvalidInput if a unit is unknown, or measures another quantity.
-    """
+    """Return the Conversion between units as logs write them; refuse unknown ones, and other quantities."""
     unit, wanted = unit_named(unit) or unit, unit_named(wanted) or wanted
     if unit not in TO_OWN:
         raise InvalidInput(f'unit {quoted(unit)} is unknown; write it as in km/h, mph, degC, degF, K, percent, '
@@ -169,11 +165,7 @@ def unit_in_cells(texts: Iterable[str]) -> str:
 
 
 def read_numbers(texts: Sequence[str], decimal: str = '.', angle: bool = False) -> tuple[FloatArray, BoolArray]:
-    """
-    Return the numbers of cells, shape (N,), NaN for no reading, and which cells are no numbers, shape (N,).
-
-    With `angle`, cells may hold degrees and minutes.
-    """
+    """Return numbers (N,), NaN for no reading, and which cells are wrong; `angle`: also degrees and minutes."""
     plain = [text.replace(',', '.') for text in texts] if decimal == ',' else texts
     if all(map(PLAIN_CHARACTERS.issuperset, plain)):
         try:

@@ -31,11 +31,7 @@ PREDICTION_STEP_S = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """
-    Predicted course of a trip at `time_s` (M + 1,) [s].
-
-    `reading_c` is the temperature sensor's [deg C], `temperature_c` the battery's, `soc` the state of charge.
-    """
+    """Course of a trip at `time_s` (M + 1,): battery and sensor temperature [deg C], state of charge."""
 
     time_s: FloatArray
     temperature_c: FloatArray
@@ -100,11 +96,7 @@ def can_be_replayed(trip: Trip) -> bool:
 
 
 def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int, float]:
-    """
-    Return predicted minus measured arrival temperature [K] by lead [s], as the node would publish it.
-
-    The planner gets one battery state a second, with power if it is known. Leads longer than the trip are absent.
-    """
+    """Return predicted minus measured arrival temperature [K] by lead [s], as the node would publish it."""
     supervisor = Supervisor(vehicle, Settings(estimation=estimation))
     now_ns = LOG_START_NS
     # No target asks for heat.

@@ -29,11 +29,7 @@ TABLE_STEP_C, TABLE_STEP_SOC = 2.5, 0.05
 
 @dataclass(frozen=True)
 class CorrectedResistance:
-    """
-    A resistance curve times e^(c(T) + d(s)).
-
-    `log_factors` are c at KNOTS_C, `soc_factors` d at KNOTS_SOC; numbers or symbols.
-    """
+    """A resistance times e^(c(T) + d(s)), c at KNOTS_C and d at KNOTS_SOC; numbers or symbols."""
 
     curve: Curve
     log_factors: Sequence[AnyNumber]

@@ -44,11 +44,7 @@ FIT_TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class TripTerms:
-    """
-    Residuals of one trip at the optimum.
-
-    Its part of gradient (n,) and information (n, n) over the parameters.
-    """
+    """One trip's part of gradient (n,) and information (n, n) over the parameters at the optimum."""
 
     gradient: FloatArray
     information: FloatArray

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The thermal parameters of a fit: coordinates, priors, bounds and the reasons for them.
-
-A parameter that must be positive has its logarithm as coordinate.
-"""
+"""Thermal parameters of a fit, with priors and bounds in a coordinate: the logarithm if they must be positive."""
 
 from __future__ import annotations
 

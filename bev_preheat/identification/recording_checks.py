@@ -37,11 +37,7 @@ POWER = ('voltage_v', 'current_a', 'power_w')
 
 
 def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> list[str]:
-    """
-    Return one sentence for each reason why a Recording cannot be a trip of a car like `vehicle`.
-
-    `signals` are those of the recording, without the noise of power sensors.
-    """
+    """Return a sentence for each reason why a Recording with these signals is no trip of a car like `vehicle`."""
     name = recording.name
     impossible = _missing(recording, signals) + _implausible(name, signals)
     if not impossible and (sentence := turned(signals)):

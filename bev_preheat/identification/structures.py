@@ -32,11 +32,7 @@ MOST_ERROR_K = 200.0
 
 @dataclass(frozen=True)
 class StructureResult:
-    """
-    A structure's fit cost, and its misfits and errors [K] on trips left out.
-
-    A misfit is the negative log-likelihood of the readings of a trip left out, relative to the best course.
-    """
+    """A structure's fit cost; negative log-likelihoods of readings and errors [K] on trips left out."""
 
     structure: str
     cost: float
@@ -96,11 +92,7 @@ def left_out_electricals(fitter: Fitter) -> list[Electrical]:
 
 def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical, electricals: Sequence[Electrical],
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
-    """
-    Return the StructureResult of each of `structures` that may be chosen, and its fit to all trips.
-
-    `tell` gets each name.
-    """
+    """Return results of the structures that may be chosen, and their fits to all trips; `tell` gets each name."""
     results: list[StructureResult] = []
     fits: dict[str, ThermalFit] = {}
     if len(fitter.trips) < LEAST_TRIPS:

@@ -63,11 +63,7 @@ class Course:
 
     @property
     def settling(self) -> FloatArray | None:
-        """
-        Return how much of a difference at parking is left after each step (M,); None but for nights.
-
-        Cells are then warmer than the housing and the coolant that they also warm, or colder.
-        """
+        """Return the share of a difference at parking left after each step (M,); None but for nights."""
         return np.exp(-np.cumsum(self.inputs[0]) / SETTLING_S) if self.trip.kind == 'night at stand' else None
 
     def within_steps(self, start: FloatArray | float, after_steps: FloatArray) -> FloatArray:
@@ -145,29 +141,17 @@ def _readings(trip: Trip, edges: FloatArray) -> tuple[Readings, IntArray]:
 
 
 class ThermalModel:
-    """
-    Sensor temperatures over courses, for one START vehicle.
-
-    Parameters (PARAMETERS,) are coordinates: those of `parameters.NAMES`, then the resistance's log factors.
-    """
+    """Sensor temperatures over courses for a START vehicle; coordinates are those of `NAMES`, then log factors."""
 
     def __init__(self, vehicle: Vehicle, free: Collection[str], structure: Structure = ONE_MASS) -> None:
-        """
-        Take the START vehicle; the step and its derivatives are derived at first use.
-
-        Slopes over names that are not `free` are 0.
-        """
+        """Take the START vehicle; slopes over names that are not `free` are 0."""
         self._vehicle, self._structure = vehicle, structure
         self._free = [name in free for name in NAMES] + [True] * len(KNOTS_C)
         self._over: dict[int, casadi.Function] = {}
 
     @cached_property
     def _step(self) -> casadi.Function:
-        """
-        Return the step of states with their slopes over parameters and start temperature.
-
-        A second output is the reading with its slopes.
-        """
+        """Return the step of states with their slopes, and the reading with its slopes as second output."""
         state, inputs, theta, electrical = (casadi.SX.sym(name, size) for name, size in (
             ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS), ('electrical', ELECTRICAL)))
         after = self._after(*map(casadi.vertsplit, (state, inputs, theta, electrical)))

@@ -201,11 +201,7 @@ KEYS = ('battery.heat_capacity_j_per_k', 'battery.leakage', 'battery.resistance'
 
 
 class LearnedVehicle(NamedTuple):
-    """
-    A Vehicle with learned values.
-
-    Rows are (name, factor, low, high) with 90 % intervals; `notes` are comments by dotted key.
-    """
+    """A Vehicle with learned values, rows (name, factor, low, high) of 90 % intervals, comments by dotted key."""
 
     vehicle: Vehicle
     rows: tuple[tuple[str, float, float, float], ...]
@@ -213,11 +209,7 @@ class LearnedVehicle(NamedTuple):
 
 
 def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, name: str) -> LearnedVehicle:
-    """
-    Return the LearnedVehicle of a state file for the vehicle file with this fingerprint.
-
-    Raises InvalidInput if the file is no state file, or if nothing was learned about this vehicle file.
-    """
+    """Return the LearnedVehicle of a state file for a vehicle file; raise InvalidInput if it learned nothing."""
     recalled = load_state(state_file, fingerprint)
     learned = recalled.learned
     if learned is None:

@@ -14,7 +14,7 @@ from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:
     from bev_preheat.logs.decoding import Decoder
-    from bev_preheat.logs.raw_log import RawLog, Remarks
+    from bev_preheat.logs.raw_log import Piece, RawLog, Remarks
     from bev_preheat.logs.signal_map import Source
     from bev_preheat.numerics import FloatArray, IntArray
 
@@ -102,13 +102,20 @@ LEAST_OF_JUMPS = 20
 class Assembly:
     """Makes the Series of signals of the samples of channels."""
 
-    def __init__(self, path: str | Path, log: RawLog, decoders: dict[tuple[str, str], Decoder],
-                 samples: dict[tuple[str, str], Samples], said: dict[tuple[str, str], Remarks], remarks: Remarks,
+    def __init__(self, path: str | Path, log: RawLog, decoders: dict[tuple[str, str], Decoder], remarks: Remarks,
                  repair: bool) -> None:
-        """Take the samples of channels by (signal, channel), with their decoders and the remarks on them."""
+        """Begin without samples; the Decoders are those of channels by (signal, channel)."""
         self._path, self._log, self._remarks, self._repair = path, log, remarks, repair
-        self._decoders, self._samples, self._said = decoders, samples, said
+        self._decoders = decoders
+        self._samples = {key: Samples() for key in decoders}
         self._series: dict[str, Series] = {}
+
+    def take(self, piece: Piece) -> None:
+        """Decode a Piece for each signal that its channel may be."""
+        for key, samples in self._samples.items():
+            if key[1] == piece.channel:
+                samples.add(piece.time_s, self._decoders[key].decode(
+                    piece.values, piece.places, f'{self._path}, {self._log.place}'), piece.places)
 
     def series(self, chosen: dict[str, tuple[tuple[str, ...], ...]]) -> tuple[dict[str, Series],
                                                                               dict[str, tuple[str, ...]]]:
@@ -120,7 +127,7 @@ class Assembly:
         for signal in sorted(chosen, key=is_open.__getitem__):
             for group in chosen[signal]:
                 for channel in group:
-                    self._remarks.extend(self._said[signal, channel])
+                    self._remarks.extend(self._decoders[signal, channel].said)
                 parts = {channel: self._part(signal, channel) for channel in group}
                 parts = self._alike(signal, {channel: part for channel, part in parts.items() if len(part.time_s)})
                 whole = self._combined(self._decoders[signal, group[0]].source, parts)

@@ -20,7 +20,7 @@ from bev_preheat.files.input_files import check_input
 from bev_preheat.files.table import encoding_of, line_blocks, read_head
 from bev_preheat.files.times import COUNTER, EARLIEST_S, iso_seconds, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
@@ -161,19 +161,16 @@ OBJECT_HEADER_BYTES = 16
 FRAMES_SHOWING_INTERVALS, MOST_BACK = 50, 0.2
 
 
-class CanFrames:
+class CanFrames(RawLog):
     """An open recording of CAN frames; see RawLog. A channel is a signal of the DBC: message.signal."""
 
     place = 'frame'
-    decimal = '.'
-    times: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path, kind: str, encoding: str, databases: Collection[str | Path]) -> None:
         """Take the DBC files; raises InvalidInput if none is given, or if one cannot be read."""
         require('can', 'cantools')
         self._path, self._kind, self._encoding = path, kind, encoding
         self.format = f'CAN frames ({kind})'
-        self.absolute = True
         self._messages = _messages(path, kind, databases)
         self.channels = tuple(
             Channel(f'{message.name}.{signal.name}', unit_named(signal.unit or ''), all_bits_set(signal))
@@ -319,11 +316,7 @@ def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | P
 
 
 def recorded_frames(path: str | Path) -> Iterator[Any]:
-    """
-    Yield the frames (can.Message, or alike) of a recording, without a DBC.
-
-    Raises InvalidInput if the file cannot be read or is none of these.
-    """
+    """Yield the frames (can.Message, or alike) of a recording, without a DBC; refuse other files."""
     require('can')
     kind, encoding = _kind_of(read_head(path))
     if not kind:

@@ -66,11 +66,7 @@ def candidates(source: Source, units: Mapping[str, str]) -> Candidates:
 
 
 def all_candidates(signal_map: SignalMap, units: Mapping[str, str]) -> dict[str, Candidates]:
-    """
-    Return the Candidates of each signal of a map among channels, as `candidates`.
-
-    A channel that a map names for a signal is not also used for an inherited signal.
-    """
+    """Return the Candidates of each signal; a channel named for a signal is not used for an inherited one."""
     found = {signal: candidates(source, units) for signal, source in signal_map.sources.items()}
     own = {name for signal, each in found.items() if signal not in signal_map.inherited
            for group in each.groups for name in group}

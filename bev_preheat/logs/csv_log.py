@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table import open_table
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.choice import find_time_column, TimeColumn
-from bev_preheat.logs.raw_log import Channel, Piece
+from bev_preheat.logs.raw_log import Channel, Piece, RawLog
 
 if TYPE_CHECKING:
     from bev_preheat.files.table import Layout
@@ -69,7 +69,7 @@ class Rows(Protocol):
         """Yield numbers of lines and the cells of each column; `drop` gets number and fault of other lines."""
 
 
-class TextLog:
+class TextLog(RawLog):
     """An open log of Rows; see RawLog. With `Roles` a row has a single reading, else a reading of each channel."""
 
     def __init__(self, table: Rows, roles: Roles | None, kind: str = 'CSV', column: str = 'column',
@@ -79,7 +79,6 @@ class TextLog:
         layout = table.layout
         self.format = kind if roles is None else f'{kind}, one reading a {place}'
         self.decimal, self.absolute = layout.decimal, False
-        self.times: tuple[str, ...] = ()
         # Columns that are channels: of a log of readings those of the coordinates and of the car.
         self._columns = {at: name for at, name in enumerate(layout.header) if roles is None or OWN.match(name)}
         named = {} if roles is None else self._named(roles)
@@ -165,7 +164,7 @@ class TextLog:
                 yield Piece(name, time_s[rows], [cells[roles.value][at] for at in rows], numbers[rows])
 
 
-def open_csv_log(path: str | Path, head: bytes) -> TextLog | None:
+def open_csv_log(path: str | Path, head: bytes, _: Collection[str | Path] = ()) -> TextLog | None:
     """Return the open log if a file's first bytes are those of a table with a header, else None."""
     table = open_table(path, head)
     return None if table is None else TextLog(table, roles_of(table.layout.header))

@@ -20,9 +20,9 @@ from bev_preheat.files.units import (
     unit_named,
 )
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
+from bev_preheat.logs.raw_log import Remarks
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import Source
     from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
@@ -88,9 +88,10 @@ class Decoder:
         self.given = Hypothesis(self._unit or source.unit, source.scales[0])
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self._decimal, self._is_chosen = decimal, False
+        # Of decoding; they count only if the channel is used.
+        self.said = Remarks()
 
-    def decode(self, values: FloatArray | Sequence[str], places: IntArray, remarks: Remarks,
-               where: str) -> FloatArray:
+    def decode(self, values: FloatArray | Sequence[str], places: IntArray, where: str) -> FloatArray:
         """
         Return readings in the signal's unit, shape (N,), NaN for each that is no reading or implausible.
 
@@ -103,32 +104,31 @@ class Decoder:
             numbers, wrong = read_numbers(values, self._decimal, angle)
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
-                self._dropped(remarks, 'text', f'{first} is not a number', wrong, places, where)
+                self._dropped('text', f'{first} is not a number', wrong, places, where)
             if not self._is_chosen and not self._unit:
                 self._unit = _fitting(unit_in_cells(values[:100]), self.source.signal)
                 self.given = self.given._replace(unit=self._unit or self.given.unit)
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
         for nothing in self.source.no_reading:
             none = np.abs(numbers - nothing) <= 1e-9 * max(abs(nothing), 1.0)
-            self._dropped(remarks, f'none {nothing:g}', f'{nothing:g} means no reading', none, places, where)
+            self._dropped(f'none {nothing:g}', f'{nothing:g} means no reading', none, places, where)
             numbers[none] = np.nan
         full = all_ones(numbers, self.source.signal.endswith('_c'), self._full)
         if full.any():
             value = figure(numbers[int(np.argmax(full))])
-            self._dropped(remarks, 'ones', f'{value} has all bits set, which means no reading', full, places,
-                          where)
+            self._dropped('ones', f'{value} has all bits set, which means no reading', full, places, where)
             numbers[full] = np.nan
         finite = numbers[np.isfinite(numbers)]
         if not finite.size:
             return numbers
         if not self._is_chosen:
-            self._choose(finite, remarks, where.rpartition(',')[0])
+            self._choose(finite, where.rpartition(',')[0])
         own = self.given.own(numbers, self.source)
         bad = np.isfinite(own) & ~plausible(own, self.source)
         if bad.any() and not self.hypotheses and len(self.source.scales) == 1:
             self.hypotheses = hypotheses(finite, self.given, self.source)
         if not self.hypotheses:
-            self._dropped(remarks, 'range', self.why_dropped(numbers[int(np.argmax(bad))]), bad, places, where)
+            self._dropped('range', self.why_dropped(numbers[int(np.argmax(bad))]), bad, places, where)
             own[bad] = np.nan
         return own
 
@@ -144,7 +144,7 @@ class Decoder:
         ends = sorted(self.raw(np.array(self.source.plausible)))
         return f'{figure(number)} is implausible (plausible: {figure(ends[0])} ... {figure(ends[1])})'
 
-    def _choose(self, finite: FloatArray, remarks: Remarks, path: str) -> None:
+    def _choose(self, finite: FloatArray, path: str) -> None:
         """Choose unit and scale by the first readings."""
         signal, self._is_chosen = self.source.signal, True
         if not self.given.unit:
@@ -153,8 +153,8 @@ class Decoder:
             shown = unit or own_unit(signal)
             # A signal's own name says its unit.
             if (unit or signal.endswith('_c')) and split_unit(self.channel).unit != shown:
-                remarks.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
-                            f'{shown}', noun='channel')
+                self.said.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
+                              f'{shown}', noun='channel')
         if self.source.other_units and self._unit in ('', self.source.unit):
             self.hypotheses = (self.given, *(self.given._replace(unit=unit_named(unit) or unit)
                                              for unit in self.source.other_units))
@@ -169,12 +169,11 @@ class Decoder:
                 self.given = scaled
                 return
 
-    def _dropped(self, remarks: Remarks, cause: str, words: str, which: BoolArray, places: IntArray,
-                 where: str) -> None:
+    def _dropped(self, cause: str, words: str, which: BoolArray, places: IntArray, where: str) -> None:
         if which.any():
-            remarks.add(f'{self.channel} {self.source.signal} {cause}',
-                        f'{where} {places[int(np.argmax(which))]}: {self.channel}: {words}; it is dropped',
-                        int(which.sum()))
+            self.said.add(f'{self.channel} {self.source.signal} {cause}',
+                          f'{where} {places[int(np.argmax(which))]}: {self.channel}: {words}; it is dropped',
+                          int(which.sum()))
 
 
 def _usual_unit(signal: str, readings: FloatArray) -> str:

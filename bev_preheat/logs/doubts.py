@@ -94,11 +94,7 @@ HEATERS = ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w')
 
 @dataclass(frozen=True)
 class Doubt:
-    """
-    A doubt about a signal: its sentence, and the linear correction (factor, offset) that removes it.
-
-    It is not clear if another correction of another signal would remove it too.
-    """
+    """A doubt about a signal, and its linear correction; not clear if another correction would do as well."""
 
     signal: str
     sentence: str

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import chain, islice
 import json
 import math
@@ -269,7 +269,7 @@ def _is_object(text: str) -> bool:
         return False
 
 
-def open_json_lines(path: str | Path, head: bytes) -> TextLog | None:
+def open_json_lines(path: str | Path, head: bytes, _: Collection[str | Path] = ()) -> TextLog | None:
     """Return the open log if a file begins with a JSON object or array, else None."""
     encoding = encoding_of(head)
     if encoding is None or not re.match(r'\[\s*[\[{]|\{\s*"|\{\s*$', head.decode(encoding, 'replace').lstrip()):

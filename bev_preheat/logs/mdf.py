@@ -16,12 +16,11 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.can_frames import dbc_files, needs_dbc
-from bev_preheat.logs.raw_log import Channel, Piece
+from bev_preheat.logs.raw_log import Channel, Piece, RawLog
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks
-    from bev_preheat.logs.signal_map import SignalMap
 
 # Without a reading in this time [s] the reader has lost its way in the file.
 LONGEST_WAIT_S = 60.0
@@ -87,13 +86,11 @@ MAGIC = (b'MDF     ', b'UnFinMF ')
 RECORDS_AT_ONCE = 200_000
 
 
-class Mdf:
+class Mdf(RawLog):
     """An open MDF file; see RawLog."""
 
     format = 'MDF'
     place = 'record'
-    decimal = '.'
-    times: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path, databases: Collection[str | Path]) -> None:
         """Read the list of channels; raises InvalidInput if the file is damaged."""
@@ -117,11 +114,8 @@ class Mdf:
         self._start_s = start_s
         self.absolute = start_s > 0.0
 
-    def use(self, signal_map: SignalMap) -> None:
-        """Do nothing: each group of channels has its own time."""
-
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
-        """Yield the Pieces of the wanted channels; see RawLog."""
+        """Yield the Pieces of the wanted channels, each group of which has its own time."""
         places = {name: self._at[name] for name in wanted}
         try:
             for name, first, time_s, values, problem in in_child(_readings, self._path, self._databases, places):

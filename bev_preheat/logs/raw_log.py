@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Protocol, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -59,11 +59,7 @@ class Remarks:
 
 @dataclass(frozen=True)
 class Channel:
-    """
-    A channel (column, PID, CAN signal, field of a topic) and its unit ('' if not given).
-
-    `full` has the value of a raw one with all bits set, if the log says how it is coded.
-    """
+    """A channel of a log, its unit ('': not given), and the values of a raw one with all bits set, if known."""
 
     name: str
     unit: str = ''
@@ -95,21 +91,22 @@ def pieces_of(readings: Iterator[tuple[str, float, float, int]]) -> Iterator[Pie
             yield Piece(name, *(np.array(column) for column in zip(*rows)))
 
 
-class RawLog(Protocol):
+class RawLog:
     """A log file that was opened: its format, its channels, and the pieces of those that are wanted."""
 
     format: str
     # The word for a place in messages: line, message.
     place: str
     # Decimal mark of values that are texts.
-    decimal: str
-    absolute: bool
+    decimal = '.'
+    absolute = True
     channels: tuple[Channel, ...]
     # Names of the channels that hold the time, known after `use`.
-    times: tuple[str, ...]
+    times: tuple[str, ...] = ()
 
     def use(self, signal_map: SignalMap) -> None:
         """Take the map's choices that concern reading, such as the channel of the time, before `pieces`."""
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted channels, in bounded memory; remark on what cannot be read."""
+        raise NotImplementedError

@@ -12,7 +12,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput, quoted, shortened
 from bev_preheat.files.table import encoding_of, read_head
 from bev_preheat.files.units import is_stated, measures, split_unit, unit_named
-from bev_preheat.logs.assembly import Assembly, Samples
+from bev_preheat.logs.assembly import Assembly
 from bev_preheat.logs.can_frames import open_can_frames
 from bev_preheat.logs.choice import all_candidates, Candidates
 from bev_preheat.logs.csv_log import open_csv_log
@@ -27,14 +27,8 @@ from bev_preheat.logs.ros_bag import is_bag_folder, open_ros_bag, RosBag
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
 
 # Each takes a path, the file's first bytes and the DBC files, and returns the open log, None for another format.
-Opener = Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None]
-FORMATS: tuple[Opener, ...] = (
-    open_mdf, open_can_frames,
-    lambda path, head, databases: open_ros_bag(path, head),
-    lambda path, head, databases: open_json_lines(path, head),
-    lambda path, head, databases: open_csv_log(path, head))
-
-
+FORMATS: tuple[Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None], ...] = (
+    open_mdf, open_can_frames, open_ros_bag, open_json_lines, open_csv_log)
 # The beginnings of files of other kinds, and what to do with them.
 OTHERS = (
     (rb'PAR1', 'a Parquet file', 'write it as CSV'),
@@ -48,11 +42,7 @@ OTHERS = (
 
 
 def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog:
-    """
-    Return the open log of a file, or of a rosbag2 folder; `databases` are DBC files for CAN frames.
-
-    Raises InvalidInput if it cannot be read or has no known format.
-    """
+    """Return the open log of a file or rosbag2 folder, with DBC files; refuse unknown formats."""
     if is_bag_folder(path):
         return RosBag(path)
     head = read_head(path)
@@ -114,20 +104,14 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
         (signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal, full[channel],
                                    given is None)
         for signal, groups in chosen.items() for group in groups for channel in group}
-    samples = {key: Samples() for key in decoders}
-    said = {key: Remarks() for key in decoders}
-    by_channel: dict[str, list[tuple[str, str]]] = {name: [] for name in units if CAR.fullmatch(plain(name))}
-    cars: dict[str, set[str]] = {name: set() for name in by_channel}
-    for key in decoders:
-        by_channel.setdefault(key[1], []).append(key)
-    for piece in log.pieces(by_channel.keys(), remarks):
+    assembly = Assembly(path, log, decoders, remarks, repair)
+    cars: dict[str, set[str]] = {name: set() for name in units if CAR.fullmatch(plain(name))}
+    for piece in log.pieces(dict.fromkeys([*cars, *(channel for _, channel in decoders)]), remarks):
         if piece.channel in cars:
             cars[piece.channel].update(str(each) for each in set(piece.values))
             _refuse_several(path, piece.channel, cars[piece.channel])
-        for key in by_channel[piece.channel]:
-            values = decoders[key].decode(piece.values, piece.places, said[key], f'{path}, {log.place}')
-            samples[key].add(piece.time_s, values, piece.places)
-    series, used = Assembly(path, log, decoders, samples, said, remarks, repair).series(chosen)
+        assembly.take(piece)
+    series, used = assembly.series(chosen)
     if not series:
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)

@@ -11,12 +11,11 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import installed_prefix, mcap_messages
-from bev_preheat.logs.raw_log import Channel, Piece, pieces_of
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
 from bev_preheat.optional_packages import MissingPackage, require
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks
-    from bev_preheat.logs.signal_map import SignalMap
 
 MAGIC = (b'\x89MCAP0\r\n', b'SQLite format 3\0')
 MESSAGES = 'bev_preheat_msgs'
@@ -28,14 +27,11 @@ LONGEST_ARRAY, DEEPEST_MESSAGE = 8, 6
 CDR_HEAD_BYTES = 4
 
 
-class RosBag:
+class RosBag(RawLog):
     """An open recording of topics; see RawLog. A channel is a field: /battery_state.temperature."""
 
     format = 'ROS 2 topics'
     place = 'message'
-    times: tuple[str, ...] = ()
-    decimal = '.'
-    absolute = True
 
     def __init__(self, path: str | Path) -> None:
         """Read the first messages of each topic for their fields; raises InvalidInput if the file is damaged."""
@@ -57,11 +53,8 @@ class RosBag:
             raise InvalidInput(f'{path}: no message can be read' + (f': {problem[0]}' if problem else ''))
         self.channels = tuple(Channel(name) for name in found)
 
-    def use(self, signal_map: SignalMap) -> None:
-        """Do nothing: each message has its time."""
-
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
-        """Yield the Pieces of the wanted fields; see RawLog."""
+        """Yield the Pieces of the wanted fields, at the times of their messages."""
         yield from pieces_of(self._readings(wanted, remarks))
 
     def _readings(self, wanted: Collection[str], remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
@@ -209,8 +202,6 @@ def is_bag_folder(path: str | Path) -> bool:
     return (Path(path) / 'metadata.yaml').is_file()
 
 
-def open_ros_bag(path: str | Path, head: bytes) -> RosBag | None:
+def open_ros_bag(path: str | Path, head: bytes, _: Collection[str | Path] = ()) -> RosBag | None:
     """Return the open recording if a file is MCAP or SQLite, else None."""
-    if not head.startswith(MAGIC):
-        return None
-    return RosBag(path)
+    return RosBag(path) if head.startswith(MAGIC) else None

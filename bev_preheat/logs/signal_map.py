@@ -136,11 +136,7 @@ def plain(name: str) -> str:
 
 
 def load_signal_map(name_or_file: str | Path) -> SignalMap:
-    """
-    Return the SignalMap with a name (a file in config/signals) or of a YAML file.
-
-    Raises InvalidInput naming file, key, value and allowed values.
-    """
+    """Return the SignalMap of a name in config/signals or a YAML file; InvalidInput names key, value and range."""
     return _load(find_configuration('signals', name_or_file, SUFFIX), ())
 
 

@@ -41,11 +41,7 @@ STOP_RANGE_S = (1.0, 86400.0)
 
 @dataclass(frozen=True)
 class FileRoute:
-    """
-    The Route of a CSV file, and the name of the vehicle that its powers belong to (None: unknown).
-
-    `stops` are its charging stops.
-    """
+    """The Route of a CSV file, the vehicle that its powers belong to (None: unknown), and its charging stops."""
 
     route: Route
     made_for: str | None
@@ -53,12 +49,7 @@ class FileRoute:
 
 
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
-    """
-    Return the Route with a name (a file in config/routes) or of a CSV file.
-
-    `defaults` are those of the vehicle, for missing columns. Raises InvalidInput naming
-    file, line, column, value and allowed range.
-    """
+    """Return the Route of a name in config/routes or of a CSV file; `defaults` fill missing columns."""
     return load_file_route(name_or_file, defaults).route
 
 
@@ -86,12 +77,7 @@ def route_file(name_or_file: str | Path) -> Path:
 
 def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
                made_for: str | None = None, stops: Iterable[ChargingStop] = ()) -> None:
-    """
-    Write a Route as CSV; `comments` are lines of text above the header.
-
-    `made_for` is the name of the vehicle that the powers belong to, `stops` are the charging stops. Raises
-    InvalidInput if the file cannot be written.
-    """
+    """Write a Route made for a vehicle as CSV, `comments` above the header; raise InvalidInput on failure."""
     text = io.StringIO()
     for comment in comments:
         text.write(f'# {" ".join(comment.splitlines())}\n')

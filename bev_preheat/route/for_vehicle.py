@@ -140,11 +140,7 @@ LEAST_DISTANCE_M = 10.0
 
 def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
                   path: Path) -> tuple[Route, list[str]]:
-    """
-    Return the Route of a Vehicle along the Journey of a file, and remarks on how its powers were made.
-
-    Raises InvalidInput if the ambient temperature, the road load or the meaning of a consumption is missing.
-    """
+    """Return the Route of a Vehicle along a Journey, and remarks; raise InvalidInput if a figure is missing."""
     motion = journey.motion
     remarks = list(journey.remarks)
     if motion.distance_m[-1] < LEAST_DISTANCE_M:

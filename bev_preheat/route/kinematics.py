@@ -72,11 +72,7 @@ class RoadDrive:
 
 
 def lay_track(legs: Sequence[RoadLeg], seed: int) -> Track:
-    """
-    Return the Track of a sequence of RoadLeg, which starts and ends at a standstill.
-
-    `seed` is that of the traffic's random numbers.
-    """
+    """Return the Track of RoadLegs, standstill to standstill; `seed` is that of the traffic's random numbers."""
     random = np.random.default_rng(seed)
     # A point between two legs belongs to both, and the lower speed applies: each leg contributes both of its
     # ends, and duplicate points are merged below.
@@ -94,11 +90,7 @@ def leg_starts_m(legs: Sequence[RoadLeg]) -> list[float]:
 
 
 def drive_along(track: Track, acceleration_mps2: float, deceleration_mps2: float, pace: float = 1.0) -> RoadDrive:
-    """
-    Return the fastest RoadDrive within the speeds of a Track, times `pace`, and the accelerations.
-
-    Both accelerations are magnitudes [m/s^2].
-    """
+    """Return the fastest RoadDrive within accelerations [m/s^2] and the speeds of a Track times `pace`."""
     at_m = track.distance_m
     squared = (pace * track.allowed_speed_mps)**2
     rise = 2.0 * acceleration_mps2 * at_m

@@ -120,11 +120,7 @@ class Matcher:
         self.match = Match(Cause.SILENT, 'No position has arrived yet', 0)
 
     def take(self, fix: Fix) -> Match:
-        """
-        Return the Match of a fix, and keep it as `match`.
-
-        A fix that follows the last one within SPACED_S has no place.
-        """
+        """Return the Match of a fix, and keep it as `match`; within SPACED_S of the last fix it has no place."""
         latest = self._latest
         if latest is not None and fix.stamp_ns <= latest.stamp_ns:
             return Match(Cause.OVERTAKEN, 'The position is not newer than the one before', fix.stamp_ns)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Planned distance from the start over planned time, and back.
-
-At a planned stop one distance corresponds to a span of time.
-"""
+"""Planned distance from the start over planned time, and back; at a stop one distance has a span of time."""
 
 from __future__ import annotations
 

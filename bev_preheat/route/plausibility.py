@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Warnings about wrong units in a route: valid values, but implausible for the car.
-
-They are warnings rather than refusals, because the limits are those of usual cars.
-"""
+"""Warnings about values of a route that are valid but implausible for usual cars, as if in a wrong unit."""
 
 from __future__ import annotations
 
@@ -34,11 +30,7 @@ LEAST_USUAL_POWER_W = 300.0
 
 
 def unit_warnings(routes: Iterable[Route], vehicle: Vehicle, with_units: bool = False) -> list[str]:
-    """
-    Return a sentence for each field of the Routes of a trip that looks like a wrong unit.
-
-    Fields are named as in RoutePlan, `with_units` as in a route file.
-    """
+    """Return a sentence for each field of the Routes that looks like a wrong unit, named `with_units` or not."""
     found: dict[str, str] = {}
     for route in routes:
         for field, sentence in _warnings(route, vehicle):

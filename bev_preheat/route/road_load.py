@@ -53,11 +53,7 @@ class RoadForces:
 
 
 def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
-    """
-    Return the RoadVehicle of a Vehicle that has a `road_load`, with RoadForces.
-
-    `maximum_regeneration_power_w` [W] is the trip's; the lower of the trip's and the vehicle's applies.
-    """
+    """Return the RoadVehicle of a Vehicle with a load; the lower regeneration [W], trip's or car's, counts."""
     road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
     assert road_load is not None
     return RoadVehicle(
@@ -172,11 +168,7 @@ def no_road_load(vehicle: Vehicle) -> str:
 
 def propulsion_columns(car: RoadVehicle, motion: Motion,
                        ambient_temperature_c: FloatArray) -> dict[str, FloatArray]:
-    """
-    Return the columns propulsion_power_w, _rms_w and _magnitude_w [W] of a Motion, each of shape (N,).
-
-    `ambient_temperature_c` [deg C] has shape (N,).
-    """
+    """Return propulsion_power_w, _rms_w and _magnitude_w [W] of a Motion in air of [deg C], shapes (N,)."""
     duration_s, speed_mps, distance_m = motion.duration_s, motion.speed_mps, motion.distance_m
     changes = speed_changes(duration_s, speed_mps, motion.boundary_speed_mps)
     driven_m = np.diff(distance_m)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The route: segments of constant speed, power and ambient temperature, checked, sliced, resampled.
-
-Times are seconds after the start of segment 0. Segments may differ in length.
-"""
+"""The route: segments of constant speed, power and ambient temperature; times [s] from the start of segment 0."""
 
 from __future__ import annotations
 
@@ -116,11 +112,7 @@ class Route:
         return boundaries_s
 
     def with_propulsion(self, factor: float | FloatArray) -> Route:
-        """
-        Return the route with the propulsion power times a factor: mean, rms and mean magnitude.
-
-        `factor` is one number, or one for each segment, shape (N,).
-        """
+        """Return the route with its propulsion powers times a factor: a number, or one a segment, shape (N,)."""
         magnitude = np.abs(factor)
         route = self._of_block(self.block.copy())
         vars(route)['lowest_ambient_temperature_c'] = self.lowest_ambient_temperature_c
@@ -159,11 +151,7 @@ class Route:
         return np.maximum(self.propulsion_power_rms_w**2 - self.propulsion_power_w**2, 0.0)
 
     def after(self, instant_s: float) -> Route:
-        """
-        Return the route from an instant on; a partly driven segment keeps its remainder.
-
-        `instant_s` is seconds after the start of segment 0, at least 0 and before the end.
-        """
+        """Return the route from an instant [s] on the route on; a partly driven segment keeps its remainder."""
         if not 0.0 <= instant_s < self.total_duration_s:
             raise ValueError(f'instant {instant_s} s is not on this route of {self.total_duration_s} s')
         first = self.segment_at(instant_s)
@@ -173,11 +161,7 @@ class Route:
         return route
 
     def before(self, instant_s: float) -> Route:
-        """
-        Return the route up to an instant; a segment that is partly driven by then is cut.
-
-        `instant_s` is seconds after the start of segment 0, above 0 and at most the end.
-        """
+        """Return the route up to an instant [s], above 0 and at most the end; the last segment may be cut."""
         if not 0.0 < instant_s <= self.total_duration_s:
             raise ValueError(f'instant {instant_s} s is not on this route of {self.total_duration_s} s')
         starts = self.time_s[:-1]
@@ -197,11 +181,7 @@ class Route:
         return Route(*[getattr(self, name)[first:end] for name in COLUMNS])
 
     def divided(self, longest_s: float | FloatArray) -> Route:
-        """
-        Return the route with segments longer than `longest_s` divided into equal parts.
-
-        `longest_s` [s] is one number, or one for each segment, shape (N,).
-        """
+        """Return the route with segments longer than `longest_s` ([s], or shape (N,)) in equal parts."""
         if (self.duration_s <= longest_s).all():
             return self
         parts = np.maximum(np.ceil(self.duration_s / longest_s - 1e-9).astype(int), 1)

@@ -115,11 +115,7 @@ class Header:
 
 
 def read_header(name: str, unit: str = '') -> Header | str | None:
-    """
-    Return the Header of a column with a name and a unit ('': that in the name), None if its quantity is unknown.
-
-    A quantity with a missing or another unit gives a sentence of advice.
-    """
+    """Return the Header of a column, None if its quantity is unknown, advice if its unit ('': none) is wrong."""
     # cycSecs, cycMps: words of a name in camel case.
     text = re.sub(r'(?<=[a-z0-9])(?=[A-Z][a-z])', '_', name.strip('" '))
     bare = split_unit(text)

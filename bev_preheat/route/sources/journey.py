@@ -189,11 +189,7 @@ MOST_MISFIT = 0.2
 
 @dataclass(frozen=True)
 class Pieces:
-    """
-    A leg between two waypoints: lengths [m] and durations [s] of its N pieces, shapes (N,).
-
-    `stop_s` is the time of charging at its end [s]; 0: none, or not known.
-    """
+    """A leg: lengths [m] and durations [s] of its N pieces, shapes (N,); charging at its end [s], or 0."""
 
     length_m: FloatArray
     duration_s: FloatArray

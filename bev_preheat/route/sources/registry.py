@@ -31,11 +31,7 @@ GEOJSON_TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString'
 
 
 def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
-    """
-    Return the Journey of a file; the Table if it is a route file with powers, which route.csv_file reads.
-
-    Raises InvalidInput naming file, place, value and what to do.
-    """
+    """Return the Journey of a file, the Table of a route file with powers; InvalidInput names place and remedy."""
     kind = kind_of(path)
     if kind == 'table':
         table = read_table(path)

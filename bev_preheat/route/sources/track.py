@@ -46,11 +46,7 @@ SPEED_RANGE_KMH = (5.0, 250.0)
 def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray,
                       elevation_m: FloatArray | None, time_s: FloatArray | None, options: RouteOptions,
                       remarks: Sequence[str] = (), element: str = 'point') -> Journey:
-    """
-    Return the Journey of M points on the map, shapes (M,), `time_s` or `elevation_m` None if unknown.
-
-    Raises InvalidInput naming the point and what to do.
-    """
+    """Return the Journey of M points on the map, shapes (M,); raise InvalidInput naming the point and remedy."""
     check_coordinates(latitude_deg, longitude_deg, element)
     remarks = list(remarks)
     if time_s is None:

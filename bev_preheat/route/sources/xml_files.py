@@ -33,11 +33,7 @@ class _Refusal(Exception):
 
 
 def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None] | None = None) -> None:
-    """
-    Raise InvalidInput naming the line if a text is not well-formed XML, or has a document type.
-
-    `on_element` gets the name (without namespace), the attributes and the line of each element.
-    """
+    """Refuse a text that is no plain XML, by line; `on_element` gets name, attributes and line of each element."""
     parser = expat.ParserCreate()
     depth = 0
 
