@@ -84,7 +84,7 @@ _HERE = Path(__file__).resolve()
 
 
 def installed_prefix(package: str) -> Path | None:
-    """Return the first prefix of AMENT_PREFIX_PATH, else of this file, with a package; None if there is none."""
+    """Return the first prefix of AMENT_PREFIX_PATH, else of this file, with a package; None without one."""
     prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
     return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
 

@@ -48,7 +48,7 @@ class Clock:
 
 
 def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Clock | None:
-    """Return the Clock that reads a log's first times with the header's unit ('': none); None if they are none."""
+    """Return the Clock that reads a log's first times with the header's unit ('': unknown); else None."""
     texts = [text for text in texts if text.strip()]
     if not texts:
         return None

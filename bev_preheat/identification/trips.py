@@ -177,7 +177,7 @@ def trips_from(makers: Iterable[Callable[[], Trip]]) -> list[Trip]:
 
 
 def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
-    """Return the Trip of a Recording, `vehicle`'s powers where it has none; raise InvalidInput with the value."""
+    """Return the Trip of a Recording, completed by powers of `vehicle`; raise InvalidInput with the value."""
     name = recording.name
     signals, at_stand = _at_stand(_without_noise(recording.signals))
     if problems := problems_of(recording, signals, vehicle):

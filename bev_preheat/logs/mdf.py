@@ -115,7 +115,7 @@ class Mdf(RawLog):
         self.absolute = start_s > 0.0
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
-        """Yield the Pieces of the wanted channels, each group of which has its own time."""
+        """Yield the Pieces of the wanted channels; each group of channels has its own time."""
         places = {name: self._at[name] for name in wanted}
         try:
             for name, first, time_s, values, problem in in_child(_readings, self._path, self._databases, places):
