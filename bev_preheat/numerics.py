@@ -30,6 +30,12 @@ def frozen(array: FloatArray) -> FloatArray:
     return array
 
 
+def first_true(which: BoolArray) -> int | None:
+    """Return the index of the first true element of an array of shape (N,), None without one."""
+    at = int(np.argmax(which)) if len(which) else 0
+    return at if len(which) and which[at] else None
+
+
 # A number of any kind, if the kind is known only at run time. CasADi has no types, so its expressions are of this
 # type, too.
 AnyNumber = Any

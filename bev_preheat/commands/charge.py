@@ -17,10 +17,10 @@ from bev_preheat.charging.stop import (
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import too_warm
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options, option_group, option_of
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
-from bev_preheat.commands.terminal import print_figures, result_console
+from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from collections.abc import Callable
     from typing import Any
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
@@ -101,18 +103,16 @@ def run(arguments: Namespace) -> int:
     title = (f'vehicle {vehicle.name}, charger {arguments.charger_power / W_PER_KW:g} kW, ambient '
              f'{stop.ambient_c:g} degC, to {100.0 * stop.departure_soc:g} %')
     warm = {name: too_warm(vehicle, stop, session) for name, session in sessions.items()}
-    if arguments.json:
-        write_json(arguments.json, {
-            **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh,
-            'value_of_time_per_h': prices.time_per_h,
-            'sessions': [{'name': name, **choice.session.as_dictionary(),
-                          'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
-            **more})
-    if arguments.plot:
+
+    def draw() -> Figure:
         from bev_preheat.drawing.charging_figure import make_session_figure
-        from bev_preheat.drawing.figure import save_figure
-        save_figure(make_session_figure(vehicle, stop, sessions, title), arguments.plot)
-    console = result_console(arguments.json)
+        return make_session_figure(vehicle, stop, sessions, title)
+
+    console = write_results(arguments, {
+        **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh, 'value_of_time_per_h': prices.time_per_h,
+        'sessions': [{'name': name, **choice.session.as_dictionary(),
+                      'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
+        **more}, draw)
     rows: tuple[tuple[str, Callable[[Session], str]], ...] = (
         ('Arrival temp. [degC]', lambda session: f'{session.battery_temperature_c[0]:.2f}'),
         ('Arrival SoC [%]', lambda session: f'{100 * session.soc[0]:.2f}'),

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.parser import completed_by, VEHICLES
-from bev_preheat.commands.situation import add_log_arguments, read_trips
-from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
+from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
+from bev_preheat.commands.terminal import print_records, progress_bar
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.trips import common_remarks
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
@@ -32,8 +33,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'powers. Drives are also replayed to the planner, with its estimation and without. Exit status 1 if an '
         'arrival error exceeds --bound; 2 if an input is refused.')
     add_log_arguments(parser)
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
+    add_vehicle_argument(parser)
     parser.add_argument('--bound', type=float, metavar='K',
                         help='largest allowed arrival error [K] (default: no bound)')
     parser.add_argument('--no-replay', action='store_true',
@@ -59,13 +59,12 @@ def run(arguments: Namespace) -> int:
             bar.advance(task)
 
         check = check_trips(vehicle, trips, not arguments.no_replay, tell)
-    if arguments.json:
-        write_json(arguments.json, check.as_dictionary())
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.identification_figures import check_figure
-        save_figure(check_figure(check), arguments.plot)
-    console = result_console(arguments.json)
+        return check_figure(check)
+
+    console = write_results(arguments, check.as_dictionary(), draw)
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:
         console.say(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K')

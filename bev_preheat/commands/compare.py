@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_methods_argument, add_situation_arguments, read_situation, warn
-from bev_preheat.commands.terminal import print_records, progress_console, result_console
+from bev_preheat.commands.terminal import print_records, progress_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
@@ -24,6 +24,8 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:
     from argparse import Namespace
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
 
@@ -67,20 +69,17 @@ def run(arguments: Namespace) -> int:
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
     differences = {plan.method: difference(plan, best) for plan in plans}
-    if arguments.json:
-        write_json(arguments.json, {
-            'plans': {plan.method: plan.as_dictionary() for plan in plans},
-            'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},
-            'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
-            'difference': {method: text or None for method, text in differences.items()},
-            'sensitivity': sensitivity and sensitivity.as_dictionary(),
-            **situation.as_dictionary()})
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.plan_figure import make_plan_figure
-        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [*plans, best], title),
-                    arguments.plot)
-    console = result_console(arguments.json)
+        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [*plans, best], title)
+
+    console = write_results(arguments, {
+        'plans': {plan.method: plan.as_dictionary() for plan in plans},
+        'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},
+        'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
+        'difference': {method: text or None for method, text in differences.items()},
+        'sensitivity': sensitivity and sensitivity.as_dictionary(), **situation.as_dictionary()}, draw)
     rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
     if any(differences.values()):
         rows.insert(0, ('Differs from optimum', *differences.values(), ''))

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from bev_preheat.code_generation.ecu_export import Export
 from bev_preheat.code_generation.ecu_vectors import BAD_INPUT, METHODS, OK
-from bev_preheat.commands.parser import completed_by, VEHICLES
+from bev_preheat.commands.situation import add_vehicle_argument
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
@@ -30,8 +30,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'export-ecu', help='write the planner for one vehicle as C sources',
         description='Write the planner for one vehicle as C99 sources for a control unit: optimal_switch, '
         'value_function, the vehicle as constants, and reference plans of Python to test the compiled code.')
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
+    add_vehicle_argument(parser)
     parser.add_argument('--output', required=True, metavar='DIR',
                         help='folder to write; replaces an earlier export')
     parser.add_argument('--vectors', type=int, default=VECTORS, metavar='N',

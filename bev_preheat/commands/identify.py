@@ -10,8 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, VEHICLES
-from bev_preheat.commands.situation import add_log_arguments, read_trips
+from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
@@ -44,9 +43,7 @@ def add_parser(subparsers: Subparsers) -> None:
     add_log_arguments(parser, needs_logs=False)
     parser.add_argument('--state-file', metavar='FILE',
                         help='instead of logs: the state file of a planner that ran with START')
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='START',
-        help='a name in config/vehicles or a YAML file to start from'))
+    add_vehicle_argument(parser, 'the vehicle to start from:', 'START')
     parser.add_argument('--output', required=True, metavar='MY.yaml', help='vehicle file to write')
     parser.add_argument('--report', metavar='REPORT.html', help='report to write, one self-contained file')
     parser.add_argument('--name', help="name of the car (default: the output file's)")

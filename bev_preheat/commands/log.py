@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.situation import add_signal_arguments
-from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.commands.terminal import print_records
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
 from bev_preheat.logs.reading import LONGEST_LIST, read_recording
@@ -19,6 +19,8 @@ from bev_preheat.logs.recording import Sampling, sampling
 
 if TYPE_CHECKING:
     from argparse import Namespace
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.logs.recording import Recording, Series
@@ -44,13 +46,12 @@ def run(arguments: Namespace) -> int:
     check_output_arguments(arguments, (path,))
     recording = read_recording(path, arguments.signals, arguments.repair)
     samplings = {signal: sampling(series) for signal, series in recording.signals.items()}
-    if arguments.json:
-        write_json(arguments.json, as_dictionary(recording, samplings))
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.inputs_figure import make_recording_figure
-        save_figure(make_recording_figure(recording), arguments.plot)
-    console = result_console(arguments.json)
+        return make_recording_figure(recording)
+
+    console = write_results(arguments, as_dictionary(recording, samplings), draw)
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
     print_records(console, f'Log {Path(path).name}',
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps (longest [s])'),

@@ -5,14 +5,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.commands.terminal import progress_console, result_console
+from bev_preheat.commands.terminal import progress_console
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.nonlinear_program.solve import Optimum
@@ -48,14 +50,12 @@ def run(arguments: Namespace) -> int:
     except SolverFailure as error:
         say(f'preheat: {error}')
         return FAILED
-    if arguments.json:
-        write_json(arguments.json, {**optimum.as_dictionary(), **situation.as_dictionary()})
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.plan_figure import make_plan_figure
-        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [optimum.plan], title),
-                    arguments.plot)
-    console = result_console(arguments.json)
+        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [optimum.plan], title)
+
+    console = write_results(arguments, {**optimum.as_dictionary(), **situation.as_dictionary()}, draw)
     print_plans(console, [optimum.plan], title)
     console.say(*optimum_lines(optimum))
     return 0

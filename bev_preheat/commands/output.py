@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.program import write_output
-from bev_preheat.commands.terminal import print_figures
+from bev_preheat.commands.terminal import print_figures, result_console
 from bev_preheat.files.output_files import (
     check_outputs,
     OutputFile,
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from typing import Any
 
+    from matplotlib.figure import Figure
     from rich.console import Console
 
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
 
@@ -74,6 +76,17 @@ def write_json(path: AnyPath, contents: Json, make_folder: bool = False) -> None
         write_output(text)
     else:
         write_whole(path, text, make_folder)
+
+
+def write_results(arguments: Namespace, contents: Json, draw: Callable[[], Figure]) -> ResultConsole:
+    """Write `--json`, and `--plot` as `draw` draws it, if requested; return the console for tables."""
+    if arguments.json:
+        write_json(arguments.json, contents)
+    if arguments.plot:
+        # matplotlib takes longer to import than most commands take.
+        from bev_preheat.drawing.figure import save_figure
+        save_figure(draw(), arguments.plot)
+    return result_console(arguments.json)
 
 
 def _without_nan(value: Json) -> Json:

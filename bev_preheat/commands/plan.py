@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.stop import chance_text
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.parser import completed_by, given_options, NameCompleter
 from bev_preheat.commands.situation import (
     add_method_argument,
@@ -23,7 +23,6 @@ from bev_preheat.commands.situation import (
     target_of,
     warn,
 )
-from bev_preheat.commands.terminal import result_console
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.control.target import given_target_pays_from
@@ -38,6 +37,8 @@ from bev_preheat.vehicle import vehicle_file
 if TYPE_CHECKING:
     from argparse import Namespace
     from typing import Any
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.commands.parser import Alternatives, Subparsers
@@ -72,18 +73,15 @@ def run(arguments: Namespace) -> int:
     plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)
     sensitivity = find_sensitivity(*situation.inputs, plan)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
-    if arguments.json:
-        write_json(arguments.json, {**plan.as_dictionary(),
-                                    'sensitivity': sensitivity and sensitivity.as_dictionary(),
-                                    **situation.as_dictionary(),
-                                    **({'charging_probability': prospect.probability,
-                                        'prospect_explanation': in_doubt} if in_doubt else {})})
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.plan_figure import make_plan_figure
-        save_figure(make_plan_figure(situation.vehicle, situation.route, situation.goal, [plan], title),
-                    arguments.plot)
-    console = result_console(arguments.json)
+        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [plan], title)
+
+    console = write_results(arguments, {
+        **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
+        **situation.as_dictionary(), **({'charging_probability': prospect.probability,
+                                         'prospect_explanation': in_doubt} if in_doubt else {})}, draw)
     print_plans(console, [plan], title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
@@ -115,19 +113,17 @@ def run_itinerary(arguments: Namespace) -> int:
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
-    if arguments.json:
-        write_json(arguments.json, {
-            'itinerary': itinerary.mission.route_id,
-            'vehicle_assumed': list(vehicle.assumed),
-            'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
-                       **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
-                      for name, made_for, start_s, plan, leg in zip(
-                          itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]})
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
+
+    def draw() -> Figure:
         from bev_preheat.drawing.plan_figure import make_itinerary_figure
-        save_figure(make_itinerary_figure(vehicle, legs, plans, title), arguments.plot)
-    console = result_console(arguments.json)
+        return make_itinerary_figure(vehicle, legs, plans, title)
+
+    console = write_results(arguments, {
+        'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
+        'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
+                   **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
+                  for name, made_for, start_s, plan, leg in zip(
+                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]}, draw)
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
     for heading, plan, in_doubt in zip(headings, plans, doubts):

@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.monitor import add_planner_arguments, planner_of
-from bev_preheat.commands.output import check_output_arguments, write_json
+from bev_preheat.commands.output import check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
 from bev_preheat.commands.situation import load_planned_vehicle
@@ -33,6 +33,8 @@ from bev_preheat.optional_packages import require_ros
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from datetime import tzinfo
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.control.preparation import PreparedDeparture
@@ -192,13 +194,13 @@ def run_week(arguments: Namespace) -> int:
         0.8 if arguments.soc is None else arguments.soc, arguments.ambient, arguments.temperature)
     currency = '' if prices is None else prices.currency
     title = f'vehicle {vehicle.name}, departures of {os.path.basename(arguments.departures)}'
-    if arguments.json:
-        write_json(arguments.json, {'currency': currency, 'departures': [one.as_dictionary() for one in prepared]})
-    if arguments.plot:
+
+    def draw() -> Figure:
         from bev_preheat.drawing.drive_figure import make_week_figure
-        from bev_preheat.drawing.figure import save_figure
-        save_figure(make_week_figure(prepared, prices, departures.zone, title), arguments.plot)
-    console = result_console(arguments.json)
+        return make_week_figure(prepared, prices, departures.zone, title)
+
+    console = write_results(
+        arguments, {'currency': currency, 'departures': [one.as_dictionary() for one in prepared]}, draw)
     if not prepared:
         console.say('No departure within a week.')
         return 0

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, VEHICLES
+from bev_preheat.commands.parser import completed_by, NameCompleter, option_group
 from bev_preheat.commands.situation import (
     add_route_options,
     add_signal_arguments,
+    add_vehicle_argument,
     in_steps,
     LESS_COMMON,
     ROUTE_OPTIONS,
@@ -61,9 +62,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
-    completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='NAME|FILE',
-        help='the car that drives; with --log: for its auxiliary power; a name in config/vehicles or a YAML file'))
+    add_vehicle_argument(parser, 'the car that drives; with --log: for its auxiliary power;')
     add_route_options(parser)
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')

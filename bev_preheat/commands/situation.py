@@ -128,11 +128,10 @@ def route_options(arguments: Namespace) -> RouteOptions:
                         None if stop_min is None else 60.0 * stop_min, arguments.vehicle_id)
 
 
-def add_vehicle_argument(parser: ArgumentParser) -> None:
-    """Add `--vehicle`."""
+def add_vehicle_argument(parser: ArgumentParser, what: str = 'vehicle:', metavar: str = 'NAME|FILE') -> None:
+    """Add `--vehicle`; `what` begins the help."""
     completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='NAME|FILE',
-        help='vehicle: a name in config/vehicles or a YAML file'))
+        '--vehicle', required=True, metavar=metavar, help=f'{what} a name in config/vehicles or a YAML file'))
 
 
 def read_situation(arguments: Namespace) -> PlanningArguments:

@@ -15,7 +15,7 @@ from bev_preheat.charging.target_range import by_session, by_table, COLUMNS, rea
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, find_worth
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
 from bev_preheat.commands.parser import completed_by, given_options, NameCompleter, option_group, option_of
 from bev_preheat.commands.situation import (
     add_drive_arguments,
@@ -33,6 +33,8 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:
     from argparse import Namespace
+
+    from matplotlib.figure import Figure
 
     from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.expectation import TimeDeviation
@@ -110,23 +112,22 @@ def run(arguments: Namespace) -> int:
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
-    if arguments.json:
-        write_json(arguments.json, {
-            **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
-            'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
-            'departure_soc': arguments.departure_soc,
-            **({} if prospect.is_certain else {
-                'charging_probability': prospect.probability,
-                'arrival_deviation_s': prospect.arrival_deviation_s,
-                'charging_known_before_s': prospect.known_before_arrival_s}),
-            'sensitivity': sensitivity and sensitivity.as_dictionary(),
-            'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
-            **situation.as_dictionary()})
-    if arguments.plot:
+
+    def draw() -> Figure:
         from bev_preheat.drawing.charging_figure import make_worth_figure
-        from bev_preheat.drawing.figure import save_figure
-        save_figure(make_worth_figure(worth, title), arguments.plot)
-    console = result_console(arguments.json)
+        return make_worth_figure(worth, title)
+
+    console = write_results(arguments, {
+        **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
+        'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
+        'departure_soc': arguments.departure_soc,
+        **({} if prospect.is_certain else {
+            'charging_probability': prospect.probability,
+            'arrival_deviation_s': prospect.arrival_deviation_s,
+            'charging_known_before_s': prospect.known_before_arrival_s}),
+        'sensitivity': sensitivity and sensitivity.as_dictionary(),
+        'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
+        **situation.as_dictionary()}, draw)
     _print_targets(console, title.replace('\n', ', '), [
         *((target, _names(worth, target)) for target in _shown(worth)),
         *((item, name) for name, item in worth.by_rule.items())])
@@ -265,17 +266,16 @@ def run_chargers(arguments: Namespace) -> int:
     verdict = ranking_verdict(ranked)
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, '
              f'{100.0 * arguments.end_soc:g} % at its end\n{arguments.value_of_time:g} per h')
-    if arguments.json:
-        write_json(arguments.json, {
-            'chargers': [item.as_dictionary() for item in ranked],
-            'best': able[0].candidate.name if able else None, 'verdict': verdict,
-            'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
-            **situation.as_dictionary()})
-    if arguments.plot:
+
+    def draw() -> Figure:
         from bev_preheat.drawing.charging_figure import make_chargers_figure
-        from bev_preheat.drawing.figure import save_figure
-        save_figure(make_chargers_figure(ranked, title), arguments.plot)
-    console = result_console(arguments.json)
+        return make_chargers_figure(ranked, title)
+
+    console = write_results(arguments, {
+        'chargers': [item.as_dictionary() for item in ranked],
+        'best': able[0].candidate.name if able else None, 'verdict': verdict,
+        'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
+        **situation.as_dictionary()}, draw)
     costs = ('energy', 'charging', 'detour', 'wait',
              *(('ageing',) if any(item.ageing_cost for item in ranked) else ()), 'total')
     print_records(

@@ -14,7 +14,7 @@ from bev_preheat.logs.doubts import find_doubts, integral, turned
 from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
-from bev_preheat.numerics import S_PER_H
+from bev_preheat.numerics import first_true, S_PER_H
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
@@ -81,9 +81,7 @@ def _implausible(name: str, signals: Signals) -> list[str]:
     problems = []
     for key, series in signals.items():
         low, high = POSSIBLE.get(key, (-math.inf, math.inf))
-        outside = (series.value < low) | (series.value > high)
-        if outside.any():
-            at = int(np.argmax(outside))
+        if (at := first_true((series.value < low) | (series.value > high))) is not None:
             problems.append(f'{name}: {key}: {figure(float(series.value[at]))} after {series.time_s[at]:.0f} s; '
                             f'it must be {low:g} ... {high:g}')
     return problems

@@ -19,7 +19,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import first_true, JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.road_load import battery_power_w, loaded, no_road_load, RoadForces, wheel_power_w
 from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
@@ -218,9 +218,7 @@ def _check_power(power_w: FloatArray, at_m: FloatArray, vehicle: Vehicle) -> Non
 
 def _check_elevations(elevations_m: FloatArray) -> None:
     low_m, high_m = ELEVATION_RANGE_M
-    outside = np.flatnonzero((elevations_m < low_m) | (elevations_m > high_m))
-    if outside.size:
-        at = int(outside[0])
+    if (at := first_true((elevations_m < low_m) | (elevations_m > high_m))) is not None:
         raise InvalidInput(f'legs[{at - 1}]: ends {elevations_m[at]:.0f} m above sea level; '
                            f'it must be {low_m:g} ... {high_m:g}')
 

@@ -16,6 +16,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.numerics import first_true
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray, IntArray
@@ -219,13 +220,10 @@ def _check(line: RouteLine) -> None:
     if problems:
         raise InvalidInput(problems)
     for name, values in arrays.items():
-        if not np.isfinite(values).all():
-            at = int(np.argmin(np.isfinite(values)))
+        if (at := first_true(~np.isfinite(values))) is not None:
             problems.append(f'{name}[{at}] of the line: {values[at]} is not allowed; it must be finite')
     for name, limit in (('latitude_deg', MOST_LATITUDE_DEG), ('longitude_deg', 360.0)):
-        beyond = np.abs(arrays[name]) > limit
-        if beyond.any():
-            at = int(np.argmax(beyond))
+        if (at := first_true(np.abs(arrays[name]) > limit)) is not None:
             problems.append(f'{name}[{at}] of the line: {figure(float(arrays[name][at]))} is not allowed; it must '
                             f'be {-limit:g} ... {limit:g}')
     problems += [f'{name} of the line: must not fall' for name in ('distance_m', 'elapsed_s')

@@ -12,7 +12,7 @@ from typing import Self, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure_beyond, InvalidInput, range_problem
-from bev_preheat.numerics import mean_magnitude
+from bev_preheat.numerics import first_true, mean_magnitude
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
@@ -302,9 +302,7 @@ def _complete_powers(arrays: dict[str, FloatArray], names: dict[str, str]) -> No
 
 def _check_order(large_w: FloatArray, small_w: FloatArray, name: str, than: str, names: dict[str, str]) -> None:
     """Raise InvalidInput if one power is below another by more than rounding."""
-    short = large_w < small_w * (1.0 - POWER_ROUNDING)
-    if short.any():
-        at = int(np.argmax(short))
+    if (at := first_true(large_w < small_w * (1.0 - POWER_ROUNDING))) is not None:
         raise InvalidInput(f'{names.get(name, name)}[{at}]: {large_w[at]:g} is below {than}, {small_w[at]:g}')
 
 
@@ -314,8 +312,8 @@ def problem_with_values(array: FloatArray, limits: tuple[float, float], unit: st
         return f': has {array.ndim} dimensions; it must be a plain list'
     low, high = limits
     bad = ~((array >= low) & (array <= high))
-    if not bad.any():
+    at, others = first_true(bad), int(bad.sum()) - 1
+    if at is None:
         return None
-    at, others = int(np.argmax(bad)), int(bad.sum()) - 1
     more = f' (and {others} more)' if others else ''
     return range_problem(f'[{at}]', float(array[at]), low, high, unit, more)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.numerics import first_true
 from bev_preheat.route.segments import ELEVATION_RANGE_M
 
 if TYPE_CHECKING:
@@ -47,9 +48,7 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     """
     known = np.isfinite(elevation_m)
     low_m, high_m = ELEVATION_RANGE_M
-    bad = known & ~((elevation_m >= low_m) & (elevation_m <= high_m))
-    if bad.any():
-        at = int(np.argmax(bad))
+    if (at := first_true(known & ~((elevation_m >= low_m) & (elevation_m <= high_m)))) is not None:
         raise InvalidInput(f'point {at + 1}: elevation: {figure(float(elevation_m[at]))} m is not allowed; it '
                            f'must be {low_m:g} ... {high_m:g} m')
     at_m, first = np.unique(distance_m[known], return_index=True)

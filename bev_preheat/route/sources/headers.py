@@ -12,6 +12,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.units import Conversion, conversion, split_unit, TO_OWN
+from bev_preheat.numerics import first_true
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import SLOPE_RANGE
 
@@ -177,9 +178,7 @@ def column(table: Table, header: Header) -> FloatArray:
     values = table.numbers(header.name)
     low, high = QUANTITIES[header.quantity].plausible
     si = header.si(values)
-    bad = ~((si >= low) & (si <= high))
-    if bad.any():
-        at = int(np.argmax(bad))
+    if (at := first_true(~((si >= low) & (si <= high)))) is not None:
         ends = [float(np.degrees(np.arctan(end)) if header.is_angle else end) for end in (low, high)]
         low, high = ((end - header.conversion.offset) / header.conversion.factor for end in ends)
         hint = '; is it in percent? then name it slope_percent' if header.unit == '1' else ''

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import EARTH_RADIUS_M
+from bev_preheat.numerics import EARTH_RADIUS_M, first_true
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.road_load import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
@@ -176,9 +176,7 @@ def check_coordinates(latitude_deg: FloatArray, longitude_deg: FloatArray, eleme
     if len(latitude_deg) < 2:
         raise InvalidInput(f'has {len(latitude_deg)} {element}s; a route needs at least 2')
     for name, values, most in (('latitude', latitude_deg, 90.0), ('longitude', longitude_deg, 180.0)):
-        bad = ~(np.abs(values) <= most)
-        if bad.any():
-            at = int(np.argmax(bad))
+        if (at := first_true(~(np.abs(values) <= most))) is not None:
             raise InvalidInput(f'{element} {at + 1}: {name}: {figure(float(values[at]))} is not allowed; it must '
                                f'be {-most:g} ... {most:g} degrees')
 

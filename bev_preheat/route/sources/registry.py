@@ -40,13 +40,8 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
         with located(path):
             _refuse_unused(options, ())
         return journey_of_table(table)
-    try:
-        text = path.read_bytes()
-        return _read_xml(text, options) if kind == 'xml' else _read_json(text, options)
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-    except InvalidInput as error:
-        raise type(error)([f'{path}: {problem}' for problem in error.problems]) from error
+    with located(path):
+        return (_read_xml if kind == 'xml' else _read_json)(path.read_bytes(), options)
 
 
 def kind_of(path: Path) -> str:

@@ -8,12 +8,13 @@ is an instant. Durations or lengths make it a list of segments: one row is a seg
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.times import find_clock
+from bev_preheat.numerics import first_true
 from bev_preheat.route.road_load import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
     from bev_preheat.files.table import Table
     from bev_preheat.numerics import FloatArray
 
-# Columns of the segments of a Journey.
-OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', 'ambient_temperature',
-               'cabin_heating_power', 'auxiliary_power', 'charging_time')
+# Fields of a Journey by their columns, and the columns of segments.
+OF_JOURNEY = {'ambient_temperature_c': 'ambient_temperature', 'cabin_heating_power_w': 'cabin_heating_power',
+              'auxiliary_power_w': 'auxiliary_power'}
+OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', *OF_JOURNEY.values(),
+               'charging_time')
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
@@ -59,18 +62,13 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
     if len(time_s) < 2:
         raise InvalidInput(f'{table.path}: has {len(time_s)} sample; at least 2 are needed')
     steps_s = np.diff(time_s)
-    bad = ~(steps_s > 0.0)
-    if bad.any():
-        at = int(np.argmax(bad)) + 1
-        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(time_s[at]))} s is not '
-                           f'after {figure(float(time_s[at - 1]))} s of the previous row')
-    gap = steps_s > CYCLE_INTERVAL_S
-    if gap.any():
-        at = int(np.argmax(gap)) + 1
-        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(steps_s[at - 1]))} s '
-                           'without '
-                           f'a sample; at most {CYCLE_INTERVAL_S:g} s are allowed; is the time in seconds? '
-                           'Rows that are segments need duration_s instead of a time')
+    if (at := first_true(~(steps_s > 0.0))) is not None:
+        raise InvalidInput(f'{table.where(at + 1)}: {headers["time"].name}: {figure(float(time_s[at + 1]))} s is '
+                           f'not after {figure(float(time_s[at]))} s of the previous row')
+    if (at := first_true(steps_s > CYCLE_INTERVAL_S)) is not None:
+        raise InvalidInput(f'{table.where(at + 1)}: {headers["time"].name}: {figure(float(steps_s[at]))} s '
+                           f'without a sample; at most {CYCLE_INTERVAL_S:g} s are allowed; is the time in '
+                           'seconds? Rows that are segments need duration_s instead of a time')
     total_s = float(time_s[-1] - time_s[0])
     if total_s > LONGEST_ROUTE_S:
         raise InvalidInput(f'{table.path}: lasts {figure(total_s)} s; at most {LONGEST_ROUTE_S:g} s are planned')
@@ -78,7 +76,7 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
         mean_mps, boundary_mps = _speed_of_distance(table, headers['distance'], steps_s), None
     else:
         boundary_mps = column(table, headers['speed'])
-        mean_mps = 0.5 * (boundary_mps[:-1] + boundary_mps[1:])
+        mean_mps = _middle(boundary_mps)
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
     remarks: list[str] = []
     if 'elevation' in headers:
@@ -86,19 +84,13 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
         elevation_m, remark = smooth_elevation(distance_m, column(table, headers['elevation']))
         remarks += [remark] if remark else []
     else:
-        slope = np.zeros(len(steps_s))
-        if 'slope' in headers:
-            values = column(table, headers['slope'])
-            slope = 0.5 * (values[:-1] + values[1:])
-        else:
-            remarks.append('no slope and no elevation: a level road')
+        slope = _middle(column(table, headers['slope'])) if 'slope' in headers else np.zeros(len(steps_s))
+        remarks += ['no slope and no elevation: a level road'] * ('slope' not in headers)
         elevation_m = elevation_of_slope(steps_s, mean_mps, slope)
-    own = {name: _middle(column(table, headers[name]))
-           for name in ('ambient_temperature', 'cabin_heating_power', 'auxiliary_power') if name in headers}
-    return Journey('drive cycle', Motion(steps_s, mean_mps, elevation_m, boundary_mps),
-                   ambient_temperature_c=own.get('ambient_temperature'),
-                   cabin_heating_power_w=own.get('cabin_heating_power'),
-                   auxiliary_power_w=own.get('auxiliary_power'), remarks=tuple(remarks), sampled=True)
+    own: dict[str, Any] = {field: _middle(column(table, headers[name]))
+                           for field, name in OF_JOURNEY.items() if name in headers}
+    return Journey('drive cycle', Motion(steps_s, mean_mps, elevation_m, boundary_mps), remarks=tuple(remarks),
+                   sampled=True, **own)
 
 
 def _middle(values: FloatArray) -> FloatArray:
@@ -117,9 +109,7 @@ def _check_accelerations(table: Table, header: Header, speed_mps: FloatArray, st
 def _speed_of_distance(table: Table, header: Header, steps_s: FloatArray) -> FloatArray:
     driven_m = np.diff(column(table, header))
     speed_mps = driven_m / steps_s
-    bad = ~((driven_m >= 0.0) & (speed_mps <= LIMITS['speed_mps'][1]))
-    if bad.any():
-        at = int(np.argmax(bad))
+    if (at := first_true(~((driven_m >= 0.0) & (speed_mps <= LIMITS['speed_mps'][1])))) is not None:
         raise InvalidInput(f'{table.where(at + 1)}: {header.name}: {figure(float(driven_m[at]))} m in '
                            f'{figure(float(steps_s[at]))} s; a cumulated distance must not fall, and the speed '
                            f'must be at most {LIMITS["speed_mps"][1]:g} m/s')
@@ -133,9 +123,7 @@ def _times(table: Table, header: Header) -> FloatArray:
         table.numbers(header.name)
     clock = find_clock(texts, header.unit, table.decimal)
     seconds = np.full(len(texts), np.nan) if clock is None else clock.seconds(texts)
-    bad = ~np.isfinite(seconds)
-    if bad.any():
-        at = int(np.argmax(bad))
+    if (at := first_true(~np.isfinite(seconds))) is not None:
         raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(texts[at])} is not a time; use seconds, or '
                            'a date and time as in ISO 8601: 2026-01-31T08:00:00')
     return seconds
@@ -152,9 +140,7 @@ def motion_of_segments(table: Table, headers: dict[str, Header],
                            'segment, name it length_m or length_km')
     if 'duration' in columns:
         duration_s = columns['duration']
-        bad = ~(duration_s >= LIMITS['duration_s'][0])
-        if bad.any():
-            at = int(np.argmax(bad))
+        if (at := first_true(~(duration_s >= LIMITS['duration_s'][0]))) is not None:
             raise InvalidInput(f'{table.where(at)}: {headers["duration"].name}: {figure(float(duration_s[at]))} s '
                                'is not allowed; a segment lasts longer than 0 s')
         speed_mps = columns['speed'] if length_m is None else length_m / duration_s
@@ -162,11 +148,9 @@ def motion_of_segments(table: Table, headers: dict[str, Header],
     else:
         speed_mps = columns['speed']
         assert length_m is not None
-        standing = speed_mps == 0.0
-        if standing.any():
-            raise InvalidInput(f'{table.where(int(np.argmax(standing)))}: {headers["speed"].name}: a segment in '
-                               'which the car stands has no length; give duration_s instead of '
-                               f'{headers["length"].name}')
+        if (at := first_true(speed_mps == 0.0)) is not None:
+            raise InvalidInput(f'{table.where(at)}: {headers["speed"].name}: a segment in which the car stands '
+                               f'has no length; give duration_s instead of {headers["length"].name}')
         duration_s = length_m / speed_mps
     if speed_mps.max() > LIMITS['speed_mps'][1]:
         at = int(speed_mps.argmax())
@@ -192,11 +176,9 @@ def _segments(table: Table, headers: dict[str, Header]) -> Journey:
     charging_s = columns.get('charging_time')
     stops = () if charging_s is None else tuple(
         ChargingStop(int(at), float(charging_s[at])) for at in np.flatnonzero(charging_s > 0.0))
-    return Journey('list of segments', Motion(duration_s, speed_mps, elevation_m),
-                   ambient_temperature_c=columns.get('ambient_temperature'),
-                   consumption_wh=columns.get('consumption'),
-                   cabin_heating_power_w=columns.get('cabin_heating_power'),
-                   auxiliary_power_w=columns.get('auxiliary_power'), stops=stops, remarks=tuple(remarks))
+    own: dict[str, Any] = {field: columns.get(name) for field, name in OF_JOURNEY.items()}
+    return Journey('list of segments', Motion(duration_s, speed_mps, elevation_m), stops=stops,
+                   consumption_wh=columns.get('consumption'), remarks=tuple(remarks), **own)
 
 
 def _check_three(table: Table, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:
@@ -205,9 +187,8 @@ def _check_three(table: Table, headers: dict[str, Header], columns: dict[str, Fl
         return
     driven_m = columns['speed'] * columns['duration']
     # Planners round minutes, kilometres and km/h.
-    off = np.abs(driven_m - columns['length']) > 0.25 * np.maximum(driven_m, columns['length']) + 100.0
-    if off.any():
-        at = int(np.argmax(off))
+    off_m = np.abs(driven_m - columns['length']) - 0.25 * np.maximum(driven_m, columns['length'])
+    if (at := first_true(off_m > 100.0)) is not None:
         raise InvalidInput(f'{table.where(at)}: {headers["speed"].name} times {headers["duration"].name} is '
                            f'{figure(float(driven_m[at]))} m, but {headers["length"].name} is '
                            f'{figure(float(columns["length"][at]))} m; check the units')
