@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -94,54 +94,41 @@ def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature
     """
     Run the model over a trip, ignoring limits; returns (soc, temperature_c), each (N + 1,).
 
-    `heater_power_w` and `brake_power_w` (N,) are those of `Trip.inputs`. A step whose power cannot be
-    delivered is driven with the battery's highest power.
+    `heater_power_w` and `brake_power_w` (N,) are those of `Trip.inputs`.
     """
-    states = np.empty((2, len(trip.route) + 1))
-    states[:, 0] = soc, temperature_c
-    return _roll(trip, make_integrator, states, 0, heater_power_w, brake_power_w)
+    start = np.array([soc]), np.array([temperature_c])
+    return run_on(trip, make_integrator, *start, 0, heater_power_w, brake_power_w)
 
 
 def run_on(trip: Trip, make_integrator: Integrator, soc: FloatArray, temperature_c: FloatArray,
            first: int, heater_power_w: FloatArray | None = None,
            brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """
-    Run the model from step `first` on, after a run that is known until then.
-
-    As `run_forward`; the first `first` + 1 values of that run, `soc` and `temperature_c` (N + 1,), are
-    returned together with those that follow.
-    """
-    states = np.empty((2, len(trip.route) + 1))
-    states[0, :first + 1] = soc[:first + 1]
-    states[1, :first + 1] = temperature_c[:first + 1]
-    return _roll(trip, make_integrator, states, first, heater_power_w, brake_power_w)
-
-
-def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: int,
-          heater_power_w: FloatArray | None,
-          brake_power_w: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Do as `run_forward` from step `first` on, after a run that is known until then, soc and temperature_c."""
     columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
-    start_soc, start_c = states[:, first].tolist()
-    try:
-        states[:, first:] = _rolled(
-            step_of_floats(trip.vehicle, make_integrator), start_soc, start_c, columns)
-    except (ValueError, ArithmeticError):
-        # No root or, far beyond an empty battery, no number at all.
-        states[:, first:] = _rolled(
-            step_of_floats(trip.vehicle, make_integrator, saturating=True), start_soc, start_c,
-            columns)
-    return states[0], states[1]
+    states = rolled(partial(step_of_floats, trip.vehicle, make_integrator),
+                    (soc.item(first), temperature_c.item(first)), columns)
+    return np.concatenate((soc[:first], states[0])), np.concatenate((temperature_c[:first], states[1]))
 
 
-def _rolled(step: Step[float], soc: float, temperature_c: float,
-            columns: list[list[float]]) -> tuple[list[float], list[float]]:
-    """Return states of charge and temperatures after each step, the start first."""
-    socs, temperatures_c = [soc], [temperature_c]
-    for inputs in zip(*columns):
-        soc, temperature_c, _, _ = step(soc, temperature_c, *inputs)
-        socs.append(soc)
-        temperatures_c.append(temperature_c)
-    return socs, temperatures_c
+def rolled(step_of: Callable[[bool], Callable[..., tuple[float, ...]]], start: tuple[float, ...],
+           columns: Sequence[Sequence[float]]) -> FloatArray:
+    """
+    Return the states at each instant as rows, the start first, under a step's inputs in columns.
+
+    `step_of` returns the step, given whether it is driven with the battery's highest power if that is not enough.
+    """
+    for is_saturating in (False, True):
+        step, states, rows = step_of(is_saturating), start, [start]
+        try:
+            for inputs in zip(*columns):
+                states = step(*states, *inputs)[:len(start)]
+                rows.append(states)
+            break
+        except (ValueError, ArithmeticError):
+            # No root or, far beyond an empty battery, no number at all.
+            if is_saturating:
+                raise
+    return np.array(rows).T.copy()
 
 
 def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,

@@ -9,13 +9,14 @@ exactly those of `dynamics`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
+from bev_preheat.planning.dynamics import rolled
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
@@ -68,26 +69,9 @@ def states_at(schedule: Schedule, instant: int) -> States:
 
 
 def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0) -> FloatArray:
-    """
-    Return the States, as rows, from step `first` on under heater commands [W] (N,).
-
-    Ignores limits; a step whose power cannot be delivered is driven with the battery's highest power.
-    """
-    columns = [column[first:].tolist()
-               for column in (*trip.inputs(), command_w)]
-    try:
-        return _rolled(heated_step_of_floats(trip.vehicle, False), start, columns)
-    except (ValueError, ArithmeticError):
-        return _rolled(heated_step_of_floats(trip.vehicle, True), start, columns)
-
-
-def _rolled(step: HeatedStep[float], start: States, columns: list[list[float]]) -> FloatArray:
-    """Return the States at each instant as rows, the start first."""
-    states, all_states = start, [start]
-    for inputs in zip(*columns):
-        states = step(*states, *inputs)[:4]
-        all_states.append(states)
-    return np.array(all_states).T.copy()
+    """Return the States, as rows, from step `first` on under heater commands [W] (N,), ignoring limits."""
+    return rolled(partial(heated_step_of_floats, trip.vehicle), start, [
+        column[first:].tolist() for column in (*trip.inputs(), command_w)])
 
 
 def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:

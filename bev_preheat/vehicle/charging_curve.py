@@ -14,7 +14,7 @@ over the battery temperature replaces the shares: P(s, T) = min(P_max, P_curve(s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import csv
 from dataclasses import dataclass, replace
 import math
@@ -37,6 +37,8 @@ HEADER = ('state_of_charge_percent', 'power_kw')
 LIMIT_HEADER = ('battery_temperature_c', 'max_power_kw')
 # Temperatures of a limit [deg C] are cut off here, which no battery of a vehicle file exceeds.
 LIMIT_TEMPERATURES_C = (-60.0, 100.0)
+# Cars write -1000 for the end of a limit.
+READ_TEMPERATURES_C = (-9999.0, 9999.0)
 MOST_CURVE_POINTS = 1000
 # A curve must cover the span for which charging times are published.
 NEEDED_PERCENT = (10.0, 80.0)
@@ -159,16 +161,22 @@ def _points(path: str | Path) -> tuple[tuple[str, ...], list[tuple[float, float]
     return tuple(rows[0][1]), points
 
 
+def _point_problems(points: Sequence[tuple[float, float]], unit: str, low: float, high: float) -> Iterator[str]:
+    """Yield a sentence for each point whose place, in a unit, or whose power [kW] is not allowed."""
+    before = -math.inf
+    for place, power_kw in points:
+        if not low <= place <= high:
+            yield f'{place:g} {unit} is not allowed; it must be {low:g} ... {high:g} {unit}'
+        elif not 0.0 <= power_kw <= MOST_POWER_KW:
+            yield f'{power_kw:g} kW at {place:g} {unit} is not allowed; it must be 0 ... {MOST_POWER_KW:g} kW'
+        elif place <= before:
+            yield f'{place:g} {unit} must be above the {before:g} {unit} before it'
+        before = place
+
+
 def checked_limit(points: Sequence[tuple[float, float]], note: str) -> ChargingLimit:
     """Return the ChargingLimit of points (temperature [deg C], power [kW]); raise InvalidInput if implausible."""
-    problems, before = [], -math.inf
-    for temperature_c, power_kw in points:
-        if not 0.0 <= power_kw <= MOST_POWER_KW:
-            problems.append(f'{power_kw:g} kW at {temperature_c:g} degC is not allowed; it must be 0 ... '
-                            f'{MOST_POWER_KW:g} kW')
-        elif not before < temperature_c < math.inf:
-            problems.append(f'{temperature_c:g} degC must be above the {before:g} degC before it')
-        before = temperature_c
+    problems = list(_point_problems(points, 'degC', *READ_TEMPERATURES_C))
     if not problems and not 2 <= len(points) <= MOST_CURVE_POINTS:
         problems.append(f'{len(points)} points; 2 ... {MOST_CURVE_POINTS} are allowed')
     if not problems and max(power_kw for _, power_kw in points) <= 0.0:
@@ -181,16 +189,7 @@ def checked_limit(points: Sequence[tuple[float, float]], note: str) -> ChargingL
 
 def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, note: str) -> ChargingCurve:
     """Return the ChargingCurve of points (state of charge [%], power [kW]); raise InvalidInput if implausible."""
-    problems, before = [], -math.inf
-    for percent, power_kw in points:
-        if not 0.0 <= percent <= PERCENT:
-            problems.append(f'{percent:g} % is not allowed; it must be 0 ... 100 %')
-        elif not 0.0 <= power_kw <= MOST_POWER_KW:
-            problems.append(f'{power_kw:g} kW at {percent:g} % is not allowed; it must be 0 ... '
-                            f'{MOST_POWER_KW:g} kW')
-        elif percent <= before:
-            problems.append(f'{percent:g} % must be above the {before:g} % before it')
-        before = percent
+    problems = list(_point_problems(points, '%', 0.0, PERCENT))
     problems = problems or _problems_with_span(points)
     if problems:
         raise InvalidInput(problems)
@@ -222,7 +221,8 @@ def class_curve(chemistry: Chemistry, nominal_voltage_v: float, gross_energy_kwh
     maximum is held more briefly. `fit` multiplies m. The charging time decreases strictly in `fit` until the
     maximum is held throughout.
     """
-    shape = chemistry.charging_shape(nominal_voltage_v >= HIGH_VOLTAGE_V)
+    shape = (chemistry.charging_shape_800_v if nominal_voltage_v >= HIGH_VOLTAGE_V else
+             chemistry.charging_shape_400_v)
     fullness = fit * shape.peak_rate_per_h * gross_energy_kwh / charging_power_kw
     # The corner where the maximum is no longer held; shapes do not rise beyond their maximum.
     falling = slice(shape.share.index(1.0), None)

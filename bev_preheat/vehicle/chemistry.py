@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import get_type_hints, TYPE_CHECKING
 
-import numpy as np
 import yaml
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics import FloatArray
 
 CHEMISTRIES = ('nmc', 'lfp')
 FIGURES = Path(__file__).with_name('chemistry.yaml')
@@ -71,10 +69,6 @@ class CellVoltage:
     voltage_v: tuple[float, ...]
     source: str
 
-    def at(self, soc: FloatArray) -> FloatArray:
-        """Return the voltage [V]; shape follows the input."""
-        return np.interp(soc, self.soc, self.voltage_v)
-
 
 @dataclass(frozen=True)
 class CellResistance:
@@ -92,10 +86,6 @@ class CellResistance:
     soc: tuple[float, ...]
     soc_factor: tuple[float, ...]
     soc_source: str
-
-    def soc_factor_at(self, soc: FloatArray) -> FloatArray:
-        """Return the factor at a state of charge of the cell; shape follows the input."""
-        return np.interp(soc, self.soc, self.soc_factor)
 
 
 @dataclass(frozen=True)
@@ -121,25 +111,14 @@ class Chemistry:
     charging_shape_400_v: ChargingShape
     charging_shape_800_v: ChargingShape
 
-    def charging_shape(self, is_high_voltage: bool) -> ChargingShape:
-        """Return the shape of the charging curve of a 400 V or 800 V car."""
-        return self.charging_shape_800_v if is_high_voltage else self.charging_shape_400_v
-
-    def polarization(self, is_high_voltage: bool) -> Polarization:
-        """Return the polarization of a 400 V or 800 V pack."""
-        return self.polarization_800_v if is_high_voltage else self.polarization_400_v
-
 
 @cache
 def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
-    for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
-                      ('hot_share', HotShare), ('polarization_400_v', Polarization),
-                      ('polarization_800_v', Polarization),
-                      ('charge_share', Shares), ('discharge_share', Shares),
-                      ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
-        figures[key] = kind(**_frozen(figures[key]))
+    for key, kind in get_type_hints(Chemistry).items():
+        if isinstance(kind, type) and is_dataclass(kind):
+            figures[key] = kind(**_frozen(figures[key]))
     return Chemistry(**_frozen(figures))
 
 

@@ -217,7 +217,8 @@ def _pack(sheet: DataSheet, chemistry: Chemistry) -> tuple[Pack, dict[str, str]]
 
 
 def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
-    cell_v = chemistry.open_circuit_voltage.at(pack.cell_soc_at(VOLTAGE_SOC))
+    curve = chemistry.open_circuit_voltage
+    cell_v = np.interp(pack.cell_soc_at(VOLTAGE_SOC), curve.soc, curve.voltage_v)
     return {'soc': list(VOLTAGE_SOC),
             'values': [round(float(pack.cells_in_series * value), 2) for value in cell_v]}
 
@@ -233,7 +234,7 @@ def _connection_ohm(pack: Pack, chemistry: Chemistry) -> float:
 
 def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
     cell, half_ohm = chemistry.resistance, _cells_ohm(pack, chemistry)
-    factors = cell.soc_factor_at(pack.cell_soc_at(RESISTANCE_SOC))
+    factors = np.interp(pack.cell_soc_at(RESISTANCE_SOC), cell.soc, cell.soc_factor)
     return {'soc': list(RESISTANCE_SOC), 'temperature_c': list(map(float, cell.temperature_c)),
             'values': [[round(float(half_ohm * soc_factor * factor), 5)
                         for factor in cell.temperature_factor] for soc_factor in factors]}
@@ -247,29 +248,21 @@ def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileDat
                        for soc_share in shares.soc_share]}
 
 
-def _drive_kw(sheet: DataSheet) -> tuple[float, str]:
-    """Return (power of the drivetrain [kW], note)."""
+def _drive_kw(sheet: DataSheet) -> float:
+    """Return the power of the drivetrain [kW]; regeneration never exceeds it."""
     if sheet.drive_power_kw is not None:
-        return sheet.drive_power_kw, _origin(sheet, 'drive_power_kw')
-    energy_kwh, _ = energy_of(sheet)
-    # Regeneration never exceeds the drive power.
-    return (max(round(DRIVE_KW_PER_KWH * energy_kwh), sheet.regeneration_power_kw or 0.0),
-            f'assumed: {DRIVE_KW_PER_KWH:g} kW for each kWh of the battery')
+        return sheet.drive_power_kw
+    return max(round(DRIVE_KW_PER_KWH * energy_of(sheet)[0]), sheet.regeneration_power_kw or 0.0)
 
 
 def _discharge_kw(sheet: DataSheet, pack: Pack) -> float:
     heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
     auxiliary_kw = AUXILIARY_KW if sheet.auxiliary_power_kw is None else sheet.auxiliary_power_kw
-    return DISCHARGE_RESERVE * _drive_kw(sheet)[0] + heater_kw + auxiliary_kw
+    return DISCHARGE_RESERVE * _drive_kw(sheet) + heater_kw + auxiliary_kw
 
 
 def _drivetrain(sheet: DataSheet) -> dict[str, Entry]:
-    drive_kw, note = _drive_kw(sheet)
-    regeneration_kw = sheet.regeneration_power_kw
-    regeneration_note = _origin(sheet, 'regeneration_power_kw')
-    if regeneration_kw is None:
-        regeneration_kw = round(REGENERATION_SHARE * drive_kw)
-        regeneration_note = f'assumed: {REGENERATION_SHARE:.0%} of the power for driving'
+    drive_kw = _drive_kw(sheet)
     return {
         'drivetrain.efficiency': Entry(
             DRIVETRAIN_EFFICIENCY, 'assumed: as in Table I of the paper (docs/explanation/paper.md)',
@@ -277,13 +270,11 @@ def _drivetrain(sheet: DataSheet) -> dict[str, Entry]:
         'drivetrain.heat_recovery_efficiency': Entry(
             HEAT_RECOVERY, 'assumed: half of the losses reach the battery; 0 where the coolant of '
             'motor and inverter does not get to the battery, 0.8 in the paper', assumed=True),
-        'drivetrain.maximum_power_w': Entry(
-            W_PER_KW * drive_kw, note,
-            assumed=sheet.drive_power_kw is None or _is_guessed(sheet, 'drive_power_kw')),
-        'drivetrain.maximum_regeneration_power_w': Entry(
-            W_PER_KW * regeneration_kw, regeneration_note,
-            assumed=sheet.regeneration_power_kw is None
-            or _is_guessed(sheet, 'regeneration_power_kw')),
+        'drivetrain.maximum_power_w': _given_or_assumed(
+            sheet, 'drive_power_kw', drive_kw, f'{DRIVE_KW_PER_KWH:g} kW for each kWh of the battery', W_PER_KW),
+        'drivetrain.maximum_regeneration_power_w': _given_or_assumed(
+            sheet, 'regeneration_power_kw', round(REGENERATION_SHARE * drive_kw),
+            f'{REGENERATION_SHARE:.0%} of the power for driving', W_PER_KW),
     }
 
 
@@ -322,8 +313,8 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     chemistry = load_chemistry(sheet.chemistry)
     curves = curves_of(sheet, curve_fit)
     pack, _ = _pack(sheet, chemistry)
-    polarization = chemistry.polarization(
-        pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V)
+    is_high_voltage = pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V
+    polarization = chemistry.polarization_800_v if is_high_voltage else chemistry.polarization_400_v
     table = charging_map(curves, chemistry, sheet.charging_power_kw, sheet.charging_limit)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
@@ -336,9 +327,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
             assumed=True),
         'charging.heating_limit_c': Entry(
             _warm_c(sheet), 'assumed: from here on the charging power is at its most', assumed=True),
-        'charging.maximum_inlet_power_w': Entry(
-            _plain(W_PER_KW * sheet.charging_power_kw), _origin(sheet, 'charging_power_kw'),
-            _is_guessed(sheet, 'charging_power_kw')),
+        'charging.maximum_inlet_power_w': _given(sheet, 'charging_power_kw', W_PER_KW),
         'charging.power_limit': Entry(
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
              'values': [list(row) for row in table.values]},
@@ -355,9 +344,7 @@ def _road_load(sheet: DataSheet) -> dict[str, Entry]:
     if not sheet.tells_road_load:
         return {}
     return {
-        'road_load.mass_kg': Entry(
-            sheet.vehicle_mass_kg, _origin(sheet, 'vehicle_mass_kg'),
-            assumed=_is_guessed(sheet, 'vehicle_mass_kg')),
+        'road_load.mass_kg': _given(sheet, 'vehicle_mass_kg'),
         'road_load.frontal_area_m2': _given_or_assumed(
             sheet, 'frontal_area_m2', FRONTAL_AREA_M2, 'a car of middle size; 0.85 times width times '
             'height is a good estimate'),
@@ -378,11 +365,13 @@ def _is_guessed(sheet: DataSheet, name: str) -> bool:
     return dict(sheet.sources).get(name, '').startswith('assumed')
 
 
+def _given(sheet: DataSheet, name: str, scale: float = 1.0) -> Entry:
+    return Entry(_plain(scale * getattr(sheet, name)), _origin(sheet, name), _is_guessed(sheet, name))
+
+
 def _given_or_assumed(sheet: DataSheet, name: str, otherwise: float, why: str, scale: float = 1.0) -> Entry:
-    given = getattr(sheet, name)
-    if given is not None:
-        return Entry(_plain(scale * given), _origin(sheet, name), _is_guessed(sheet, name))
-    return Entry(_plain(scale * otherwise), f'assumed: {why}', assumed=True)
+    return _given(sheet, name, scale) if getattr(sheet, name) is not None else Entry(
+        _plain(scale * otherwise), f'assumed: {why}', assumed=True)
 
 
 def _plain(value: float) -> float:
