@@ -130,11 +130,7 @@ class Commander(NamedTuple):
 
     def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
              obstacle: Decision | None) -> tuple[Commander, Command]:
-        """
-        Return the Command that a Decision allows at an instant if there is no obstacle.
-
-        With it, the Commander that has given it.
-        """
+        """Return the Command for a Decision without an obstacle at an instant, and the Commander after it."""
         commander = self._replace(is_paused=False)
         decision = obstacle or decision
         if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):

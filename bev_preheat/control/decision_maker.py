@@ -253,11 +253,7 @@ def _planned_later(vehicle: Vehicle, route: Route, departure: BatteryState, goal
 
 
 def _told(plan: Plan, choice: TargetChoice | None, now_ns: int) -> tuple[Status, str | None]:
-    """
-    Return a Plan's status and sentence at an instant [ns]; None: the plan's own sentence.
-
-    They differ if heating is not worth it, or only because the vehicle may not charge.
-    """
+    """Return a Plan's status and sentence, with the reason of its target; None: its own sentence."""
     if choice is None:
         return plan.status, None
     if choice.doubt is not None:

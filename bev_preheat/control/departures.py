@@ -62,11 +62,7 @@ def clock_time(text: str) -> time:
 
 
 def dated_instant_ns(text: str, zone: tzinfo) -> int:
-    """
-    Return the instant [ns] of a text YYYY-MM-DD HH:MM in a zone, or with its own offset; raise InvalidInput.
-
-    The offset (Z, +01:00) distinguishes the two hours of the same name when clocks are set back.
-    """
+    """Return the instant [ns] of a text YYYY-MM-DD HH:MM in a zone, or with its own offset; raise InvalidInput."""
     match = DATED.fullmatch(text)
     try:
         if match is None:
@@ -132,11 +128,7 @@ class Occurrence(NamedTuple):
 
 @dataclass(frozen=True)
 class Departures:
-    """
-    The Departures of a week in a time zone.
-
-    `ambient_c` [deg C] is the ambient temperature to assume if no route has reported one; None: not given.
-    """
+    """The Departures of a week in a time zone; `ambient_c` [deg C] is assumed if no route has reported one."""
 
     zone: tzinfo
     departures: tuple[Departure, ...]

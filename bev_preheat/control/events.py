@@ -122,11 +122,7 @@ class Refusals(NamedTuple):
 
     def of_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
                  now_ns: int) -> tuple[Refusals, bool]:
-        """
-        Return the Refusals with that of a route, and whether the previous route may continue.
-
-        `refused` is the RefusedRoute of the refused route, `mission` the previous route; None without one.
-        """
+        """Return the Refusals with that of a route, and whether the previous route, if any, may continue."""
         until = Until.VALID_ROUTE
         consequence = f'The heater is off until {until.value} arrives.'
         objection = 'no route came before it' if mission is None else refused.objection_to(mission, now_ns)

@@ -49,11 +49,7 @@ KEPT_SEGMENTS = 8
 
 def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
                       commands: CommandHistory) -> tuple[DrivenInterval, ...]:
-    """
-    Return the estimation.estimator.DrivenInterval between each of the instants [ns] and the next.
-
-    `timetable` is None without a route; `commands` is the CommandHistory.
-    """
+    """Return the DrivenInterval between each of the instants [ns] and the next; None: without a route."""
     intervals = []
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
@@ -97,11 +93,7 @@ def _planned_power(leg: Leg, number: int) -> PlannedPower:
 
 
 def _least_mean_w(route: Route, elapsed_s: float, around_s: float, over_s: float) -> float:
-    """
-    Return the least mean of the propulsion power [W] over `over_s` [s].
-
-    The time ends within `around_s` [s] of an instant `elapsed_s` [s] after the start of the route.
-    """
+    """Return the least mean propulsion power [W] over `over_s` [s], ending around an instant of the route [s]."""
     energy_j = np.concatenate(([0.0], np.cumsum(route.propulsion_power_w * route.duration_s)))
     over_s = min(over_s, route.total_duration_s)
     ends_s = np.clip(elapsed_s + np.linspace(-around_s, around_s, SHIFTS), over_s, route.total_duration_s)
@@ -111,11 +103,7 @@ def _least_mean_w(route: Route, elapsed_s: float, around_s: float, over_s: float
 
 def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
                     to_ns: int) -> tuple[DriveInputs | None, float]:
-    """
-    Return (DriveInputs, heater power left by the cabin [W]) for the middle of two instants [ns].
-
-    (None, 0.0) outside the route: before its start, at stops, after its end.
-    """
+    """Return (DriveInputs, heater power left by the cabin [W]) between two instants; (None, 0.0) off the route."""
     if timetable is None:
         return None, 0.0
     planned_from_ns, planned_to_ns = map(timetable.planned_ns, (from_ns, to_ns))
@@ -169,11 +157,7 @@ SPACED_NS = NS_PER_S
 
 
 class DriveMemory(NamedTuple):
-    """
-    Power that drivetrain and other consumers took from the battery in the last 5 minutes; a value.
-
-    `samples` are (instant [ns], power [W]), oldest first; (): the vehicle stands.
-    """
+    """Samples (instant [ns], power [W]) of drivetrain and consumers in the last 5 min, oldest first; a value."""
 
     samples: tuple[tuple[int, float], ...] = ()
 
@@ -187,11 +171,7 @@ class DriveMemory(NamedTuple):
         return DriveMemory((*samples[first:], (stamp_ns, power_w - heater_w)))
 
     def propulsion_w(self, now_ns: int, others_w: float) -> tuple[float, float]:
-        """
-        Return (mean, root mean square) of the propulsion power [W]; (0, 0) for a vehicle that stands.
-
-        `others_w` [W] is the power of cabin and auxiliaries.
-        """
+        """Return (mean, rms) of the propulsion power [W] without `others_w` [W]; (0, 0) for a standing vehicle."""
         powers_w = np.array([power_w - others_w for stamp_ns, power_w in self.samples
                              if 0 <= now_ns - stamp_ns <= ASSUMED_FROM_NS])
         if not len(powers_w):
@@ -204,11 +184,7 @@ class DriveMemory(NamedTuple):
 
 def steady_drive(duration_s: float, ambient_c: float, defaults: Defaults,
                  propulsion_w: tuple[float, float] = (0.0, 0.0)) -> Route:
-    """
-    Return a Route of one segment for a vehicle that keeps driving, or stands; its speed is unknown: 0.
-
-    `propulsion_w` is (mean, root mean square) of its propulsion power [W].
-    """
+    """Return a Route of one segment of unknown speed, 0, with (mean, rms) of the propulsion power [W]."""
     mean_w, rms_w = propulsion_w
     return make_route({
         'duration_s': [max(duration_s, LIMITS['duration_s'][0])], 'speed_mps': [0.0],

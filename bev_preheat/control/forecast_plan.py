@@ -243,11 +243,7 @@ class _Planning:
         return self._full_power.plan(self._vehicle, self._task.goal, plan_on)
 
     def expected(self, wanted: Plan, forecast: Forecast) -> tuple[Plan, Plan | None, dict[str, Any]]:
-        """
-        Return (expected, commanded, words): the Plan to expect, and the commanded one if that differs.
-
-        A heater that does not obey is commanded as if it did. `words` are for `explain`.
-        """
+        """Return (expected, commanded, words for `explain`): any heater is commanded as if it obeyed."""
         heater = self._estimate.heater.heater
         words = UNHEATED.get(heater, {})
         if heater is Heater.DEAD or self._task.heater_refusal:
@@ -287,11 +283,7 @@ class _Planning:
             heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
-        """
-        Return the Uncertainty of the rest of the drive; None: as if all was known.
-
-        It leaves out the uncertainty of the temperature now, because no plan can answer that.
-        """
+        """Return the Uncertainty that the rest of the drive adds, without that of now; None: all is known."""
         if forecast is None:
             return None
         estimate, hvch = self._estimate, self._vehicle.hvch

@@ -109,11 +109,7 @@ IN_WORDS = {
 
 
 class HeaterStatus(NamedTuple):
-    """
-    An answer at an instant [ns]: requested and active power [W], and the Refusal with its sentence.
-
-    `measured_w` [W] None: not measured.
-    """
+    """An answer at an instant [ns]: powers [W], None: not measured, and the Refusal with its sentence."""
 
     stamp_ns: int
     requested_w: float
@@ -203,11 +199,7 @@ class HeaterAnswers(NamedTuple):
 
     def judged(self, report: HeaterReport, now_ns: int, settings: Settings,
                commands: CommandHistory) -> tuple[HeaterAnswers, bool]:
-        """
-        Return the answers in doubt for the rest of the trip if a HeaterReport contradicts them.
-
-        Also whether the report then falls with them: it rests on powers that were not commanded.
-        """
+        """Return the answers, in doubt if a HeaterReport contradicts them, and whether it falls with them."""
         if self.status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
             return self, False
         doubt = (f'{HEATER_STATUS} is in doubt: it reports {self.status.confirmed_w:.0f} W, but '
@@ -263,11 +255,7 @@ class HeatingPause(NamedTuple):
             switch_ons=_within(self.switch_ons, elapsed_ns, S_PER_H))
 
     def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
-        """
-        Return the pause begun or begun again, for a cause as text.
-
-        It gets longer with each interruption of heating within INTERRUPTIONS_OVER_S.
-        """
+        """Return the pause begun (again) for a cause as text; each interruption of heating makes it longer."""
         interruptions, wait_ns = self.interruptions, self.wait_ns
         if was_on:
             interruptions = (*interruptions, self.elapsed_ns)
@@ -363,11 +351,7 @@ class HeaterSwitch(NamedTuple):
 
     def asked(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
               minimum_off_time_s: float) -> HeaterSwitch:
-        """
-        Return the switch with the command for `wanted_w` [W], unless the latest switching was too recent.
-
-        A heater held on keeps its power, up to `limit_w` [W].
-        """
+        """Return the switch with the command for `wanted_w` [W], or held on up to `limit_w` [W], or held off."""
         pause, is_on, since_ns = self.pause.at(now_ns), self.is_on, self.since_ns
         wants_on = wanted_w > 0.0
         least_s = max(minimum_on_time_s if is_on else minimum_off_time_s, pause.spacing_s)

@@ -255,11 +255,7 @@ class Inbox(NamedTuple):
         return self._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
 
     def _with_refused_battery(self, error: InvalidInput, percentage: float, now_ns: int) -> Inbox:
-        """
-        Return the Inbox after a battery state was refused: 0 W until a valid one arrives.
-
-        `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
-        """
+        """Return the Inbox after a refused battery state, whose message had a percentage, NaN: unknown."""
         return self._replace(
             percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
             refusals=self.refusals.of_battery(error))
@@ -319,11 +315,7 @@ class Inbox(NamedTuple):
     # Routes
 
     def _with_mission(self, mission: Mission, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
-        """
-        Replace the route by a Mission received at an instant [ns], or refuse it.
-
-        A route plan of a trip that has ended leaves it ended (see `estimation.before_restart.EndedTrip`).
-        """
+        """Replace the route by a Mission of an instant [ns], or refuse it; a trip that has ended stays ended."""
         try:
             self._check_mission(mission)
         except InvalidInput as error:
@@ -353,11 +345,7 @@ class Inbox(NamedTuple):
             not is_update or (ended is not None and ended.is_observed))
 
     def _with_revised(self, mission: Mission) -> tuple[Inbox, InvalidInput | None]:
-        """
-        Replace the current route by the same one under other parameters.
-
-        If it does not fit them, it is dropped until it is revised again or a valid one arrives.
-        """
+        """Replace the current route by the same one under other parameters; drop it if it does not fit them."""
         try:
             self._check_mission(mission)
         except InvalidInput as error:

@@ -126,11 +126,7 @@ class Knowledge(NamedTuple):
 
     def seen(self, measurement: Measurement, inputs: AdmittedInputs,
              commands: CommandHistory) -> tuple[Knowledge, Known]:
-        """
-        Return the Knowledge after a valid Measurement, and the Known, on the timetables of the AdmittedInputs.
-
-        Where the vehicle stands or is charged on a leg of the route, its place stays there.
-        """
+        """Return the Knowledge after a valid Measurement, and the Known on the timetables of AdmittedInputs."""
         stamp_ns, settings, vehicle = measurement.stamp_ns, inputs.settings, inputs.vehicle
         timetable, active = inputs.timetable, inputs.active_timetable
         command_w = commands.power_w(stamp_ns)
@@ -271,11 +267,7 @@ class StandWatch(NamedTuple):
 
     def compared(self, mission: Mission | None, measurement: Measurement,
                  vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
-        """
-        Return the watch after a Measurement, and the Soak before it; None if it does not follow a soak.
-
-        It is returned at most once per trip, because an update of the route adds no information.
-        """
+        """Return the watch after a Measurement, and the Soak before it, at most once a trip; None: no soak."""
         route_id = None if mission is None else mission.route_id
         watch = self if route_id == self.route_id else self._replace(
             route_id=route_id, is_done=False, report=None)

@@ -105,11 +105,7 @@ class Preparation(NamedTuple):
 
     def begun(self, goal: PreparationGoal, inputs: AdmittedInputs,
               now_ns: int) -> tuple[Preparation, Exception | None]:
-        """
-        Return the Preparation with this goal instead of the current one.
-
-        If it is refused, or cannot be planned, the current one stays, and the exception comes with it.
-        """
+        """Return the Preparation with this goal, or with the current one and the exception that refuses this."""
         try:
             after = self._begun(goal, inputs, now_ns)
         except InvalidInput as error:
@@ -164,12 +160,7 @@ class Preparation(NamedTuple):
 
     def concluded(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
                   temperature_c: float | None) -> Preparation:
-        """
-        Return the Preparation without its goal if the time of that has come.
-
-        `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
-        `temperature_c` the battery's temperature [deg C].
-        """
+        """Return the Preparation without its goal if its time has come; arguments as of `conclusion`."""
         if self.progress is None:
             return self
         progress, over = conclusion(self.progress, inputs, now_ns, decision, obstacle, temperature_c)

@@ -83,12 +83,7 @@ class State(NamedTuple):
     @classmethod
     def begun(cls, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
               last_seen: LastSeen | None = None, choices: DriverChoices = NO_CHOICES) -> State:
-        """
-        Return the State without input.
-
-        From before a restart: the Learned (None: start from the vehicle file), the battery's
-        LastSeen (None: unknown), and the DriverChoices that still count.
-        """
+        """Return the State without input, but with the knowledge from before a restart; None: unknown."""
         return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(),
                    Learning.begun(vehicle, learned, last_seen), last_seen)
 

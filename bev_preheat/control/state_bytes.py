@@ -55,11 +55,7 @@ def state_bytes(state: State) -> bytes:
 
 
 def state_of(contents: bytes) -> State:
-    """
-    Return the State of bytes.
-
-    Raises InvalidInput if they are another file's, damaged, or of a version with other fields, which is named.
-    """
+    """Return the State of bytes; raise InvalidInput if they are damaged, or of a version with other fields."""
     head, _, body = contents.partition(b'\n')
     if not head.startswith(HEAD):
         raise InvalidInput('no state of the planner')

@@ -217,11 +217,7 @@ def pass_time(state: State) -> State:
 
 
 def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
-    """
-    Return the State with the Decision of its instant, and the obstacle to heating; None without one.
-
-    If no new plan `is_due` the Decision stays unless there is an obstacle.
-    """
+    """Return the State with its Decision, another if it `is_due`, and the obstacle to heating, if any."""
     inputs, now_ns = state.inputs, state.now_ns
     obstacle = find_obstacle(inputs, now_ns)
     if obstacle is not None:

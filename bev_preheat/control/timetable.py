@@ -57,11 +57,7 @@ class _Track(NamedTuple):
 
 
 class TripEnd(NamedTuple):
-    """
-    The end of a trip at an instant [ns]; None: before the clock was restarted.
-
-    `is_observed`: a position or the charging showed it; otherwise the planned time was over.
-    """
+    """The end of a trip [ns], None: before the clock was restarted; otherwise than observed, its time was over."""
 
     at_ns: int | None
     is_observed: bool
@@ -306,11 +302,7 @@ class Timetable:
         return replace(self.driving(), mission=self.planned.delayed(before_ns), fixes=())
 
     def arrived(self, since_ns: int, is_at_place: bool) -> Timetable:
-        """
-        Return the Timetable of a vehicle that has been at the end of its current leg since an instant [ns].
-
-        `is_at_place`: its position says so.
-        """
+        """Return the Timetable of a vehicle at the end of its current leg since an instant [ns]."""
         leg = self._leg_at(self.planned_ns(since_ns) if self.held_at_ns is None else self.held_at_ns)
         arrived = replace(
             self, mission=self.planned.delayed(since_ns - leg.arrival_ns), held_at_ns=None, stood_ns=0,

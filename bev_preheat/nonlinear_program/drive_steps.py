@@ -105,11 +105,7 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveSteps:
-    """
-    N steps of a drive: their `energy`, from the cells and of a heater with lag after arrival (scaled).
-
-    `parameters` are the ROUTE_INPUTS of each step, then the FACTORS.
-    """
+    """Steps of a drive, their scaled `energy`, and parameters: ROUTE_INPUTS of each step, then FACTORS."""
 
     vehicle: Vehicle
     parameters: casadi.MX
@@ -117,11 +113,7 @@ class DriveSteps:
 
 
 def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
-    """
-    Return the states of a drive.
-
-    Quantities without a lag are not states, because such variables would have no freedom.
-    """
+    """Return the states of a drive, without quantities that have no lag and hence no freedom."""
     path = vehicle.heat_path
     states = [Quantity('soc', SOC_SCALE), Quantity('temperature')]
     if path.heater_lag_s > 0.0:
@@ -133,11 +125,7 @@ def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
 
 def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Blocks, constraints: Blocks,
                     deficit_w: casadi.MX | float = 0.0) -> DriveSteps:
-    """
-    Add the steps of a drive, with defects and power limits, to a program, and return them.
-
-    `deficit_w`: how much of the discharge power may be missing in each step (scaled).
-    """
+    """Add a drive's steps, with defects and limits, to a program; `deficit_w` may be missing (scaled)."""
     states = drive_states(vehicle)
     rows = [variables.variable(state.name, steps + 1, state.scale) for state in states]
     controls = [variables.variable(control.name, steps, control.scale) for control in _controls(limited)]

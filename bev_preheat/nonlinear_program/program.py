@@ -125,11 +125,7 @@ class NonlinearProgram:
 # falls. Positional only, without defaults: for lru_cache f(1, 2) and f(1, b=2) are different calls.
 @lru_cache(maxsize=4)
 def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> NonlinearProgram:
-    """
-    Return the NonlinearProgram of a vehicle, for any corrections and a number of steps.
-
-    `limited`: with the power limits of the battery (9i); `give`: which constraints are elastic.
-    """
+    """Return the program for a vehicle and a number of steps; `limited`: by (9i), `give`: elastic constraints."""
     variables, constraints = Blocks(), Blocks()
     deficit_w = variables.variable('deficit_w', steps, POWER_SCALE_W) if give else casadi.MX(0.0)
     drive = add_drive_steps(vehicle, steps, limited, variables, constraints, deficit_w)

@@ -126,11 +126,7 @@ class SolverProcess:
 
     def __init__(self, vehicle: Vehicle, start_limit_s: float = SOLVER_START_LIMIT_S,
                  niceness: int = MOST_NICE) -> None:
-        """
-        Do not start the process yet; `start_limit_s` [s] is its longest start time.
-
-        `niceness` is by how much its scheduling priority is lower than this process's, 0 ... 19.
-        """
+        """Do not start yet; times in seconds, `niceness` 0 ... 19 below this process's priority."""
         self._vehicle, self._niceness = vehicle, niceness
         self._start_limit_s = start_limit_s
         self._process = None
@@ -165,11 +161,7 @@ class SolverProcess:
             self._start()
 
     def ask(self, question: Question, time_limit_s: float) -> None:
-        """
-        Ask a Question, to be answered within `time_limit_s` [s] after the process has started.
-
-        A question that is still being solved is abandoned.
-        """
+        """Ask a Question, to be answered `time_limit_s` [s] after the start; drop one that is being solved."""
         if self._solves or (self._process is not None and self._process.poll() is not None):
             self._kill()
         self._question, self._time_limit_s = question, time_limit_s
@@ -179,11 +171,7 @@ class SolverProcess:
             self._hand_over()
 
     def poll(self) -> SolverAnswer | Failure | None:
-        """
-        Send and receive without waiting; return a SolverAnswer or a Failure, or None.
-
-        A Failure without a question means that the idle process has ended.
-        """
+        """Return a SolverAnswer or a Failure, also of an idle process, or None; do not wait."""
         self._killed = [process for process in self._killed if process.poll() is None]
         if self._process is None:
             if self._start_problem is None:

@@ -91,11 +91,7 @@ def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
 def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
                 heater_power_w: FloatArray | None = None,
                 brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """
-    Run the model over a trip, ignoring limits; returns (soc, temperature_c), each (N + 1,).
-
-    `heater_power_w` and `brake_power_w` (N,) are those of `Trip.inputs`.
-    """
+    """Return (soc, temperature_c) (N + 1,) of a trip under powers (N,), as of `Trip.inputs`, ignoring limits."""
     start = np.array([soc]), np.array([temperature_c])
     return run_on(trip, make_integrator, *start, 0, heater_power_w, brake_power_w)
 

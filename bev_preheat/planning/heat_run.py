@@ -42,11 +42,7 @@ def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
 def heated_step_of_floats(vehicle: Vehicle, saturating: bool) -> HeatedStep[float]:
-    """
-    Return `make_heated_step` for floats; cached, because building it costs more than a step.
-
-    Without `saturating`, a power that cannot be delivered raises ValueError.
-    """
+    """Return `make_heated_step` for floats, cached; it raises ValueError beyond the power unless `saturating`."""
     return make_heated_step(vehicle, SATURATING_FLOATS if saturating else FLOATS)
 
 
@@ -75,11 +71,7 @@ def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0
 
 
 def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
-    """
-    Return the Schedule of a forward run under heater commands [W] (N,), ignoring limits.
-
-    Its switching instants are the first and the last of the heated steps.
-    """
+    """Return the Schedule of a run under heater commands [W] (N,), ignoring limits; heating is whole steps."""
     states = roll_heated(trip, start, command_w)
     return along_states(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w))
 
@@ -92,11 +84,7 @@ def first_heated_s(trip: Trip, command_w: FloatArray) -> float | None:
 
 def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                  brake_power_w: FloatArray, heating_start_s: float | None) -> Schedule:
-    """
-    Return the Schedule of a run whose States at each instant are known, four arrays (N + 1,).
-
-    Under heater commands [W] (N,) and friction brake powers [W] (N,), heating from `heating_start_s`.
-    """
+    """Return the Schedule of a run with known States (4, N + 1) under commands and brake powers [W] (N,)."""
     return with_heat(trip, states, command_w, brake_power_w, heating_start_s,
                      _heat_along(trip, states, command_w, brake_power_w))
 

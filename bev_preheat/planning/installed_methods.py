@@ -99,11 +99,7 @@ class MethodSituation:
         return share * self.heater_limit_w
 
     def predict(self, heater_power_w: ArrayLike) -> Prediction:
-        """
-        Return the Prediction for heater powers (N,) [W]; powers above `heater_limit_w` are clipped.
-
-        Raises ValueError if the powers are not N finite numbers from 0 W on.
-        """
+        """Return the Prediction for powers (N,) [W], clipped to `heater_limit_w`; raise ValueError for others."""
         schedule = self.driven(checked_powers(heater_power_w, len(self.route)))
         return Prediction(schedule.temperature_c, schedule.soc, schedule.heater_power_w,
                           keep_accounts(self._trip, schedule).energy_wh.battery_total)
@@ -121,11 +117,7 @@ def _read_only(values: FloatArray) -> FloatArray:
 
 
 def checked_powers(answer: ArrayLike, steps: int) -> FloatArray:
-    """
-    Return heater powers as an array (N,) [W] of its own, with negative rounding removed.
-
-    Raises ValueError with the reason if they are not `steps` finite numbers from 0 W on.
-    """
+    """Return heater powers as an array (N,) [W] of its own; raise ValueError unless finite and positive."""
     given = np.asarray(answer)
     if given.dtype.kind not in 'fiu':
         raise ValueError(f'{type(answer).__name__} of {given.dtype} is not allowed; it must be an array of powers '
@@ -213,11 +205,7 @@ class InstalledMethod:
         return MethodFailure(shortened(f'method {self.name} of {self.package}: {reason}', LONGEST_PROBLEM))
 
     def answer(self, situation: MethodSituation, notes: dict[str, None]) -> Schedule:
-        """
-        Return the Schedule of the method's powers within the limits, and add remarks on them to `notes`.
-
-        Raises MethodFailure.
-        """
+        """Return the Schedule of the method's powers within the limits; add to `notes`. Raises MethodFailure."""
         started_s = perf_counter()
         if started_s < self._asked_again_s:
             raise self._failure(self._late)

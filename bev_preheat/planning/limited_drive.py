@@ -54,11 +54,7 @@ DriveBetween = Callable[[float, float], Driven]
 
 
 class WantedHeat(NamedTuple):
-    """
-    Heat that a run within limits wants in each step, before limits cut it.
-
-    `power_w` (N,) [W], in steps that begin colder than `below_c` [deg C], once all heat under way has arrived.
-    """
+    """Heater power [W] (N,) wanted in steps that begin colder than `below_c` [deg C], heat under way included."""
 
     power_w: FloatArray
     below_c: float = math.inf

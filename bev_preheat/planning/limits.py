@@ -44,11 +44,7 @@ def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> boo
 
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
-    """
-    Return least and most terminal power [W] (N,) of each step of a Schedule.
-
-    They keep the limits at both ends of the step.
-    """
+    """Return least and most terminal power [W] (N,) that keep the limits at both ends of a Schedule's steps."""
     return dynamics.limits_along(trip, schedule, engine.limits_of_steps_w)
 
 
@@ -106,11 +102,7 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
                           notes: dict[str, None]) -> Schedule:
-    """
-    Return the Schedule of `plan` on a Trip that keeps the gates of its vehicle.
-
-    Sentences on the gates that bind are added to `notes`.
-    """
+    """Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`."""
     gates = trip.vehicle.heating_gates
     open_trip, closed = trip, np.zeros(len(trip.route), dtype=bool)
     schedule = plan(trip)

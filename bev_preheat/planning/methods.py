@@ -57,11 +57,7 @@ class Requirements:
 
 
 class KeptValues:
-    """
-    The values of the latest plans of a drive, with their trips and requirements, while a plan is made.
-
-    `latest` is what to begin with, and after the plan what to begin the next one with.
-    """
+    """The `latest` plans of a drive whose values are kept: to begin with, and, after a plan, for the next one."""
 
     def __init__(self, latest: tuple[Kept, ...] = ()) -> None:
         """Begin with the values of the plans before."""
@@ -80,11 +76,7 @@ class KeptValues:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """
-    One plan whose values are kept: its trip, start and requirements, from which they follow; a value.
-
-    `has_values`: a plan was found.
-    """
+    """One plan whose values are kept, if it has any: trip, start and requirements, from which they follow."""
 
     trip: Trip
     start: States
@@ -224,11 +216,7 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
 
 
 def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
-    """
-    Return the ValueTable over the whole range, with the charge of the plan: for pictures and for study.
-
-    The heater was off before each instant. None if the charge does not carry the trip.
-    """
+    """Return the ValueTable with the charge of the plan, heater off before; None: the charge does not last."""
     certain = Uncertainty(0.0, state.heater_power_w > LEAST_HEATING_W)
     recursion = Recursion(trip, initial_states(state), Requirements(
         goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)

@@ -91,11 +91,7 @@ class _Slopes(NamedTuple):
 
 
 def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
-    """
-    Return the HeatPrices along the run of a Schedule, ignoring limits, for a vehicle without a heat path.
-
-    They give the order in which to heat, not its cost.
-    """
+    """Return the HeatPrices along a Schedule's run, ignoring limits: the order in which to heat, not its cost."""
     slopes = _model_slopes(trip, schedule)
     return HeatPrices(slopes.effect_on_arrival(WARMTH), -slopes.effect_on_arrival(CHARGE))
 
@@ -153,11 +149,7 @@ def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> C
 
 
 def find_switch(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """
-    Return the Schedule whose forward run arrives at the target [deg C], switched on once.
-
-    `unheated` is the Schedule without any heating, ignoring limits. Heat arrives at once.
-    """
+    """Return the Schedule that is switched on once to arrive at a target [deg C]; heat arrives at once."""
     idle = unheated.soc, unheated.temperature_c
     if idle[1][-1] >= target_c:
         return unheated

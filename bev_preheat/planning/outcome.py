@@ -141,22 +141,14 @@ def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:
 
 
 class PowerDeficit(NamedTuple):
-    """
-    Power that the battery cannot deliver in the worst step [W].
-
-    `worst_w` is 0 if the deficit is only rounding; `at` is the step.
-    """
+    """Power that the battery cannot deliver in the worst step [W], 0 for rounding, and that step."""
 
     worst_w: float
     at: int
 
 
 def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> PowerDeficit:
-    """
-    Return the PowerDeficit of a Schedule of a Trip.
-
-    `most_w` (N,) is the highest terminal power that the battery can give [W], if known.
-    """
+    """Return the PowerDeficit of a Schedule; `most_w` (N,) is the most terminal power [W], if known."""
     if most_w is None:
         _, most_w = limits_along(trip, schedule)
     power_w = trip.idle_power_w + schedule.drawn_power_w - most_w

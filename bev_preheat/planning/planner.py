@@ -270,11 +270,7 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
 
 def _told_as_heater(energy_wh: Energies, obeyed: Trip, taken_w: FloatArray,
                     driven_share: FloatArray | None) -> Energies:
-    """
-    Move the heater's part of the Energies of a `heated_throughout` trip from the drive to the heater.
-
-    `obeyed` is the Trip as if the heater obeyed, `taken_w` (N,) its power [W].
-    """
+    """Move the heater's part of a `heated_throughout` trip, which takes `taken_w` [W], from drive to heater."""
     hours = obeyed.route.duration_s / JOULES_PER_WH
     if driven_share is not None:
         hours = driven_share * hours
@@ -358,11 +354,7 @@ def plan_without_heating(trip: Trip, state: BatteryState) -> Schedule:
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,
                 outcome: ScheduleOutcome | None = None, note: str = '') -> Plan:
-    """
-    Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter().
-
-    `outcome` is the schedule's outcome, if already known; `note` is added to the sentence.
-    """
+    """Return the Plan of a schedule, with a note, its ScheduleOutcome if known, begun at perf_counter()."""
     arrival_c, arrival_soc = schedule.temperature_c.item(-1), schedule.soc.item(-1)
     target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
     # NaN propagates, so checking the final state is enough.

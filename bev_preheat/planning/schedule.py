@@ -132,11 +132,7 @@ class Stranding(NamedTuple):
 
 
 class ScheduleOutcome(NamedTuple):
-    """
-    The outcome of a Schedule; the fields are those of Plan.
-
-    `heating_start_s` is None if the schedule does not heat.
-    """
+    """The outcome of a Schedule; the fields are those of Plan, `heating_start_s` None if it does not heat."""
 
     energy_wh: Energies
     intervals: tuple[HeatingInterval, ...]
@@ -153,11 +149,7 @@ Method = Callable[..., Schedule]
 
 
 def maximum_from(trip: Trip, switching_instant_s: float) -> FloatArray:
-    """
-    Return the heater power [W] of each step, shape (N,): off, one partial step, then all that the cabin leaves.
-
-    The step in which the heater is switched on has its mean over the step.
-    """
+    """Return the heater power [W] (N,): off, the mean of one partial step, then all that the cabin leaves."""
     duration_s = trip.route.duration_s
     share_on = np.minimum(np.maximum(
         (trip.time_s[1:] - switching_instant_s) / duration_s, 0.0), 1.0)
@@ -165,11 +157,7 @@ def maximum_from(trip: Trip, switching_instant_s: float) -> FloatArray:
 
 
 def switched_on_s(trip: Trip, heater_power_w: FloatArray) -> float | None:
-    """
-    Return the first instant of heating [s] under heater powers [W] (N,); None without heating.
-
-    A partly heated first step is off first, then at full power until its end.
-    """
+    """Return the first instant of heating [s] under powers [W] (N,), late in a partial step; None: no heating."""
     limit_w = trip.heater_limit_w
     heated = np.flatnonzero(heater_power_w > HEATING_SHARE * limit_w)
     if not len(heated):

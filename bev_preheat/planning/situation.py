@@ -68,11 +68,7 @@ def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:
 def check_situation(vehicle: Vehicle, route: Route | None = None,
                     state: BatteryState | None = None, goal: Goal | None = None,
                     uncertainty: Uncertainty | None = None) -> None:
-    """
-    Raise InvalidInput, one problem per quantity, if inputs are outside the range of the vehicle's model.
-
-    Inputs that are None are not checked.
-    """
+    """Raise InvalidInput, one problem per quantity, if an input that is not None is out of the model's range."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     in_battery_range = "degC, the range of the vehicle's battery"
     # Value, least, most, name, and meaning of the bounds.

@@ -169,11 +169,7 @@ class ValuePath:
         return float(self._ahead.limits_w(k, soc, temperature_c)[1].min())
 
     def _price_of_lateness(self, k: int, following: Layer) -> float:
-        """
-        Return the cost of a kelvin that is still under way at instant k [J].
-
-        The battery is colder, and limits tighter. Another kelvin of heat repairs it.
-        """
+        """Return the cost of a kelvin under way at instant k [J]: a colder battery has tighter limits."""
         beside = self._ends_beside(
             k, following, self.soc[[k, k]], np.array((-PRICED_K, PRICED_K)), self._lack_price)
         if beside is None:

@@ -119,11 +119,7 @@ class ValueRun:
                 + SHORT_PRICE * self.joules_per_k * short_k)
 
     def arrive_exactly(self, aim_c: float) -> FloatArray:
-        """
-        Return the commands [W] (N,), with an edge of the heating moved so that the arrival is exact.
-
-        That is the start of the last interval, or its end under an Uncertainty. None is moved if that costs more.
-        """
+        """Return the commands [W] (N,), an edge of heating moved to arrive exactly unless that costs more."""
         kept = self.keep()
         self._move_edge()
         if self.cost_j(aim_c) > self.cost_j(aim_c, kept):

@@ -47,11 +47,7 @@ def derated(table: Table, temperature_c: Sequence[float], share: Sequence[float]
 
 
 def with_assumed_fall(table: Table, highest_c: float) -> tuple[Table, float | None]:
-    """
-    Return a charging map that falls to 0 at the highest battery temperature [deg C], and where the fall begins.
-
-    A map that itself ends at 0 is returned as it is, with None.
-    """
+    """Return a map that falls to 0 at the highest temperature [deg C], and where by assumption, else None."""
     if len(table.temperature_c) > 1 and not any(row[-1] for row in table.values):
         return table, None
     begins_c = highest_c - FALL_K
@@ -74,11 +70,7 @@ def derating_problems(key: str, temperature_c: Sequence[float], share: Sequence[
 
 
 def falls_from_c(table: Table) -> float:
-    """
-    Return the temperature [deg C] above which heat lowers the power of a charging map; infinite without a fall.
-
-    That is the hottest point of the map with which no state of charge has less power than at any colder point.
-    """
+    """Return the temperature [deg C] from which heat lowers the power of a charging map; inf without a fall."""
     power_w = -np.array(table.values)
     most_w = np.maximum.accumulate(power_w, axis=1)
     full = np.flatnonzero((power_w >= most_w * (1.0 - 1e-9)).all(axis=0))
@@ -103,11 +95,7 @@ def charging_of(vehicle: Vehicle) -> Charging:
 
 
 def session_charging(vehicle: Vehicle) -> Charging:
-    """
-    Return the Charging of a Vehicle for sessions that show its charging power.
-
-    A car whose file does not say whether it heats its battery while charging does not heat it here.
-    """
+    """Return a Vehicle's Charging for sessions; a car whose file does not say that it heats there does not."""
     charging = vehicle.charging or _unstated(vehicle.battery)
     return replace(charging, battery_heating=bool(charging.battery_heating))
 

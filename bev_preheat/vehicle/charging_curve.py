@@ -60,11 +60,7 @@ DECIMALS = 4
 
 @dataclass(frozen=True)
 class ChargingCurve:
-    """
-    Charging power [kW] over the state of charge (0 ... 1), at a battery temperature [deg C].
-
-    Linear in between, constant beyond the ends. `note` is its source.
-    """
+    """Charging power [kW], linear over the charge, constant beyond, at a temperature [deg C], and its source."""
 
     soc: tuple[float, ...]
     power_kw: tuple[float, ...]
@@ -78,11 +74,7 @@ class ChargingCurve:
 
 @dataclass(frozen=True)
 class ChargingLimit:
-    """
-    Most charging power [kW] over the battery temperature [deg C], whatever the state of charge.
-
-    Linear in between, constant beyond the ends. `note` is its source.
-    """
+    """Most power [kW], linear over the battery temperature [deg C], constant beyond, and its source."""
 
     temperature_c: tuple[float, ...]
     power_kw: tuple[float, ...]

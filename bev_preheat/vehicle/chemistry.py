@@ -72,11 +72,7 @@ class CellVoltage:
 
 @dataclass(frozen=True)
 class CellResistance:
-    """
-    Internal resistance of a cell, times its capacity [ohm Ah].
-
-    `specific_resistance_ohm_ah` holds at 25 degC and half charge; the factors scale it.
-    """
+    """Resistance of a cell times its capacity [ohm Ah] at 25 degC and half charge, and factors that scale it."""
 
     specific_resistance_ohm_ah: float
     source: str

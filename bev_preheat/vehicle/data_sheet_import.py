@@ -104,11 +104,7 @@ def describe_car(sheet: DataSheet, curve_fit: float = 1.0) -> dict[str, Entry]:
 
 
 def curves_of(sheet: DataSheet, curve_fit: float = 1.0) -> tuple[ChargingCurve, ...]:
-    """
-    Return the ChargingCurves of a checked DataSheet: those given, else that of the car's class.
-
-    `curve_fit` scales the power of a given curve, and is the `fit` of `charging_curve.class_curve`.
-    """
+    """Return the curves of a checked DataSheet times `curve_fit`, else that of the car's class with that fit."""
     if sheet.charging_curves:
         return tuple(curve.scaled(curve_fit) for curve in sheet.charging_curves)
     chemistry = load_chemistry(sheet.chemistry)

@@ -119,11 +119,7 @@ class HeatingGates:
         return below_w
 
     def verdict(self, soc: float, temperature_c: float, speed_mps: float = 0.0) -> Verdict:
-        """
-        Return the Verdict on heating at a state of charge (0 ... 1), a temperature [deg C] and a speed [m/s].
-
-        A NaN forbids heating if a gate depends on it.
-        """
+        """Return the Verdict on heating at a charge, a temperature [deg C] and a speed [m/s]; NaN forbids."""
         if self.minimum_soc > 0.0 and not soc >= self.minimum_soc:
             return Verdict(Refusal.LOW_CHARGE, f'the state of charge is {100.0 * soc:.1f} %; this vehicle heats '
                            f'from {100.0 * self.minimum_soc:g} % on')
@@ -329,11 +325,7 @@ class Charging:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """
-    Relative standard deviations of a vehicle file's values, those of the logarithms of the factors on them.
-
-    None: not known for this car. The factors are those of `vehicle.variants`.
-    """
+    """Relative standard deviations of a file's values, those of the log of factors on them; None: unknown."""
 
     heat_capacity: float | None = None
     leakage: float | None = None

@@ -54,11 +54,7 @@ CHARGE_RANGE_W = (-2e6, 0.0)
 
 
 def load_vehicle(name_or_file: str | Path) -> Vehicle:
-    """
-    Return the Vehicle with a name (a file in config/vehicles) or of a YAML file.
-
-    Raises InvalidInput naming file, key, value and allowed range.
-    """
+    """Return the Vehicle of config/vehicles or of a YAML file; raise InvalidInput naming file, key and range."""
     path = vehicle_file(name_or_file)
     return _vehicle(load_checked_yaml(path, SCHEMA), path)
 

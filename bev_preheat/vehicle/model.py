@@ -39,11 +39,7 @@ TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'id
 
 @dataclass(frozen=True, eq=False)
 class TripColumns:
-    """
-    Columns of a trip of so many steps: the first of TRIP_COLUMNS (N + 1,), the others (N,).
-
-    `block` has the columns one after the other.
-    """
+    """TRIP_COLUMNS one after the other in a `block`: the first (N + 1,), the others (N,), of so many `steps`."""
 
     steps: int
     block: FloatArray
@@ -136,11 +132,7 @@ def make_terminal_limits(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Te
 
 
 def hottest_c(vehicle: Vehicle) -> float:
-    """
-    Return the hottest battery temperature used in planning [deg C].
-
-    The model has no cooling, which every car has; a drive that needs cooling is held at this temperature.
-    """
+    """Return the hottest temperature in planning [deg C]: a car's cooling, not modelled, holds it there."""
     return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
 
 

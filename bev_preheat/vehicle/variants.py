@@ -23,11 +23,7 @@ KEPT_VEHICLES = 64
 
 @dataclass(frozen=True)
 class Corrections:
-    """
-    Factors on the vehicle file's heat capacity, leakage, resistance and HVCH efficiency.
-
-    1 is the file's value. Floats, or arrays of one shape.
-    """
+    """Factors on the vehicle file's values, 1: the file's; floats, or arrays of one shape."""
 
     heat_capacity: AnyNumber = 1.0
     leakage: AnyNumber = 1.0

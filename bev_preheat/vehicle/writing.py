@@ -50,11 +50,7 @@ NO_ROAD_LOAD = """\
 
 
 def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
-    """
-    Return a vehicle file as text.
-
-    `entries` are those of `data_sheet_import.describe_car`, `command` is the command line that made them.
-    """
+    """Return a vehicle file as text, from the entries of `describe_car` and the command line that made them."""
     contents: dict[str, FileData] = {'name': name, 'assumed': assumed_keys(entries)}
     # In the order of the schema.
     for section in load_schema(SCHEMA)['properties']:
