@@ -7,8 +7,11 @@ docs/explanation/worth.md.
 """
 from __future__ import annotations
 
+import math
 from time import perf_counter
 from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
 
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import run_within_limits
@@ -26,27 +29,31 @@ if TYPE_CHECKING:
 
 class MakerRule(NamedTuple):
     """
-    The heater starts at most `before_s` [s], in cold air `cold_before_s` [s], before arrival.
+    The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival.
 
     Air is cold at `cold_c` [deg C], 20 degF, and below.
     """
 
     before_s: float
     cold_before_s: float
+    before_m: float = math.inf
     cold_c: float = -20.0 / 3.0
 
     def start_s(self, route: Route) -> float:
         """Return the instant on a Route at which the heater starts [s]."""
         end_s = route.total_duration_s
+        driven_m = np.concatenate(([0.0], np.cumsum(route.duration_s * route.speed_mps)))
+        near_s = float(np.interp(driven_m[-1] - self.before_m, driven_m, route.time_s))
         cold_s = max(end_s - self.cold_before_s, 0.0)
         is_cold = route.ambient_temperature_c[route.segment_at(cold_s)] <= self.cold_c
-        return cold_s if is_cold else max(end_s - self.before_s, 0.0)
+        return max(cold_s if is_cold else end_s - self.before_s, near_s, 0.0)
 
 
 MAKER_RULES = {
     '20 min': MakerRule(1200.0, 1200.0),
     '30 min': MakerRule(1800.0, 1800.0),
-    '30/60 min': MakerRule(1800.0, 3600.0)}
+    '30/60 min': MakerRule(1800.0, 3600.0),
+    '30 km': MakerRule(math.inf, math.inf, 30e3)}
 
 
 def plan_by_rule(name: str, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:

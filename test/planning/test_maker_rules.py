@@ -22,7 +22,9 @@ def drive(minutes=80, ambient_c=-3.0, speed_mps=20.0):
 
 @pytest.mark.parametrize('rule, ambient_c, minutes, start_min', [
     ('20 min', -20.0, 80, 60.0), ('30 min', -20.0, 80, 50.0), ('30 min', 3.0, 25, 0.0),
-    ('30/60 min', -6.6, 80, 50.0), ('30/60 min', -7.0, 80, 20.0), ('30/60 min', -7.0, 45, 0.0)])
+    ('30/60 min', -6.6, 80, 50.0), ('30/60 min', -7.0, 80, 20.0), ('30/60 min', -7.0, 45, 0.0),
+    # 1.2 km a minute.
+    ('30 km', -20.0, 80, 55.0), ('30 km', 3.0, 20, 0.0)])
 def test_the_rule_alone_decides_when_the_heater_starts(rule, ambient_c, minutes, start_min):
     assert MAKER_RULES[rule].start_s(drive(minutes, ambient_c)) == pytest.approx(60.0 * start_min)
 
