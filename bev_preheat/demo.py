@@ -178,7 +178,7 @@ def _drive(parsed: Namespace, scenario: Scenario, path: Path, console: ResultCon
         domain_id = int(os.environ.get('ROS_DOMAIN_ID') or stack.enter_context(reserved_domain_id()))
         console.say(f'Vehicle {parsed.vehicle} on route {parsed.route}, in lockstep, ROS domain {domain_id}.')
         bar = stack.enter_context(progress_bar(TextColumn('{task.description}'), BarColumn()))
-        task, lines = bar.add_task('starting', total=scenario.route.total_duration_s), _Lines(console)
+        task, lines = bar.add_task('starting', total=scenario.first.route.total_duration_s), _Lines(console)
 
         def observe(drive: ObservedDrive) -> None:
             lines.show(drive)
@@ -283,8 +283,8 @@ def verdict(drive: ObservedDrive) -> tuple[bool, str]:
 def _draw(parsed: Namespace, scenario: Scenario, drive: ObservedDrive) -> None:
     from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
     from bev_preheat.drawing.figure import save_figure
-    target_c, route = drive.target_c, scenario.route
-    goal = replace(scenario.goal, target_temperature_c=target_c)
+    target_c, route = drive.target_c, scenario.first.route
+    goal = replace(scenario.first.goal, target_temperature_c=target_c)
     unheated = plan_unheated(scenario.vehicle, route, scenario.state, goal)
     times_s, temperatures_c, socs = np.array(drive.states).T
     save_figure(make_drive_figure(

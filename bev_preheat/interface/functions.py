@@ -180,10 +180,11 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+    from bev_preheat.simulation.phases import DrivePhase
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
     goal = goal_of(vehicle, goal)
-    car = ImperfectCar(vehicle, route, state, goal, Imperfections(
+    car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
         heater_faults=tuple(heater_faults)), seed)
     supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))

@@ -14,6 +14,7 @@ from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
@@ -88,9 +89,8 @@ def departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     check_situation(vehicle, route=route, state=state, goal=goal if math.isfinite(target_c) else
                     replace(goal, target_temperature_c=vehicle.defaults.target_battery_temperature_c))
     name = Path(values['route']).stem
+    charger = charger_of(values['charger_power'], values['charging_departure_soc'])
     return ImperfectCar(
-        vehicle, route, state, goal,
-        Imperfections(sensors=Sensors(period_s=values['battery_state_period'])),
-        route_id=name,
-        charger=charger_of(values['charger_power'], values['charging_departure_soc'])
+        vehicle, DrivePhase(route, goal, charger=charger), state,
+        Imperfections(sensors=Sensors(period_s=values['battery_state_period'])), route_id=name
     ), name, filter(None, [loaded.warning])

@@ -10,17 +10,16 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.stop import CERTAIN, ChargingProspect
+from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.simulation.heater import fault_at, HeaterFault, HeaterLease, next_change_s
 from bev_preheat.simulation.phases import Charge, DrivePhase
-from bev_preheat.simulation.sensors import Position, PositionReports, Reading, SensorReadings, Sensors
+from bev_preheat.simulation.sensors import Position, Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import (
     clock_offset_s,
     ClockJump,
     drive_with_events,
-    Event,
     TrafficNews,
     vary,
     with_cycles,
@@ -30,8 +29,7 @@ from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
-    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.phases import Phase
     from bev_preheat.vehicle.description import Vehicle
@@ -80,17 +78,14 @@ class Imperfections:
     """
     All deviations of the simulated drive from vehicle and route file; none by default.
 
-    `heat_path` None: that of the vehicle file. `position` None: the car does not report its position.
-    `events` and `position` apply to the first drive.
+    `heat_path` None: that of the vehicle file.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch)
     heat_path: HeatPath | None = None
     sensors: Sensors = field(default_factory=Sensors)
     heater_faults: tuple[HeaterFault, ...] = ()
-    events: tuple[Event, ...] = ()
     clock_jumps: tuple[ClockJump, ...] = ()
-    position: PositionReports | None = None
 
 
 # The car's computers fall asleep this long after the last battery state [s].
@@ -138,31 +133,22 @@ class ImperfectCar:
     reproducible: equal arguments give equal cars.
     """
 
-    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+    def __init__(self, vehicle: Vehicle, drive: DrivePhase, state: BatteryState,
                  imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
-                 route_id: str = 'simulated', standing_time_s: float = 0.0,
-                 charger: Charger | None = None, following: Sequence[Phase] = (),
-                 prospect: ChargingProspect = CERTAIN) -> None:
-        """
-        Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
-
-        The trip planner reports that it stood for `standing_time_s` [s] before; 0: unknown. It knows the
-        Charger at the end (None: unknown) and the `prospect` of charging there. `following` are the Phases
-        after this drive.
-        """
+                 route_id: str = 'simulated', following: Sequence[Phase] = ()) -> None:
+        """Put the car at the start of a drive, with `following` Phases after it; see numpy for `seed`."""
         self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
-        self.phase: Phase = DrivePhase(route, goal, standing_time_s, imperfections.events, imperfections.position,
-                                       charger=charger, prospect=prospect)
+        self.phase: Phase = drive
         self.reports: list[PhaseReport] = []
         self._first_state = state
         self._following, self._phases = deque(following), 1 + len(following)
-        self._route_id, self._drives, self._charger = route_id, 0, charger
+        self._route_id, self._drives, self._charger = route_id, 0, drive.charger
         self._true_vehicle = true_vehicle(vehicle, imperfections.mismatch, imperfections.heat_path)
         self._letters: list[_Letter] = []
         self._heats_itself, self._asleep_from_s = False, math.inf
-        self.plant = VehiclePlant(self._true_vehicle, self._begin_drive(self.phase, 0.0), state)
+        self.plant = VehiclePlant(self._true_vehicle, self._begin_drive(drive, 0.0), state)
         self._latest_drive = self.plant
         self.readings_of = SensorReadings(
             imperfections.sensors, np.random.default_rng(sensor_seed))

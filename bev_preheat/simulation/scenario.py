@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
@@ -62,46 +62,39 @@ class Scenario:
     """
     A drive, or a chain that begins with it, its faults, and the expectations.
 
-    The trip planner reports the `charger` at the end of the drive (None: unknown) and the `prospect` of charging.
-
-    The car stood for `standing_time_s` [s] before (0: unknown). `planner` holds parameters of the
-    node `planner` by name, `vehicle_name` is the vehicle's name or path in the file.
-    `files` are the paths of all files that were read;
-    `warnings` are sentences on routes made for another vehicle. `following` are the phases of a
-    chain after the drive, `phase_expectations` the Expectations of each phase of a chain.
+    `phases` begin with a drive; `phase_expectations` are the Expectations of each phase of a chain. `planner`
+    holds parameters of the node `planner` by name, `vehicle_name` is the vehicle's name or path in the file.
+    `files` are the paths of all files that were read; `warnings` are sentences on routes made for another vehicle.
     """
 
     name: str
     description: str
     vehicle_name: str
     vehicle: Vehicle
-    route: Route
+    phases: tuple[Phase, ...]
     state: BatteryState
-    goal: Goal
     seed: int
     imperfections: Imperfections
     expectations: Expectations
     planner: dict[str, FileData] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
     warnings: tuple[str, ...] = ()
-    standing_time_s: float = 0.0
-    following: tuple[Phase, ...] = ()
     phase_expectations: tuple[Expectations | None, ...] = ()
-    charger: Charger | None = None
-    prospect: ChargingProspect = CERTAIN
 
     @property
     def drives(self) -> list[DrivePhase]:
         """All drives, in order."""
-        first = DrivePhase(self.route, self.goal, self.standing_time_s, self.imperfections.events,
-                           self.imperfections.position, charger=self.charger, prospect=self.prospect)
-        return [first, *(phase for phase in self.following if isinstance(phase, DrivePhase))]
+        return [phase for phase in self.phases if isinstance(phase, DrivePhase)]
+
+    @property
+    def first(self) -> DrivePhase:
+        """The first drive."""
+        return self.drives[0]
 
     def car(self) -> ImperfectCar:
         """Return the ImperfectCar at the start."""
-        return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
-                            self.seed, self.name, self.standing_time_s, self.charger, self.following,
-                            self.prospect)
+        return ImperfectCar(self.vehicle, self.first, self.state, self.imperfections, self.seed, self.name,
+                            self.phases[1:])
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
@@ -123,30 +116,24 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
     state = BatteryState(float(node['initial_battery_temperature_c']), float(node['initial_soc']))
     phases = reader.chain(contents) if 'chain' in contents else [reader.drive({
         **node, **{key: contents[key] for key in OF_A_DRIVE if key in contents}}, '')]
-    drive = phases[0]
-    assert isinstance(drive, DrivePhase)
-    check_situation(reader.vehicle, drive.route, state)
-    return Scenario(
+    scenario = Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
-        vehicle=reader.vehicle, route=drive.route, state=state, goal=drive.goal, seed=contents.get('seed', 0),
+        vehicle=reader.vehicle, phases=tuple(phases), state=state, seed=contents.get('seed', 0),
         imperfections=Imperfections(
             mismatch=Mismatch(**_with_floats(Mismatch, contents.get('mismatch', {}))),
             heat_path=_heat_path(contents),
-            position=drive.position,
             sensors=_sensors(contents.get('sensors', {})),
             heater_faults=tuple(HeaterFault(**node) for node in contents.get('heater_faults', ())),
-            events=drive.events,
             clock_jumps=tuple(ClockJump(**node) for node in contents.get('clock_jumps', ()))),
         expectations=_expectations(contents['expect'], 'expect'),
         planner=_planner(contents.get('planner', {})),
-        standing_time_s=drive.standing_time_s,
-        charger=drive.charger, prospect=drive.prospect,
-        following=tuple(phases[1:]),
         phase_expectations=tuple(
             _expectations(item['expect'], f'chain[{at}].expect') if 'expect' in item else None
             for at, item in enumerate(contents.get('chain', ()))),
         files=(path, vehicle_file(vehicle_name), *(each.file for each in reader.routes)),
         warnings=tuple(dict.fromkeys(each.warning for each in reader.routes if each.warning)))
+    check_situation(scenario.vehicle, scenario.first.route, state)
+    return scenario
 
 
 class _PhaseReader:

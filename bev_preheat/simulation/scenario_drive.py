@@ -169,7 +169,7 @@ def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
 def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd]) -> None:
     """Fill in the records of a Scenario's phases from their ends."""
     jumps = scenario.imperfections.clock_jumps
-    for phase, (started_s, ended_s, arrival_c) in zip((scenario.drives[0], *scenario.following), ends):
+    for phase, (started_s, ended_s, arrival_c) in zip(scenario.phases, ends):
         record.phases.append(record.during(
             started_s + clock_offset_s(jumps, started_s), ended_s + clock_offset_s(jumps, ended_s),
             phase.goal.target_temperature_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
@@ -209,7 +209,7 @@ def drive_scenario(
     """
     car = scenario.car()
     record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
-                            scenario.goal.target_temperature_c, AFTERWARDS_S, progress, wire)
+                            scenario.first.goal.target_temperature_c, AFTERWARDS_S, progress, wire)
     fill_phases(record, scenario, [
         PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
     return record

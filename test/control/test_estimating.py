@@ -17,6 +17,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault, HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.tunables import LAG_DEVIATION, NOMINAL_HEAT_LAG_S
 from bev_preheat.vehicle import load_vehicle
@@ -39,7 +40,7 @@ class Ride:
     def __init__(self, temperature_c=10.0, settings=Settings(), seed=3, learned=None,
                  **imperfections):
         self.car = ImperfectCar(
-            VEHICLE, ROUTE, BatteryState(temperature_c, 0.8), GOAL,
+            VEHICLE, DrivePhase(ROUTE, GOAL), BatteryState(temperature_c, 0.8),
             Imperfections(**{'sensors': COARSE, **imperfections}), seed)
         self.supervisor = Stepwise(VEHICLE, settings, learned)
         mission = self.car.mission(START_NS)

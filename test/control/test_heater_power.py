@@ -20,6 +20,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
@@ -94,7 +95,7 @@ def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, st
            route=ROUTE, goal=GOAL):
     """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
     vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, route, state, goal, Imperfections(
+    car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
         sensors=Sensors(period_s=period_s), heater_faults=faults))
     supervisor = Supervisor(VEHICLE, settings)
     steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
@@ -181,7 +182,7 @@ def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words
 def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measured_w, faults, accused):
     told, doubts = {Heater.ANSWERS}, ['']
     supervisor = Supervisor(VEHICLE, SETTINGS)
-    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(from_c, 0.9), GOAL, Imperfections(
+    car = ImperfectCar(VEHICLE, DrivePhase(ROUTE, GOAL), BatteryState(from_c, 0.9), Imperfections(
         sensors=Sensors(period_s=PERIOD_S), heater_faults=faults))
     # On for half a minute after the doubt.
     for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: measured(
@@ -234,7 +235,7 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
 def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
     vehicle = replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, ROUTE.before(900.0), STATE, GOAL, Imperfections(
+    car = ImperfectCar(vehicle, DrivePhase(ROUTE.before(900.0), GOAL), STATE, Imperfections(
         sensors=Sensors(period_s=PERIOD_S)))
     supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
     heated_w = set()

@@ -35,6 +35,7 @@ from bev_preheat.estimation.prior import Learned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K
@@ -173,9 +174,9 @@ def driven_with_late_heat(target_c=math.nan):
     """Drive a car whose heat arrives late; return instants [s] and powers [W] of its commands, and the target."""
     late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
     car = ImperfectCar(
-        late, drive(20, -9.0, power_w=14e3), BatteryState(10.0, 0.45), Goal(target_c),
+        late, DrivePhase(drive(20, -9.0, power_w=14e3), Goal(target_c), charger=FAST), BatteryState(10.0, 0.45),
         Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0)),
-        [3, 14], charger=FAST)
+        [3, 14])
     supervisor = Supervisor(late, replace(
         MEASURED, estimation=True, command_period_s=10.0, lease_s=22.0, battery_state_timeout_s=22.0))
     commands, planned_c = [], math.nan

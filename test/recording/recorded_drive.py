@@ -21,6 +21,7 @@ from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry, Recording, Re
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
 from bev_preheat_msgs.msg import RoutePlan
@@ -50,8 +51,8 @@ def writer(folder, head=None, most_bytes=10**9, **options):
 def a_car(target_c=TARGET_C, length_s=LENGTH_S, **imperfections):
     vehicle = load_vehicle('reference')
     return ImperfectCar(
-        vehicle, load_route('reference', vehicle.defaults).before(length_s), Battery(10.0, 0.8),
-        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections), seed=3)
+        vehicle, DrivePhase(load_route('reference', vehicle.defaults).before(length_s), Goal(target_c)),
+        Battery(10.0, 0.8), Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections), seed=3)
 
 
 class RecordedDrive:

@@ -160,8 +160,8 @@ def test_scenarios_read_legs_and_warn(preheat, tmp_path):
     errand = legs_file_of(tmp_path)
     by_legs = load_scenario(scenario_of(tmp_path, route='legs/winter_commute'))
     assert by_legs.warnings == ()
-    assert same(by_legs.route, route_for('legs/winter_commute', SMALL_CAR).route)
-    assert same(by_legs.imperfections.events[0].route, route_for(errand, SMALL_CAR).route)
+    assert same(by_legs.first.route, route_for('legs/winter_commute', SMALL_CAR).route)
+    assert same(by_legs.first.events[0].route, route_for(errand, SMALL_CAR).route)
     assert errand in by_legs.files
     path = scenario_of(tmp_path, route='winter_commute')
     assert load_scenario(path).warnings == (WARNING.format(name='winter_commute'),)

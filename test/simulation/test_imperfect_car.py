@@ -11,6 +11,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault, HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch, true_route, true_vehicle
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import load_vehicle
@@ -25,8 +26,8 @@ CABIN_W = float(ROUTE.cabin_heating_power_w[0])
 LIMIT_W = VEHICLE.hvch.maximum_power_w - CABIN_W
 
 
-def make_car(seed=5, **imperfections):
-    return ImperfectCar(VEHICLE, ROUTE, BatteryState(-7.0, 0.9), Goal(25.0),
+def make_car(seed=5, events=(), standing_time_s=0.0, **imperfections):
+    return ImperfectCar(VEHICLE, DrivePhase(ROUTE, Goal(25.0), standing_time_s, events), BatteryState(-7.0, 0.9),
                         Imperfections(**imperfections), seed)
 
 
@@ -131,8 +132,7 @@ def test_a_faulty_heater_takes_what_it_is_said_to(fault, expected_w):
 
 
 def test_the_trip_planner_says_at_the_start_how_long_the_car_stood_and_not_again():
-    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(-7.0, 0.9), Goal(25.0), Imperfections(
-        events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),)), standing_time_s=7200.0)
+    car = make_car(events=(Event(Kind.CANCEL_CHARGING, 50.0, 5.0),), standing_time_s=7200.0)
     assert car.mission(NS_PER_S).standing_time_s == 7200.0
     drive(car, 55.0)
     assert car.route_news(0).standing_time_s == 0.0

@@ -46,7 +46,7 @@ def a_route(duration_s=100.0):
 
 def a_car(*following, of=None, soc=0.5, temperature_c=10.0, **imperfections):
     imperfections.setdefault('sensors', Sensors(period_s=10.0))
-    return ImperfectCar(of or vehicle(), a_route(), BatteryState(temperature_c, soc), Goal(20.0),
+    return ImperfectCar(of or vehicle(), DrivePhase(a_route(), Goal(20.0)), BatteryState(temperature_c, soc),
                         Imperfections(**imperfections), route_id='home', following=following)
 
 

@@ -83,7 +83,7 @@ def test_a_scenario_that_comes_along_says_what_it_is(name):
 @pytest.mark.costly
 def test_the_disturbances_that_are_foreseen_are_all_tried():
     scenarios = [load_scenario(name) for name in NAMES]
-    kinds = {event.kind for scenario in scenarios for event in scenario.imperfections.events}
+    kinds = {event.kind for scenario in scenarios for event in scenario.first.events}
     assert kinds == set(Kind)
     faults = [fault for scenario in scenarios for fault in scenario.imperfections.heater_faults]
     assert any(fault.stuck_on for fault in faults)
@@ -100,19 +100,19 @@ def test_the_disturbances_that_are_foreseen_are_all_tried():
 def test_every_key_takes_effect(tmp_path):
     scenario = load(tmp_path, GOOD)
     imperfections, expected = scenario.imperfections, scenario.expectations
-    assert scenario.route.total_duration_s == pytest.approx(1200.0)
+    assert scenario.first.route.total_duration_s == pytest.approx(1200.0)
     assert (scenario.state.temperature_c, scenario.state.soc) == (-5.0, 0.8)
-    assert (scenario.goal.target_temperature_c, scenario.goal.minimum_arrival_soc) == (20.0, 0.1)
+    assert (scenario.first.goal.target_temperature_c, scenario.first.goal.minimum_arrival_soc) == (20.0, 0.1)
     assert scenario.car().mission(NS_PER_S).standing_time_s == 7200.0
     assert scenario.planner == {'minimum_off_time': 60.0, 'estimation': False}
     assert imperfections.mismatch.heat_capacity == 1.1
     assert imperfections.sensors.drop_outs == ((10, 20),)
     assert [fault.share for fault in imperfections.heater_faults] == [0.4, 1.0]
-    assert [event.kind.value for event in imperfections.events] == [
+    assert [event.kind.value for event in scenario.first.events] == [
         'stop', 'other_pace', 'detour', 'cancel_charging']
-    assert imperfections.events[0].route_plan_after_s is None
+    assert scenario.first.events[0].route_plan_after_s is None
     assert imperfections.clock_jumps[0].by_s == -20
-    assert imperfections.position == PositionReports(2.0, 5.0, ((100, 200),))
+    assert scenario.first.position == PositionReports(2.0, 5.0, ((100, 200),))
     assert expected.arrival_error_k == (-0.5, 1.0)
     assert (expected.off_during, expected.heats_during) == (((30, 40),), ((500, 600),))
     sensors = imperfections.sensors
@@ -146,14 +146,14 @@ def chained(chain, **sections):
 
 def test_every_key_of_a_chain_takes_effect(tmp_path):
     scenario = load(tmp_path, chained(CHAIN))
-    charge, park, drive = scenario.following
+    _, charge, park, drive = scenario.phases
     assert charge == Charge(90000, 900, -8, 0.9, 1000, heats_itself=True)
     assert park == Park(3600, -9, 300)
     assert (drive.route.total_duration_s, drive.announced_s, drive.starts_over) == (700.0, 1800.0, True)
     assert (drive.goal, drive.position) == (Goal(15.0, 0.1, True), PositionReports(noise_m=3.0))
-    assert (scenario.route.total_duration_s, scenario.standing_time_s) == (600.0, 60.0)
-    assert [event.kind for event in scenario.imperfections.events] == [Kind.ARRIVE_EARLY]
-    assert not scenario.goal.charging_planned
+    assert (scenario.first.route.total_duration_s, scenario.first.standing_time_s) == (600.0, 60.0)
+    assert [event.kind for event in scenario.first.events] == [Kind.ARRIVE_EARLY]
+    assert not scenario.first.goal.charging_planned
     first, charged, parked, last = scenario.phase_expectations
     assert (first.most_switch_ons, charged, parked.off_during, last) == (1, None, ((10, 3600),), None)
     assert scenario.car().longest_s == 500.0 + 900.0 + 3600.0 + 700.0
@@ -236,7 +236,7 @@ def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
     contents = changed(('drive', 'route'), './own.csv')
     del contents['drive']['ends_after_s']
     assert load(tmp_path, contents).route.total_duration_s == pytest.approx(
-        load_scenario('detour').imperfections.events[0].route.total_duration_s, rel=1.0)
+        load_scenario('detour').first.events[0].route.total_duration_s, rel=1.0)
 
 
 @pytest.mark.costly

@@ -9,7 +9,8 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.imperfect_car import ImperfectCar
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario import Expectations, load_scenario
 from bev_preheat.simulation.scenario_drive import DriveRecord, evaluate, evaluate_chain, fill_phases, PhaseEnd
 from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
@@ -116,7 +117,7 @@ def test_the_score_is_that_of_the_commands_that_the_car_got():
     vehicle = load_vehicle('reference')
     route = make_route({'duration_s': [30.0] * 20, 'speed_mps': [15.0], 'propulsion_power_w': [15e3],
                         'ambient_temperature_c': [-5.0]}, vehicle.defaults)
-    car = ImperfectCar(vehicle, route, BatteryState(8.0, 0.8), Goal(TARGET_C), Imperfections(), 0)
+    car = ImperfectCar(vehicle, DrivePhase(route, Goal(TARGET_C)), BatteryState(8.0, 0.8))
     supervisor, switching, energy_wh, before = Supervisor(vehicle, Settings()), Switching(), 0.0, None
     for _, instant in instants(car, supervisor):
         if instant is None:

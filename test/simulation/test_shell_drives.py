@@ -12,6 +12,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
@@ -57,7 +58,7 @@ def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
         pytest.param(sensor, (), marks=pytest.mark.deep) for sensor in ('shell', 'mean'))])
 def test_the_core_arrives_warm_wherever_the_sensor_is(sensor, silent_s):
     car = shell_car(sensor)
-    drive = ImperfectCar(car, route(), START, Goal(TARGET_C), Imperfections(
+    drive = ImperfectCar(car, DrivePhase(route(), Goal(TARGET_C)), START, Imperfections(
         Mismatch(heat_capacity=1.05, leakage=0.9, heater=0.95, propulsion_power=1.05),
         sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5, drop_outs=silent_s)), seed=3)
     supervisor, hottest_k, errors_k = Supervisor(car, Settings()), 0.0, []

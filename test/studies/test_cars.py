@@ -11,6 +11,7 @@ from short_drives import made_drive, made_result, short_conditions
 from bev_preheat.commands.main import main
 from bev_preheat.control.settings import Settings
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario_drive import DriveRecord
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat_studies.robustness.cars import summarise_drives
@@ -27,7 +28,7 @@ EVERY_TWO_SECONDS = replace(Settings(), command_period_s=2.0)
 
 
 def make_car(conditions=CONDITIONS, mismatch=Mismatch(), make=ImperfectCar):
-    return make(conditions.vehicle, conditions.routes[0], conditions.state, conditions.goal,
+    return make(conditions.vehicle, DrivePhase(conditions.routes[0], conditions.goal), conditions.state,
                 Imperfections(mismatch, sensors=Sensors(period_s=conditions.period_s)), seed=1)
 
 

@@ -25,6 +25,7 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route, route_file
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle, vehicle_file
@@ -133,7 +134,8 @@ def measure_updates(log: Callable[[str], object]) -> list[Figure]:
 
 
 def _updates_ms(vehicle: Vehicle, route: Route, goal: Goal) -> list[float]:
-    car = ImperfectCar(vehicle, route, STATE, goal, Imperfections(sensors=Sensors(temperature_noise_k=NOISE_K)))
+    car = ImperfectCar(vehicle, DrivePhase(route, goal), STATE,
+                       Imperfections(sensors=Sensors(temperature_noise_k=NOISE_K)))
     return [1e3 * moment.cpu_s for moment in moments(car, Supervisor(vehicle, Settings()), lambda: car.is_over)
             if moment.reading is not None]
 

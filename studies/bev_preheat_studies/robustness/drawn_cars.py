@@ -11,6 +11,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
@@ -100,11 +101,12 @@ class DrawnCar:
         """Return a new car at the start, with other Sensors or its own; every such car drives identically."""
         conditions = self.conditions
         return ImperfectCar(
-            conditions.vehicle, self.route, conditions.state, conditions.goal,
-            Imperfections(
-                self.mismatch, self.heat_path, sensors or self.sensors(), self.heater_faults, self._events(),
+            conditions.vehicle, DrivePhase(
+                self.route, conditions.goal, events=self._events(),
                 position=(PositionReports(conditions.period_s, POSITION_NOISE_M)
                           if conditions.tells_position else None)),
+            conditions.state,
+            Imperfections(self.mismatch, self.heat_path, sensors or self.sensors(), self.heater_faults),
             [self.seed, self.number])
 
     def sensors(self) -> Sensors:

@@ -70,9 +70,8 @@ class DrawnDay:
         sensors = replace(drawn.sensors(), reports_power=conditions.reports_power,
                           supply_status='plugged' if self.tells_supply else 'unknown')
         return ImperfectCar(
-            conditions.vehicle, first.route, conditions.state, first.goal,
-            Imperfections(drawn.mismatch, drawn.heat_path, sensors, drawn.heater_faults, first.events,
-                          position=first.position),
+            conditions.vehicle, first, conditions.state,
+            Imperfections(drawn.mismatch, drawn.heat_path, sensors, drawn.heater_faults),
             [drawn.seed, drawn.number], following=following)
 
 
