@@ -235,7 +235,7 @@ def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
         (configuration_folder('routes') / 'winter_commute.csv').read_text())
     contents = changed(('drive', 'route'), './own.csv')
     del contents['drive']['ends_after_s']
-    assert load(tmp_path, contents).route.total_duration_s == pytest.approx(
+    assert load(tmp_path, contents).first.route.total_duration_s == pytest.approx(
         load_scenario('detour').first.events[0].route.total_duration_s, rel=1.0)
 
 
