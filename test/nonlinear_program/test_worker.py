@@ -40,7 +40,7 @@ BLOCKED_S = 20.0
 OWNER = """
 import sys, time
 from bev_preheat.nonlinear_program.solver_process import Question, SolverProcess
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1:]
 from test_worker import LONG_QUESTION, VEHICLE
 solver = SolverProcess(VEHICLE, niceness=0)
 solver.ask(LONG_QUESTION, 300.0)
@@ -260,7 +260,7 @@ def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch
 
 
 def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
-    owner = subprocess.Popen([sys.executable, '-c', OWNER, os.path.dirname(__file__)],
+    owner = subprocess.Popen([sys.executable, '-c', OWNER, *map(str, Path(__file__).parents[:2])],
                              stdout=subprocess.PIPE, text=True)
     with owner:
         process_id = int(owner.stdout.readline())
