@@ -4,7 +4,7 @@
 from types import SimpleNamespace
 
 import pytest
-from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
+from recorded_drive import LONG_S, LONG_TARGET_C, record_drive
 
 from bev_preheat.control.heater import HeaterAnswerReport, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
@@ -87,7 +87,7 @@ def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c
     """With the whole command counted, the changed drive would be too cold by most of the saved heat."""
     weak = {'heater_faults': (HeaterFault(0.0, share=0.25),)}
     for folder, wanted_c in (('before', LONG_TARGET_C), ('after', target_c)):
-        RecordedDrive(a_car(wanted_c, LONG_S, **weak), tmp_path / folder).drive(LONG_S + 5)
+        record_drive(tmp_path / folder, wanted_c, LONG_S, **weak)
     flight = read_flight(tmp_path / 'before')
     before, actual = replay(flight), replay(read_flight(tmp_path / 'after')).course
     assert 'only 25 % of its command' in before.heater.sentence

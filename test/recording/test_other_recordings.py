@@ -27,11 +27,11 @@ def replayed(capsys, *words):
 @pytest.mark.parametrize('ahead_ns', [pytest.param(0, marks=pytest.mark.deep), 10**17])
 def test_a_bag_gives_the_commands_again(recorded, tmp_path, capsys, ahead_ns):
     """Also under simulated time, whose clock is far from the recorder's."""
-    drive, folder = recorded
+    outputs, folder = recorded
     bag = write_mcap(tmp_path / 'drive.mcap', topic_messages(folder, ahead_ns=ahead_ns))
     status, result = replayed(capsys, bag, '--vehicle', 'reference', '--method', 'value_function')
     assert (status, result['reproduced']) == (0, True)
-    assert result['commands'] == sum(output.command is not None for _, output in drive.outputs[:STEPS])
+    assert result['commands'] == sum(output.command is not None for _, output in outputs[:STEPS])
     assert result['recorded']['hvch_commanded_wh'] > 200.0
 
 
@@ -93,12 +93,12 @@ def log_of(folder, path, columns):
 
 @pytest.mark.deep
 def test_a_log_has_the_heaters_power_instead_of_commands(recorded, tmp_path, capsys):
-    drive, folder = recorded
+    outputs, folder = recorded
     log = log_of(folder, tmp_path / 'log.csv', 6)
     status, result = replayed(capsys, log, '--route', 'reference')
     assert (status, result['source'], result['reproduced']) == (0, 'log', None)
     # The same energy as the drive that the log was made of: two steps a second.
-    energy_wh = sum(output.command.battery_heating_power_w for _, output in drive.outputs[:STEPS]) / 2 / 3600
+    energy_wh = sum(output.command.battery_heating_power_w for _, output in outputs[:STEPS]) / 2 / 3600
     assert result['recorded']['hvch_delivered_wh'] == pytest.approx(energy_wh, rel=0.02)
     assert energy_wh > 200.0 and result['changed']['statuses']
     assert 'no commands to reproduce' in result['remarks'][-1]

@@ -5,37 +5,28 @@ from dataclasses import replace
 import json
 
 import pytest
-from recorded_drive import (
-    a_car,
-    beginning,
-    LENGTH_S,
-    LONG_S,
-    LONG_TARGET_C,
-    RecordedDrive,
-    START_NS,
-    writer,
-)
+from recorded_drive import LENGTH_S, LONG_S, LONG_TARGET_C, record_drive
 
 from bev_preheat.commands.main import main
-from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
+from bev_preheat.recording.records import Beginning
 from bev_preheat.recording.what_if import replay, replay_changed
-from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry
+from bev_preheat.simulation.supervised_drive import START_NS
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 
 
 def test_it_is_reproduced_to_the_last_digit(recorded):
-    drive, folder = recorded
+    outputs, folder = recorded
     flight = read_flight(folder)
     assert flight.remarks == ()
     replayed = replay(flight)
     assert replayed.comparison.is_reproduced
-    commands = [output.command for _, output in drive.outputs if output.command is not None]
+    commands = [output.command for _, output in outputs if output.command is not None]
     assert replayed.comparison.commands == len(commands) > LENGTH_S
     # It heats, otherwise equality would say little.
     assert replayed.course.heating and replayed.course.energy_wh > 200.0
@@ -44,7 +35,7 @@ def test_it_is_reproduced_to_the_last_digit(recorded):
 @pytest.mark.needs('rosbags')
 def test_it_is_a_log_too(recorded):
     """Its steps are JSON, which no reader of ROS messages takes for one."""
-    drive, folder = recorded
+    _, folder = recorded
     recording = read_recording(next(folder.glob('*.mcap')))
     given = read_flight(folder).given
     temperatures = recording.signals['battery_temperature_c'].value
@@ -70,16 +61,13 @@ def test_a_changed_command_is_found(recorded):
 def test_what_if_agrees_with_a_drive_that_was_so(long_folder, tmp_path):
     """With another target the replay must go where a simulated car goes that is given that target."""
     changed = replay_changed(read_flight(long_folder), Changes(parameters={'estimation': False}))
-    head = (Entry(BEGINNING_CHANNEL, START_NS, beginning(parameters={'estimation': False}).as_dictionary()),)
-    other = RecordedDrive(
-        a_car(LONG_TARGET_C, LONG_S), tmp_path, Settings(estimation=False), head=head).drive(LONG_S + 5)
+    record_drive(tmp_path, LONG_TARGET_C, LONG_S, {'estimation': False})
     replayed = replay(read_flight(tmp_path))
     assert replayed.comparison.is_reproduced
     actual = replayed.course
     assert len(changed.heating) == len(actual.heating)
     assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02)
     assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
-    assert other.outputs
 
 
 def test_the_command_says_reproduced_and_compares(recorded, capsys):
@@ -133,10 +121,7 @@ def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
     assert flight.begin == 0
 
 
-def test_another_format_is_refused_by_name(tmp_path):
-    values = {**beginning().as_dictionary(), 'format': 99, 'version': '9.9.9'}
-    flights = writer(tmp_path, (Entry(BEGINNING_CHANNEL, START_NS, values),))
-    flights.put()
-    flights.close(10.0)
+def test_another_format_is_refused_by_name(recorded):
+    values = {**read_flight(recorded[1]).beginning.as_dictionary(), 'format': 99, 'version': '9.9.9'}
     with pytest.raises(InvalidInput, match=r"format '99' of version '9\.9\.9'"):
-        read_flight(tmp_path)
+        Beginning.from_dictionary(values)

@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from recorded_drive import LENGTH_S, START_NS, TARGET_C
+from recorded_drive import LENGTH_S, TARGET_C
 
 from bev_preheat.commands.main import main
 from bev_preheat.monitoring.pages import report_text, ReportText
@@ -20,6 +20,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.history import History
 from bev_preheat.recording.player import Played, Player
+from bev_preheat.simulation.supervised_drive import START_NS
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
               pytest.mark.costly]
@@ -50,13 +51,13 @@ def page(recorded, tmp_path_factory):
 
 
 def test_columns_are_those_of_the_drive(page):
-    drive, path = page
+    outputs, path = page
     contents = contents_of(path.read_text(encoding='utf-8'))
     assert contents['courses'] == ['recorded', 'changed']
     columns = contents['recorded']['columns']
     time_s = numbers(contents['recorded']['time'], 'd')
     assert time_s == sorted(time_s) and time_s[0] * NS_PER_S == START_NS
-    commands_w = {now_ns: output.command.battery_heating_power_w for now_ns, output in drive.outputs}
+    commands_w = {now_ns: output.command.battery_heating_power_w for now_ns, output in outputs}
     for now_s, power_w in zip(time_s, numbers(columns['commanded'])):
         # The last step of an instant may come after the row; power changes seldom.
         assert commands_w[round(now_s * NS_PER_S)] == pytest.approx(power_w, abs=1.0) or power_w in (0.0, 5022.0)
