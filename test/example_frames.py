@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frames of config/signals/example_car.dbc, packed and unpacked bit by bit, without cantools and crccheck."""
 
+from pathlib import Path
+
+from bev_preheat.files.input_files import find_configuration
+
 STATUS, TEMPERATURES, COMMAND, HEATER_STATUS = 0x3A1, 0x3A2, 0x2F0, 0x2F1
 
 
@@ -45,3 +49,14 @@ def read_command(data):
     """Return (power [W], enabled, count, whether the checksum is right) of HVCH_Command's data."""
     word = int.from_bytes(data[:3], 'little')
     return 10.0 * (word & 0x3FF), bool(word >> 10 & 1), word >> 16 & 0xF, data[3] == crc8_j1850(data[:3])
+
+
+def can_map(folder, channel, interface='slcan', bitrate=500000):
+    """Return the example's signal map with another bus in place of can0; a bitrate None is left out."""
+    shipped = find_configuration('signals', 'example_car', '.yaml')
+    rate = '' if bitrate is None else f', bitrate: {bitrate}'
+    path = folder / f'map_of_{Path(channel).name}.yaml'
+    path.write_text(shipped.read_text().replace(
+        'dbc: example_car.dbc', f'dbc: {shipped.with_name("example_car.dbc")}').replace(
+        '{interface: socketcan, channel: can0}', f'{{interface: {interface}, channel: {channel}{rate}}}'))
+    return path

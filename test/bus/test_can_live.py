@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live CAN bus under attack, through an adapter on a pseudo terminal: no wrong reading is used, all recover."""
 
-from pathlib import Path
 from queue import Empty, Queue
 import re
 import time
 from types import SimpleNamespace
 
-from example_frames import COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
+from example_frames import can_map, COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
 import pytest
 from slcan_port import SlcanPort
 from waiting import poll_until, TIME_LIMIT_S
@@ -19,17 +18,6 @@ from bev_preheat.bus.source import age_of_stamp, Readings, steady_s
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial')]
-SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
-
-
-def write_map(folder, path):
-    text = (SIGNALS / 'example_car.yaml').read_text()
-    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
-    text = text.replace('{interface: socketcan, channel: can0}',
-                        f'{{interface: slcan, channel: {path}, bitrate: 500000}}')
-    file = folder / 'car.yaml'
-    file.write_text(text)
-    return file
 
 
 class Car:
@@ -38,7 +26,7 @@ class Car:
     def __init__(self, folder):
         self.port = SlcanPort()
         self.now_s = 1000.0
-        self.source = CanSource(load_live_map(write_map(folder, self.port.path)), lambda: self.now_s)
+        self.source = CanSource(load_live_map(can_map(folder, self.port.path)), lambda: self.now_s)
         self._counts = {STATUS: 0, TEMPERATURES: 0}
         self._sent = 0
         self.source.start()
@@ -154,7 +142,7 @@ def test_frames_from_before_the_bus_was_opened_are_not_used(tmp_path):
     for count in range(8):
         port.send(STATUS, status_frame(0.5, 360.0, 0.0, count))
         port.send(TEMPERATURES, temperature_frame(20.0, count))
-    source = CanSource(load_live_map(write_map(tmp_path, port.path)), steady_s)
+    source = CanSource(load_live_map(can_map(tmp_path, port.path)), steady_s)
     source.start()
     try:
         poll_until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
@@ -187,7 +175,7 @@ def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
 
 def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
     port, now_s = SlcanPort(), 1000.0
-    file = write_map(tmp_path, port.path)
+    file = can_map(tmp_path, port.path)
     # Any signals will do.
     file.write_text(file.read_text().replace('  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: km/h}\n'
                                              '  ambient_c: BMS_Temperatures.BMS_TempMin\n  soc:'))
@@ -278,7 +266,7 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
     link_path = tmp_path / 'ttyCAN'
     first, second = SlcanPort(), SlcanPort()
     link_path.symlink_to(first.path)
-    source = CanSource(load_live_map(write_map(tmp_path, link_path)), steady_s)
+    source = CanSource(load_live_map(can_map(tmp_path, link_path)), steady_s)
     source.start()
     poll_until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
     link_path.unlink()
@@ -319,11 +307,7 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
             for at_s, identifier, data in recorded_frames(1768460400.0):
                 writer.on_message_received(can.Message(
                     timestamp=at_s, arbitration_id=identifier, is_extended_id=False, data=data))
-    text = (SIGNALS / 'example_car.yaml').read_text().replace(
-        'dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}').replace(
-        '{interface: socketcan, channel: can0}', f'{{interface: replay, channel: {recording.name}}}')
-    (tmp_path / 'recorded.yaml').write_text(text)
-    source = CanSource(load_live_map(tmp_path / 'recorded.yaml'), steady_s)
+    source = CanSource(load_live_map(can_map(tmp_path, recording.name, 'replay', None)), steady_s)
     begun_s = steady_s()
     source.start()
     try:

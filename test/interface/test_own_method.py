@@ -33,16 +33,6 @@ def installed(folder, monkeypatch):
     installed_packages.use_folder(monkeypatch, folder)
 
 
-@pytest.fixture(scope='module')
-def vehicle():
-    return bp.load_vehicle('reference')
-
-
-@pytest.fixture(scope='module')
-def route(vehicle):
-    return bp.load_route('reference', vehicle)
-
-
 def test_it_plans_in_python(installed, vehicle, route):
     assert bp.methods() == ('value_function', 'optimal_switch', 'paper', *METHODS)
     plan = bp.plan(vehicle, route, STATE, method='last_20_minutes')

@@ -7,7 +7,6 @@ frames of either reach the heater.
 """
 
 import math
-from pathlib import Path
 import threading
 import time
 
@@ -23,22 +22,10 @@ from example_frames import (
 )
 from slcan_port import SlcanPort
 
-from bev_preheat.files.input_files import find_configuration
-
 PERIOD_S = 0.1
 # The heater's own timeout: without a new frame it is off.
 HEATER_TIMEOUT_S = 0.5
 HEATER_EFFICIENCY, LEAKAGE_W_PER_K, VOLTAGE_V, RESISTANCE_OHM = 0.87, 20.0, 400.0, 0.1
-
-
-def can_map(folder, adapter):
-    """Return the example's signal map with an adapter (slcan) in place of can0."""
-    shipped = find_configuration('signals', 'example_car', '.yaml')
-    text = shipped.read_text().replace('dbc: example_car.dbc', f'dbc: {shipped.with_name("example_car.dbc")}')
-    path = folder / f'map_of_{Path(adapter).name}.yaml'
-    path.write_text(text.replace('{interface: socketcan, channel: can0}',
-                                 f'{{interface: slcan, channel: {adapter}, bitrate: 500000}}'))
-    return path
 
 
 class CanCar:

@@ -31,6 +31,7 @@ from rehearsal import Rehearsal
 from spinning import spun_node
 
 from bev_preheat.nodes.installed_drive import reserved_domain_id
+from bev_preheat.vehicle import vehicle_contents
 
 # Files of 8 s and more, processor time or waiting, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (
@@ -189,3 +190,13 @@ def call_main(ros, monkeypatch, capfd):
         stdout, stderr = capfd.readouterr()
         return SimpleNamespace(returncode=end.value.code, stdout=stdout, stderr=stderr)
     return call_main
+
+
+@pytest.fixture
+def car_with_gates(tmp_path):
+    """`car_with_gates(gates)` returns a vehicle file: the reference with `heating_gates` as YAML."""
+    def car_with_gates(gates):
+        path = tmp_path / 'gated.yaml'
+        path.write_text(f'{vehicle_contents("reference").decode()}\nheating_gates: {{{gates}}}\n')
+        return path
+    return car_with_gates

@@ -4,9 +4,10 @@
 import math
 import time
 
-from can_car import can_map, CanCar, VOLTAGE_V
+from can_car import CanCar, VOLTAGE_V
 from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import (
+    can_map,
     TEMPERATURES,
 )
 from node_bench import repeating

@@ -9,8 +9,8 @@ installed ones, and no message of ROS is written by hand.
 from itertools import groupby
 import signal
 
-from can_car import can_map, CanCar
-from example_frames import COMMAND
+from can_car import CanCar
+from example_frames import can_map, COMMAND
 from node_bench import repeating
 import pytest
 from std_msgs.msg import Float64

@@ -4,11 +4,9 @@
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-import pytest
 from rosgraph_msgs.msg import Clock
 from test_command_conflict import feeding, LEASE_S, QUICK
 
-from bev_preheat.files.input_files import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
@@ -16,28 +14,19 @@ from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
 HEATER = ('-p', f'command_deadline:={LEASE_S + 1.0}')
 
 
-@pytest.fixture
-def careful_car(tmp_path):
-    """Return a vehicle file of a car that heats from 95 % of charge on; the fed battery is at 80 %."""
-    path = tmp_path / 'careful.yaml'
-    path.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text()
-                    + '\nheating_gates: {minimum_soc: 0.95}\n')
-    return path
-
-
 def is_heating(status):
     return status.active_power > 0.0
 
 
-def test_refusal_is_in_the_plan_and_in_one_entry(rehearsal, careful_car):
+def test_refusal_is_in_the_plan_and_in_one_entry(rehearsal, car_with_gates):
     plans = rehearsal.record(PreheatPlan, 'preheat_plan', 100)
     diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
     with feeding(rehearsal):
-        # The planner's own file does not know the gate.
+        # The fed battery is at 80 %, and the planner's own file does not know the gate.
         rehearsal.start('planner', *QUICK)
         plans.wait_for(lambda plan: plan.status in (PreheatPlan.HEATING, PreheatPlan.TARGET_UNREACHABLE))
-        rehearsal.start('heater_controller', *HEATER, '-p', f'vehicle:={careful_car}', '-p',
-                        'battery_state_timeout:=60.0')
+        rehearsal.start('heater_controller', *HEATER, '-p', 'battery_state_timeout:=60.0', '-p',
+                        f'vehicle:={car_with_gates("minimum_soc: 0.95")}')
         plan = plans.wait_for(lambda plan: plan.explanation.startswith(
             'The heater does not heat (LOW_CHARGE): the state of charge is 80.0 %'))
         assert plan.status == PreheatPlan.TARGET_UNREACHABLE

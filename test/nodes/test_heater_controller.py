@@ -5,8 +5,8 @@ import math
 import signal
 from types import SimpleNamespace
 
-from can_car import can_map
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from example_frames import can_map
 from node_bench import repeating
 import pytest
 from rclpy.duration import Duration
@@ -161,7 +161,9 @@ def test_end_by_signal_is_reported(installed):
     assert installed.refused(HvchStatus.NOT_ACTIVE).explanation == 'the controller is shutting down'
 
 
-def test_gates_of_the_car(rehearsal, gated_car):
+def test_gates_of_the_car(rehearsal, car_with_gates):
+    gated_car = car_with_gates(
+        'minimum_soc: 0.15, maximum_temperature_c: 25, only_while_standing: true, power_steps_w: [2000, 5000]')
     controlled = Controlled(rehearsal, '-p', f'vehicle:={gated_car}')
     states = rehearsal.publisher(BatteryState, 'battery_state', 1)
     speeds = rehearsal.publisher(Float64, 'vehicle_speed', 1)
@@ -189,15 +191,6 @@ def test_gates_of_the_car(rehearsal, gated_car):
             car[name] = before
             controlled.statuses.clear()
             controlled.statuses.wait_for(lambda status: status.active_power == 5000.0)
-
-
-@pytest.fixture
-def gated_car(tmp_path):
-    text = find_configuration('vehicles', 'reference', '.yaml').read_text()
-    path = tmp_path / 'gated.yaml'
-    path.write_text(f'{text}\nheating_gates: {{minimum_soc: 0.15, maximum_temperature_c: 25, '
-                    'only_while_standing: true, power_steps_w: [2000, 5000]}\n')
-    return path
 
 
 @pytest.mark.needs('cantools')

@@ -13,7 +13,6 @@ import sys
 
 from planner_car import heats, LATCHED, PlannerCar
 import pytest
-from rcl_interfaces.srv import DescribeParameters, GetParameters
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState
 
@@ -97,20 +96,6 @@ def test_bytes_that_are_no_message_do_no_harm(car):
     car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
                        and 'route_plan refused: the message cannot be read' in plan.explanation)
     car.heat()
-
-
-def test_its_services_answer(car):
-    call = car.bench.call
-    names = ['value_of_time']
-    assert car.set(value_of_time=12.0).successful
-    assert 'value_of_time' in car.set(value_of_time=-1.0).reason
-    assert call(GetParameters, '/planner/get_parameters', GetParameters.Request(names=names)
-                ).values[0].double_value == 12.0
-    assert call(DescribeParameters, '/planner/describe_parameters', DescribeParameters.Request(names=names)
-                ).descriptors[0].description.endswith('[per h]')
-    for is_on, condition in ((False, lambda command: command.reason == Status.DISABLED), (True, heats)):
-        assert car.enable(is_on).success
-        car.commands.wait_for(condition, f'the answer to {is_on}')
 
 
 def test_no_solver_and_no_plots_are_in_the_process(car):

@@ -110,9 +110,10 @@ def spun(context, executable, *arguments):
 
 
 @pytest.mark.parametrize('executable', EXECUTABLES)
-def test_a_policy_allows_what_the_node_uses_and_nothing_else(silent_context, executable, gated_car):
+def test_a_policy_allows_what_the_node_uses_and_nothing_else(silent_context, executable, car_with_gates):
     options = OPTIONS.get(executable, ())
     if executable == 'heater_controller':
+        gated_car = car_with_gates('minimum_soc: 0.15, only_while_standing: true')
         options = ('-p', f'vehicle:={gated_car}', '-p', 'lifecycle:=true')
     with spun(silent_context, executable, *options) as (node, wait_until):
         # The planner listens to hvch_command while another node publishes it.
@@ -169,13 +170,3 @@ def test_each_executable_has_a_policy_and_only_the_planner_may_command_the_heate
     commanders = {executable for executable in everything
                   if 'hvch_command' in policy(executable).get(('topics', 'publish'), ())}
     assert commanders == COMMANDERS
-
-
-@pytest.fixture
-def gated_car(tmp_path):
-    """Return a vehicle file with gates on the battery and on the speed."""
-    from bev_preheat.files.input_files import find_configuration
-    path = tmp_path / 'gated.yaml'
-    path.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text() + (
-        '\nheating_gates: {minimum_soc: 0.15, only_while_standing: true}\n'))
-    return path

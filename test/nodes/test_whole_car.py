@@ -13,9 +13,9 @@ from itertools import permutations
 import signal
 import time
 
-from can_car import can_map, CanCar, HEATER_TIMEOUT_S
+from can_car import CanCar, HEATER_TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from example_frames import COMMAND
+from example_frames import can_map, COMMAND
 import pytest
 from sensor_msgs.msg import BatteryState
 from waiting import poll_until, TIME_LIMIT_S
