@@ -97,7 +97,7 @@ class Commander(NamedTuple):
         return self._replace(
             switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
             history=self.history.noted(now_ns, 0.0)), Command(
-                0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
+                0.0, now_ns + round(settings.command_lease_s * NS_PER_S), reason)
 
     def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Decision]:
         """
@@ -223,7 +223,7 @@ def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
     settings, measurement = inputs.settings, inputs.measurement
     assert measurement is not None
     # No lease outlives the battery state that it is based on.
-    return min(now_ns + round(settings.lease_s * NS_PER_S),
+    return min(now_ns + round(settings.command_lease_s * NS_PER_S),
                measurement.expires_ns(settings.battery_state_timeout_s))
 
 

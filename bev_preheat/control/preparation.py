@@ -256,7 +256,7 @@ def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
 
 def terms_of(goal: PreparationGoal, settings: Settings) -> Terms:
     """Return the Terms of a goal; its target is given or the default, never chosen."""
-    is_given, of_settings = goal.target_c is not None, settings.target_temperature_c is not None
+    is_given, of_settings = goal.target_c is not None, settings.target_battery_temperature_c is not None
     choice = TargetChoice(
         TargetSource.GIVEN if is_given or of_settings else TargetSource.DEFAULT,
         'The target is given by the goal.' if is_given else

@@ -148,7 +148,7 @@ def given_target(leg: Leg, settings: Settings) -> str:
     """Return the source of a given target, as a sentence; '' if no target is given."""
     if leg.target_temperature_c is not None:
         return 'The target is given by the route plan.'
-    if settings.target_temperature_c is not None:
+    if settings.target_battery_temperature_c is not None:
         return 'The target is given by the parameter target_battery_temperature.'
     return ''
 

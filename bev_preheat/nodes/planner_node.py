@@ -101,7 +101,7 @@ class PlannerNode(ProgramNode):
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = CommandPublisher(
-            self, lambda: round(self._supervisor.state.settings.lease_s * NS_PER_S), self._on_rival)
+            self, lambda: round(self._supervisor.state.settings.command_lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)

@@ -41,7 +41,7 @@ PARAMETERS = (
               'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
     Parameter('command_period', DEFAULTS.command_period_s,
               'The command is repeated this often', 's', (0.02, 10.0)),
-    Parameter('command_lease', DEFAULTS.lease_s,
+    Parameter('command_lease', DEFAULTS.command_lease_s,
               'A command is valid this long; longer than command_period', 's', (0.05, 30.0)),
     Parameter('planning_step', DEFAULTS.planning_step_s,
               'Routes are planned in steps of this length', 's', (1.0, 300.0)),
@@ -103,7 +103,7 @@ def take_effect(settings: Settings) -> None:
     """Set what holds for the whole process: the core, and the time of an installed method for an answer."""
     use_core(settings.compiled_core)
     # A step may ask it several times.
-    limit_answer_time(ANSWER_SHARE * (settings.lease_s - settings.command_period_s))
+    limit_answer_time(ANSWER_SHARE * (settings.command_lease_s - settings.command_period_s))
 
 
 def check_changes(values: Values, changed: Values) -> None:

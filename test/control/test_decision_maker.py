@@ -181,7 +181,7 @@ def set_vehicle(supervisor):
 
 
 def set_settings(supervisor):
-    supervisor.settings = replace(MEASURED, target_temperature_c=12.0)
+    supervisor.settings = replace(MEASURED, target_battery_temperature_c=12.0)
 
 
 def set_equal_settings(supervisor):

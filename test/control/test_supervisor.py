@@ -22,7 +22,7 @@ from bev_preheat.planning.status import Status
 
 # The effect of the inputs on the command; the estimate is tested in test_estimating.py.
 MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
-SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, lease_s=1.5)
+SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, command_lease_s=1.5)
 CABIN_W = 1500.0
 FULL_POWER_W = 7000.0 - CABIN_W
 DURATION_S = 1200.0
@@ -392,7 +392,7 @@ def test_the_cabin_comes_first_in_each_segment():
     ids=['route', 'settings', 'vehicle', 'route_at_zero'])
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
-    inbox = Inbox(VEHICLE, replace(MEASURED, target_temperature_c=of_settings_c))
+    inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
     goal = inbox.goal_of(make_mission(target_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
 

@@ -178,7 +178,7 @@ def driven_with_late_heat(target_c=math.nan):
         Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0)),
         [3, 14])
     supervisor = Supervisor(late, replace(
-        MEASURED, estimation=True, command_period_s=10.0, lease_s=22.0, battery_state_timeout_s=22.0))
+        MEASURED, estimation=True, command_period_s=10.0, command_lease_s=22.0, battery_state_timeout_s=22.0))
     commands, planned_c = [], math.nan
     for moment in moments(car, supervisor, lambda: car.is_over):
         output = moment.output

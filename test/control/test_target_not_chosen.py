@@ -39,7 +39,7 @@ from bev_preheat.vehicle.description import HeatPath
 
 
 @pytest.mark.parametrize('leg, settings', [
-    ({'target_temperature_c': 21.0}, MEASURED), ({}, replace(MEASURED, target_temperature_c=21.0))],
+    ({'target_temperature_c': 21.0}, MEASURED), ({}, replace(MEASURED, target_battery_temperature_c=21.0))],
     ids=['by the route', 'by the parameter'])
 def test_a_given_target_is_kept(leg, settings):
     supervisor = a_supervisor(settings=settings, **leg)
@@ -96,7 +96,7 @@ def test_where_heating_does_not_pay_there_is_none():
 
 
 def test_a_heater_that_is_on_is_switched_off_at_once():
-    settings = replace(MEASURED, minimum_on_time_s=600.0, target_temperature_c=None)
+    settings = replace(MEASURED, minimum_on_time_s=600.0, target_battery_temperature_c=None)
     supervisor = a_supervisor(settings=settings, target_temperature_c=50.0)
     feed(supervisor)
     assert supervisor.state.latest_command.battery_heating_power_w > 1000.0

@@ -144,7 +144,7 @@ def test_a_route_that_cannot_be_read_with_new_parameters_is_dropped_until_it_can
     with monkeypatch.context() as meanwhile:
         meanwhile.setattr('bev_preheat.messages.inputs.mission_from_message', fail)
         with pytest.raises(InvalidInput, match='speed: cannot be'):
-            driver.configure(replace(SETTINGS, lease_s=1.0))
+            driver.configure(replace(SETTINGS, command_lease_s=1.0))
         assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
     driver.configure()
     assert [driver.fed(second)[0] for second in (2.0, 6.0, 9.0)] == [0.0] * 3

@@ -95,7 +95,7 @@ def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
 def heated():
     """Return (mission, goal_of, measurement, plan) of a plan with heat under way at its start."""
     vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
-    supervisor = Stepwise(vehicle, Settings(target_temperature_c=40.0))
+    supervisor = Stepwise(vehicle, Settings(target_battery_temperature_c=40.0))
     supervisor.accept_mission(mission_from_message(
         route_message(stop_target_battery_temperature=[nan]), vehicle.defaults, 30.0))
     for elapsed_s in range(0, 120, 5):

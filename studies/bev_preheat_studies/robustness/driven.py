@@ -64,7 +64,7 @@ def settings_of_compared(method: str, period_s: float) -> Settings:
     settings = COMPARED[method] if method in COMPARED else Settings(method=method)
     return replace(
         settings, command_period_s=period_s,
-        lease_s=max(settings.lease_s, LEASE_PERIODS * period_s),
+        command_lease_s=max(settings.command_lease_s, LEASE_PERIODS * period_s),
         battery_state_timeout_s=max(settings.battery_state_timeout_s, TIMEOUT_PERIODS * period_s))
 
 
