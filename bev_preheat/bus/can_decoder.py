@@ -27,11 +27,7 @@ FOLLOWED = 'coolant_c'
 
 
 class BusMessages:
-    """
-    The messages of all buses of a map, by name: cantools Messages in `by_name`, indices of their buses in `bus`.
-
-    A message of several buses, because a gateway repeats it, is read from the first.
-    """
+    """cantools Messages `by_name`, and the index of their `bus`: the first of several that have one."""
 
     def __init__(self, live_map: LiveMap) -> None:
         """Load the DBC files; raises InvalidInput for an unreadable file."""

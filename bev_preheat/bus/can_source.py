@@ -80,11 +80,7 @@ class ReplayBus:
 
 
 class CanLink:
-    """
-    Keeps a bus open; `problem` is '' while it works, else a sentence.
-
-    Every received frame of `identifiers` is passed to `receive`, in the link's thread.
-    """
+    """Keeps a bus open (`problem`: '' or a sentence); its thread passes frames of `identifiers` to `receive`."""
 
     def __init__(self, settings: CanSettings, identifiers: Collection[tuple[int, bool]],
                  receive: Receiver, has_fd: bool = False) -> None:

@@ -38,11 +38,7 @@ class ConditioningRequest:
     ready_at_s: float = 0.0
 
     def after(self, values: Mapping[str, Any]) -> ConditioningRequest:
-        """
-        Return the request after new values by path.
-
-        Raises InvalidInput, one problem per path, if one is not allowed; nothing is taken then.
-        """
+        """Return the request after new values by path; raises InvalidInput, one problem per path."""
         mode, target_c, ready_at_s = self.mode, self.target_c, self.ready_at_s
         problems: list[str] = []
         if MODE in values:

@@ -36,11 +36,7 @@ Rule = TypeVar('Rule')
 
 @dataclass(frozen=True)
 class CanSettings:
-    """
-    A bus as python-can opens it, and the DBC files of its messages.
-
-    `bitrate` is in bit/s, None: the interface's own.
-    """
+    """A bus as python-can opens it, bitrate [bit/s; None: the interface's own], and its DBC files."""
 
     interface: str
     channel: str | int
@@ -63,11 +59,7 @@ class VssSettings:
 
 @dataclass(frozen=True)
 class ChecksumRule:
-    """
-    Where a message has its checksum, and how it is computed: by a `method`, or by an `e2e_profile`.
-
-    See checksums.CRCS and checksums.PROFILES.
-    """
+    """The place of a message's checksum, computed by a `method` (CRCS) or an `e2e_profile` (PROFILES)."""
 
     signal: str
     method: str | None = None
@@ -173,11 +165,7 @@ class LiveMap:
 
 
 def load_live_map(name_or_file: str | Path) -> LiveMap:
-    """
-    Return the LiveMap with a name (a file in config/signals) or of a YAML file.
-
-    Raises InvalidInput naming file, key, value and allowed values.
-    """
+    """Return the LiveMap of a name (config/signals) or a YAML file; raises InvalidInput."""
     signal_map = load_signal_map(name_or_file)
     path, live = signal_map.path, signal_map.live
     if live is None:

@@ -36,11 +36,7 @@ def steady_s() -> float:
 
 
 def age_of_stamp(stamp_s: float | None, wall_s: float | None = None) -> float:
-    """
-    Return the age [s] of something stamped by the system's clock [s since the epoch], at least 0.
-
-    A stamp that is not of this clock, or none, has the age 0.
-    """
+    """Return the age [s] of a stamp of the system's clock [s], at least 0; 0 for a stamp of another clock."""
     if stamp_s is None or not stamp_s:
         return 0.0
     age_s = (time.time() if wall_s is None else wall_s) - stamp_s
@@ -89,11 +85,7 @@ class LiveChannel:
 
 
 class Readings:
-    """
-    The latest valid reading and the latest doubt of each (signal, channel); safe for several threads.
-
-    Instants are seconds of one clock, that of the caller.
-    """
+    """The latest valid reading and doubt of each (signal, channel), at instants [s]; thread-safe."""
 
     def __init__(self) -> None:
         """Start without any."""

@@ -184,11 +184,7 @@ def _trip_terms() -> list[str]:
 
 
 def steps() -> str:
-    """
-    Return steps.h: rates, one function for each integrator and kind of heat path, limits, and heat balance.
-
-    Rates and limits also have a variant with the values of the curves as arguments.
-    """
+    """Return steps.h: rates (also with the curves' values), integrators by heat path, limits, heat balance."""
     lag_s = _field('heater_lag_s')
     coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
     shell_share = _field('shell_share')
@@ -225,11 +221,7 @@ def steps() -> str:
 
 
 def drives() -> str:
-    """
-    Return drives.h: the rates in a drive with a known route, or with known power too, and the lags.
-
-    The values of the curves are arguments: many hypotheses of a car known up to factors share them.
-    """
+    """Return drives.h: rates in a drive of known route or power, and lags; curves' values are arguments."""
     leakage: list[AnyNumber] = [Symbol(name) for name in LEAKAGE]
     car = _with_given_curves(_vehicle(HeatPath(), Leakage(*leakage)))
     rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(

@@ -178,11 +178,7 @@ class Export:
 
 
 def core_sources() -> dict[str, str]:
-    """
-    Return {path in the export: text} of the core, its generated headers included.
-
-    Raises InvalidInput where the core's sources are neither in a checkout nor installed.
-    """
+    """Return {path in the export: text} of the core; raises InvalidInput where its sources are missing."""
     include, source = _core_folders()
     files = {}
     try:

@@ -67,11 +67,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class Vector:
-    """
-    A situation and the expected answers of METHODS; numbers in the order of check.c.
-
-    `columns` are those of bev_trip, `situation` those of bev_ecu_situation.
-    """
+    """Numbers as in check.c: `columns` of bev_trip, `situation` of bev_ecu_situation, answers of METHODS."""
 
     columns: tuple[list[float], ...]
     situation: tuple[float, ...]

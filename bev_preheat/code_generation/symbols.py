@@ -85,11 +85,7 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
 
 
 def written_out(results: Sequence[Operand]) -> tuple[list[str], list[str]]:
-    """
-    Return (lines, texts): declarations in C, and the text of each result.
-
-    A short value that is used once is inserted in place.
-    """
+    """Return (lines, texts): declarations in C, and the results; short values used once are in place."""
     uses: dict[Symbol, int] = {}
     order: list[Symbol] = []
 

@@ -52,11 +52,7 @@ ENDS = (TRUE, BATTERY, UNHEATED)
 
 def make_drive_figure(title: str, temperatures_c: Mapping[str, Course], command_w: Course, target_c: float,
                       socs: Mapping[str, Course] | None = None) -> Figure:
-    """
-    Return the figure of a drive.
-
-    Temperatures [deg C] and charges (0 ... 1; None: no panel) are by the names in STYLES, the command is in W.
-    """
+    """Return a drive's figure: temperatures [deg C], command [W], charges (0 ... 1; None: no panel)."""
     end_s = max(float(times_s[-1]) for times_s, *_ in temperatures_c.values())
     figure, (temperature, heater, *charges) = stacked_figure(3 if socs else 2, title, panel_height_in=2.3)
     draw_temperatures(temperature, temperatures_c, target_c)

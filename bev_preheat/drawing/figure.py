@@ -69,11 +69,7 @@ def stacked_figure(panels: int, title: str,
 
 
 def literal(text: str) -> str:
-    """
-    Return a text of several lines for matplotlib: long lines wrapped, no formulas.
-
-    File names may contain dollar signs and unprintable characters.
-    """
+    """Return a text for matplotlib: long lines wrapped, no formulas, control characters escaped."""
     lines = []
     for line in text.encode('utf-8', 'backslashreplace').decode().split('\n'):
         shown = ''.join(character if character.isprintable() else '\N{REPLACEMENT CHARACTER}'

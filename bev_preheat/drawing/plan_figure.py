@@ -234,11 +234,7 @@ def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
 
 def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence[Plan],
                           title: str) -> Figure:
-    """
-    Return the figure of the Plans for the Legs of a trip, and of the same legs without preheating.
-
-    During a stop, the line from arrival to the given departure is dotted.
-    """
+    """Return the figure of the Plans for the Legs of a trip (stops dotted), and without preheating."""
     unheated = [_plan_unheated(vehicle, leg, plan) for leg, plan in zip(legs, plans)]
     told = [_leg_arrival(number, leg, *both) for number, (leg, *both) in enumerate(
         zip(legs, plans, unheated), start=1)]

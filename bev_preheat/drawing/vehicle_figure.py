@@ -35,11 +35,7 @@ COOLING_FROM_C = 25.0
 
 
 def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
-    """
-    Draw the curves of a Vehicle; the suffix of the path gives the format.
-
-    Warming and cooling exclude the heat of driving.
-    """
+    """Draw the curves of a Vehicle, warming and cooling without the heat of driving, into a file."""
     figure = Figure(figsize=(11.0, 11.5), layout='constrained')
     panels = figure.subplots(3, 2)
     # A dollar sign would begin a formula.

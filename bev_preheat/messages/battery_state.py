@@ -33,11 +33,7 @@ SUPPLY_STATUSES = {int(status): status for status in SupplyStatus}
 
 
 class Temperatures(NamedTuple):
-    """
-    The battery's temperature [deg C], and those of its cells.
-
-    Coldest cell [deg C] and difference between warmest and coldest cell [K]; None: unknown.
-    """
+    """Temperature of battery and coldest cell [deg C], and spread of the cells [K]; None: unknown."""
 
     battery_c: float
     coldest_cell_c: float | None = None
@@ -70,11 +66,7 @@ def measurement_from_message(message: BatteryStateMessage) -> Measurement:
 
 
 def read_temperatures(message: BatteryStateMessage, problems: list[str]) -> Temperatures:
-    """
-    Return the Temperatures of a message; append reasons for a refusal to `problems`.
-
-    If `temperature` is NaN, the mean of the known cell temperatures replaces it.
-    """
+    """Return the Temperatures (the cells' mean if `temperature` is NaN); append refusals to `problems`."""
     battery_c, low_c, high_c = float(message.temperature), *CELL_RANGE_C
     cells_c = np.asarray(message.cell_temperature, dtype=float)
     cells_c = cells_c[np.isfinite(cells_c)]

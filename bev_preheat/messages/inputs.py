@@ -40,11 +40,7 @@ if TYPE_CHECKING:
 
 
 class Reader(NamedTuple):
-    """
-    What reading a message may need: the planner's state, the messages of its routes, and a hint.
-
-    `hint` is added to a refusal, '' adds nothing.
-    """
+    """The planner's state, the messages of its routes, and a hint for refusals."""
 
     state: State
     routes: RouteIntake
@@ -52,11 +48,7 @@ class Reader(NamedTuple):
 
 
 class Input(NamedTuple):
-    """
-    A topic: its message's type, its meaning as text ('': the type says it), and a message read as an event.
-
-    `has_many_sources`: more than one publisher is no mistake.
-    """
+    """A topic: its message type and meaning, a message read as an event, whether many publishers are right."""
 
     message_type: Any
     words: str
@@ -82,11 +74,7 @@ INPUTS = {
 
 
 class RouteIntake:
-    """
-    Reads RoutePlan messages as events for a Supervisor or an Inbox.
-
-    It retains the messages, so that the current route can be read again with other parameters.
-    """
+    """Reads RoutePlans as events, and keeps them: a route is read again for other parameters."""
 
     def __init__(self) -> None:
         """Start without a message."""
@@ -102,11 +90,7 @@ class RouteIntake:
 
     def read(self, message: RoutePlan,
              holder: State | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
-        """
-        Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
-
-        `holder` is the Supervisor or Inbox that receives the event.
-        """
+        """Return the event of a message, which the `holder` (a Supervisor's state or an Inbox) takes."""
         self._forget_all_but(holder.latest_mission)
         if is_cancellation(message):
             return TripCancelled()
@@ -120,11 +104,7 @@ class RouteIntake:
 
     def read_again(self, holder: State | Inbox, vehicle: Vehicle,
                    settings: Settings) -> Mission | InvalidInput | None:
-        """
-        Return the holder's latest Mission, read for another vehicle or with other settings.
-
-        Return the InvalidInput if it is invalid for these; None without a route.
-        """
+        """Return the latest Mission for another vehicle or settings; InvalidInput: refused, None: no route."""
         self._forget_all_but(holder.latest_mission)
         message = self.message_of(holder.latest_mission)
         try:

@@ -52,11 +52,7 @@ LATEST_CHARGED_S, MOST_WH = 1e7, 1e9
 
 def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
                  later_decisions: Sequence[Decision] = ()) -> PreheatPlan:
-    """
-    Return the PreheatPlan of a Decision; without a plan its figures are NaN.
-
-    `later_decisions` are for the legs after the next stop.
-    """
+    """Return the PreheatPlan of a Decision, NaN without a plan; `later_decisions`: legs after the next stop."""
     plan = decision.plan
     message = PreheatPlan(status=int(decision.status), explanation=decision.explanation)
     message.header.stamp = time_message(decision.plan_start_ns if plan else now_ns)

@@ -70,11 +70,7 @@ class RouteOffer:
         return message
 
     def on_route_m(self, on_line_m: float) -> float:
-        """
-        Return the distance along the route plan [m] of one along the line.
-
-        Rounded speeds and a line with other corners may make the route some metres longer or shorter.
-        """
+        """Return the distance along the route plan [m], which may be metres longer, of one along the line."""
         if self.line is None:
             return on_line_m
         return self.length_m * (on_line_m / self.line.length_m)

@@ -95,11 +95,7 @@ class _Stop(NamedTuple):
 
 
 def is_cancellation(message: RoutePlan) -> bool:
-    """
-    Return whether a RoutePlan cancels the trip: no charging planned, no segments and no stops.
-
-    Its other fields, the stamp included, are ignored.
-    """
+    """Return whether a RoutePlan cancels the trip: no charging planned, no segments, no stops."""
     return not message.charging_planned and not any(
         len(getattr(message, name)) for name in (*SEGMENT_ARRAYS, *STOP_ARRAYS))
 

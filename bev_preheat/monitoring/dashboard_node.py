@@ -42,11 +42,7 @@ PROGRAM = NodeProgram(
 
 
 class DashboardNode(Node):
-    """
-    Follows the planners of the ROS graph, and serves the page.
-
-    It has no parameter services, so that the token cannot be read over ROS.
-    """
+    """Follows planners and serves the page; without parameter services, so that the token cannot be read."""
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""

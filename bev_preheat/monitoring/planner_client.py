@@ -62,11 +62,7 @@ class Wanted:
 
 
 class PreparationClient:
-    """
-    Sends one goal and follows it, in the thread that calls it.
-
-    `planner` is the full name of the planner's node; `signals` (EndSignals) end each wait.
-    """
+    """Sends one goal to a planner by its full name and follows it, in the caller's thread, until a signal."""
 
     def __init__(self, listener: Listener, planner: str, signals: EndSignals) -> None:
         """Connect to the planner's action and command topic."""
@@ -80,11 +76,7 @@ class PreparationClient:
         listener.node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
 
     def send(self, wanted: Wanted) -> bool:
-        """
-        Send the goal; return whether it was sent, False after a signal.
-
-        Raises InvalidInput if no planner answers.
-        """
+        """Send the goal; return False after a signal; raises InvalidInput if no planner answers."""
         # The planner's clock may be simulated; its commands give the time.
         if not _wait(self._listener, lambda: self._now_ns is not None and self._client.server_is_ready(),
                      FOUND_WITHIN_S, self._signals):
@@ -114,11 +106,7 @@ class PreparationClient:
         return self._client.send_goal_async(wanted.goal(self._now_ns), self._on_feedback)
 
     def follow(self, show: Callable[[PrepareBattery.Feedback], object]) -> PrepareBattery.Result | None:
-        """
-        Show the feedback until the goal has ended; return its result, None after a signal.
-
-        Raises InvalidInput if the planner falls silent.
-        """
+        """Show feedback until the goal ends; return its result, None after a signal; silence is InvalidInput."""
         while not self._result.done() and not self._signals.have_come:
             self._listener.listen(SPIN_PERIOD_S)
             if self._feedback is not None:
@@ -157,11 +145,7 @@ def _degrees(value: float) -> str:
 
 
 def skip_departure(listener: Listener, planner: str, is_skipped: bool) -> tuple[bool, str]:
-    """
-    Skip the next departure of a planner, by the full name of its node, or take back every skip.
-
-    Returns whether it is done, and the planner's sentence. Raises InvalidInput if no planner answers.
-    """
+    """Skip a planner's next departure, or unskip all; return its answer; raises InvalidInput if none comes."""
     client = listener.node.create_client(SetBool, f'{planner}/skip_departure')
     if not _wait(listener, client.service_is_ready, FOUND_WITHIN_S):
         raise InvalidInput(NOT_THERE.format(planner))

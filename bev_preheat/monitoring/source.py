@@ -30,11 +30,7 @@ PLAN_PERIOD_S = 1.0
 
 
 class Asked(NamedTuple):
-    """
-    A request: its kind; for `prepare` when [min from now], the target [deg C], whether the car is plugged in.
-
-    `minutes` None: as soon as possible. `target_c` None: the planner's own.
-    """
+    """A request: kind; for `prepare` when [min from now; None: soonest], target [deg C; None: own], plugged in."""
 
     kind: str
     minutes: float | None = None
@@ -88,11 +84,7 @@ class Cursor:
 
 
 class LiveSource:
-    """
-    The Boards of planners by name, and the way to ask them (None: the page has no buttons).
-
-    The executor's thread fills the Boards, the server's reads them; both hold `lock`.
-    """
+    """The Boards of planners by name, and the way to ask them (None: no buttons); each thread holds `lock`."""
 
     def __init__(self, boards: dict[str, Board] | None = None, lock: Lock | None = None) -> None:
         """Show the Boards of these planners by name, under their lock."""

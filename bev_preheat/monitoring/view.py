@@ -29,11 +29,7 @@ INTERVAL_WEIGHT = 0.2
 
 
 class Surroundings(NamedTuple):
-    """
-    The ROS graph's view of a planner: whether it is there, whether it follows /clock, and who publishes that.
-
-    `has_clock` is whether /clock has a publisher.
-    """
+    """Whether a planner is there, whether it follows /clock, and whether /clock has a publisher."""
 
     is_there: bool = True
     is_simulated: bool = False

@@ -181,11 +181,7 @@ MOST_WIDTH = 110
 
 
 class LiveView:
-    """
-    Listens to a planner and shows it, in one thread, so that the data do not change while they are drawn.
-
-    `planner` is the full name of its node; `signals` (EndSignals) end the view, as `seconds` do (None: no limit).
-    """
+    """Listens to a planner by full name, and shows it in the same thread, until a signal or for `seconds`."""
 
     def __init__(self, listener: Listener, planner: str, console: Console, signals: EndSignals,
                  seconds: float | None = None) -> None:

@@ -66,11 +66,7 @@ SUPPLY_STATUS = {None: SupplyStatus.UNKNOWN, True: SupplyStatus.CHARGING, False:
 
 
 class BusGatewayNode(ProgramNode):
-    """
-    Publishes the battery at a steady rate while its signals are valid, and nothing otherwise.
-
-    Ages are measured on the monotonic clock; with use_sim_time on /clock.
-    """
+    """Publishes the battery at a steady rate while its signals are valid, and nothing otherwise."""
 
     def __init__(self) -> None:
         """Declare the parameters and open the bus; raises InvalidInput if the map does not fit."""

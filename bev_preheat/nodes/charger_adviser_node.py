@@ -42,11 +42,7 @@ PROGRAM = NodeProgram(
 
 
 class ChargerAdviserNode(InboxNode):
-    """
-    Compares chargers on request, from the planner's inputs.
-
-    A separate process, because one charger takes some tenths of a second, which would delay heater commands.
-    """
+    """Compares chargers on request: takes tenths of a second each, which would delay the planner's commands."""
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""

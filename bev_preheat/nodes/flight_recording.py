@@ -73,11 +73,7 @@ class Setup(NamedTuple):
 
 
 class Planner(NamedTuple):
-    """
-    The planner that is recorded: its full name, and whether its clock is /clock.
-
-    `topic` gives a topic's full name; `warn` and `inform` take sentences on the recording.
-    """
+    """The recorded planner: full name, whether its clock is /clock, names of topics, and its log."""
 
     name: str
     uses_sim_time: bool
@@ -93,11 +89,7 @@ def planner_of(node: Node) -> Planner:
 
 
 class FlightRecorder:
-    """
-    Records a planner's steps if the parameter `flight_recorder` names a folder; never raises, never waits.
-
-    `problem` is the sentence on what keeps it from recording, '' if nothing does.
-    """
+    """Records a planner's steps if `flight_recorder` names a folder; never raises, never waits; see `problem`."""
 
     def __init__(self, planner: Planner) -> None:
         """Record nothing yet."""
@@ -180,11 +172,7 @@ class FlightRecorder:
 
     def note(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
              call: str = STEP, what: str = '') -> None:
-        """
-        Record a step: the State after it, its events, the message of the first input (None: no input), its output.
-
-        The command is recorded with the step's instant as its stamp, as it is published.
-        """
+        """Record a step: the State after it, its events, the message of the first (None: no event), its output."""
         if self._writer is not None:
             decision = output.decision
             self._writer.put_group(partial(

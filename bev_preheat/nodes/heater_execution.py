@@ -112,11 +112,7 @@ class RefusalNews:
 
 
 class HeaterExecution:
-    """
-    A HeaterController between the topics and an output; call `apply` periodically.
-
-    `answer` is the latest HeaterAnswer.
-    """
+    """A HeaterController between the topics and an output; call `apply` periodically."""
 
     def __init__(self, node: Node, limits: HeaterLimits, output: Output, obstacle: Callable[[Instant], Verdict],
                  tell: Callable[[str, bool], object], deadline_s: float | None = None) -> None:
@@ -257,11 +253,7 @@ class CanHeater:
 
 
 def open_can_heater(name_or_file: str, maximum_power_w: float) -> CanHeater:
-    """
-    Open the bus of a signal map whose heater_command describes the frame, for this heater alone.
-
-    Raises InvalidInput without such a frame, or if it cannot carry the vehicle's maximum power [W].
-    """
+    """Open the bus of a signal map for its heater; raises InvalidInput without a frame that carries its power."""
     live_map = load_live_map(name_or_file)
     if not live_map.can or live_map.heater_command is None:
         raise InvalidInput(f'{live_map.signals.path}: live.heater_command: is missing; it names the frame '

@@ -38,11 +38,7 @@ INPUT_PARAMETERS = (
 
 
 class InboxNode(ProgramNode):
-    """
-    A node with an Inbox; its program has VEHICLE and INPUT_PARAMETERS.
-
-    `problems` are the sentences on the latest refusals, by their source.
-    """
+    """A node with an Inbox, and the latest refusals by source; its program has VEHICLE and INPUT_PARAMETERS."""
 
     def __init__(self, program: NodeProgram) -> None:
         """Declare the parameters and subscribe; raises InvalidInput if one is not allowed."""

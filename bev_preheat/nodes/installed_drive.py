@@ -92,11 +92,7 @@ def _is_free(port: int) -> bool:
 
 
 class NodeProcess:
-    """
-    A running installed executable of this package; its output goes to a file.
-
-    It is the file that `ros2 run bev_preheat NAME` looks up. As a context manager it ends the process on exit.
-    """
+    """A running installed executable, whose output goes to a file; a context manager ends it."""
 
     def __init__(self, name: str, ros_arguments: Iterable[str], log_file: AnyPath) -> None:
         """

@@ -25,11 +25,7 @@ WAIT_S = 0.05
 
 
 class Listener:
-    """
-    A node whose callbacks run only in `listen`, in the caller's thread.
-
-    Data filled by the callbacks therefore needs no lock, and does not change while it is drawn or judged.
-    """
+    """A node whose callbacks run only in `listen`, in the caller's thread: their data need no lock."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
         """Take a node and its executor."""
@@ -44,11 +40,7 @@ class Listener:
 
 @contextmanager
 def listening(name: str, domain_id: int | None = None, namespace: str = '') -> Iterator[Listener]:
-    """
-    Give the Listener of a new node during the block; the caller handles signals.
-
-    `domain_id` None: the environment's. Raises InvalidInput, naming `--namespace`, if that is not allowed.
-    """
+    """Give the Listener of a new node in a domain, None: the environment's; InvalidInput on a bad namespace."""
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
     try:

@@ -41,12 +41,7 @@ FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
 
 
 class RepetitionFilter:
-    """
-    Distinguishes news from repetition.
-
-    The logger's own throttle would suppress a second, different problem. Sentences that differ only in their
-    figures, such as ages, count as the same.
-    """
+    """Distinguishes news from repetition: sentences that differ only in figures, such as ages, are the same."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         """Take a clock [s of real time], because problems also occur while simulated time stands."""
@@ -90,11 +85,7 @@ def guarded(callback: Callback) -> Callback:
 
 
 class ProgramNode(LifecycleNodeMixin, Node):
-    """
-    A node of a NodeProgram.
-
-    `values` are its parameters by name. `hardware` stands in its diagnostics. `finished` ends its process.
-    """
+    """A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process."""
 
     def __init__(self, program: NodeProgram) -> None:
         """Declare the parameters; raises InvalidInput if one is not allowed."""

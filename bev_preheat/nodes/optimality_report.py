@@ -136,11 +136,7 @@ def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
 
 
 def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]:
-    """
-    Return (leg, start [ns], route) for the rest of the current leg at an instant [ns].
-
-    The route is None at a stop and after the end of the mission.
-    """
+    """Return (leg, start [ns], rest of its route) at an instant [ns]; None: at a stop or after the end."""
     leg = mission.legs[mission.leg_number(stamp_ns)]
     start_ns = max(stamp_ns, leg.start_ns)
     return leg, start_ns, leg.route_ahead(start_ns)

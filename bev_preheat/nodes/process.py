@@ -113,12 +113,7 @@ def _indented(text: str) -> list[str]:
 
 
 def check_domain_id() -> None:
-    """
-    Raise InvalidInput if ROS_DOMAIN_ID is a number that no participant can have.
-
-    DDS derives its ports from it, and some implementations end the process if these are out of range. rcl
-    refuses anything but a number.
-    """
+    """Raise InvalidInput on a ROS_DOMAIN_ID out of range, which ends the process in some middlewares."""
     text = os.environ.get('ROS_DOMAIN_ID', '')
     if text.isdecimal() and int(text) > MOST_DOMAIN_ID:
         raise InvalidInput(f'ROS_DOMAIN_ID: {text} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
@@ -248,12 +243,7 @@ def _do_nothing() -> None:
 
 
 def _pipe_of_signals() -> int:
-    """
-    Return a file descriptor that receives a byte for each end signal.
-
-    A Python handler runs only when the main thread returns to the interpreter, which may take long while it
-    waits for messages; the pipe is written at once.
-    """
+    """Return a descriptor that gets a byte at each end signal, at once; a Python handler may run much later."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer)

@@ -87,11 +87,7 @@ BEGUN_BEFORE_S = 60.0
 
 
 class RoutePublisherNode(ProgramNode):
-    """
-    Publishes one route at a time, and matches fixes and odometer to it.
-
-    A place is only published if it is certain; a cause that lasts is logged once.
-    """
+    """Publishes one route at a time, and matches fixes and odometer to it; an uncertain place is not published."""
 
     def __init__(self) -> None:
         """Declare the parameters and load the route; raises InvalidInput if one is not allowed."""

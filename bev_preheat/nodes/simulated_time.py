@@ -92,11 +92,7 @@ OTHER_CLOCK_S = 5.0
 
 
 class OwnTime:
-    """
-    Simulated time that runs `speed_up` times as fast as real time, and is published as `/clock`.
-
-    `on_lost(sentence)` is called once if another node publishes `/clock`, too.
-    """
+    """Simulated time, `speed_up` times as fast; publishes `/clock`, `on_lost(sentence)` if another does too."""
 
     def __init__(self, node: Node, start_ns: int, speed_up: float,
                  on_lost: Callable[[str], object]) -> None:
@@ -244,11 +240,7 @@ class Lockstep:
                                'it hangs, or this computer is too slow')
 
     async def meet(self, listeners: int, is_ready: Callable[[], bool]) -> list[str]:
-        """
-        Wait for a planner, `listeners` subscriptions of the first topic and `is_ready()`; return all their nodes.
-
-        Raises InvalidInput if the planner does not follow /clock.
-        """
+        """Return the nodes of a planner and `listeners` once they are there; InvalidInput if it ignores /clock."""
         node, (state_topic, *_) = self._node, self._topics
         self._awaited = 'No planner that is connected to hvch_command and battery_state', time.monotonic()
         while True:

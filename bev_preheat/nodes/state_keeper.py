@@ -53,11 +53,7 @@ class Running(NamedTuple):
 
 
 def save_running(path: str, fingerprint: str, running: Running) -> None:
-    """
-    Write a Running beside the state file of a path, for the vehicle file with this fingerprint.
-
-    Raises InvalidInput if that file is another one, or cannot be written.
-    """
+    """Write a Running beside a state file, for a vehicle file's fingerprint; raises InvalidInput if it cannot."""
     beside = path + SUFFIX
     before = _contents(beside, len(OWN_HEAD))
     if before and not before.startswith(OWN_HEAD):
@@ -146,11 +142,7 @@ class _Kept(NamedTuple):
 
 
 class StateKeeper:
-    """
-    Reads and writes the file of the parameter `state_file`; does nothing if that is empty.
-
-    Problems are logged and reported; preheating works without the file.
-    """
+    """Reads and writes the file of `state_file`; problems are reported, and preheating works without it."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
         """Take the node's logger."""
@@ -169,11 +161,7 @@ class StateKeeper:
         self._written_s: float | None = None
 
     def attach(self, path: str, contents: bytes) -> Recalled:
-        """
-        Use a file for the car whose vehicle file has these contents.
-
-        Returns the file's contents; an empty Recalled for a file that was attached before.
-        """
+        """Use a file for the car of a vehicle file; return its contents, empty if it was attached before."""
         if (path, contents) == (self._path, self._contents):
             return Recalled()
         if path != self._path:

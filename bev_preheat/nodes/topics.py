@@ -49,11 +49,7 @@ LONGEST_LEASE_NS = 30 * NS_PER_S
 
 
 class ListeningPublisher:
-    """
-    Publishes, and calls `on_other(serialized message)` for each message of another node.
-
-    It subscribes only while the graph shows another publisher, so it costs nothing otherwise.
-    """
+    """Publishes, and passes others' messages to `on_other`; subscribes only while another publisher is there."""
 
     def __init__(self, node: Node, message_type: type[Message], topic: str, qos: QoSProfile | int,
                  on_other: Callable[[bytes], object]) -> None:

@@ -72,11 +72,7 @@ PROGRAM = NodeProgram(
 
 
 def departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
-    """
-    Return (ImperfectCar, name of its route, warnings) of parameter values.
-
-    Raises InvalidInput if they do not fit together.
-    """
+    """Return (ImperfectCar, name of its route, warnings); raises InvalidInput if values do not fit together."""
     if values['scenario']:
         scenario = load_scenario(values['scenario'])
         return scenario.car(), scenario.name, scenario.warnings

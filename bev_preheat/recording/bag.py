@@ -257,11 +257,7 @@ def _stamp_ns(message: Any, topic: str) -> int:
 
 
 def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Message]:
-    """
-    Return the inputs that reached a planner started while the recorder ran; otherwise all inputs.
-
-    Its first commands name missing inputs. A latched route reaches it later than the recorder.
-    """
+    """Return the inputs from the planner's start on, whose first commands name missing inputs; else all inputs."""
     first = commands[0]
     if first.values[2] not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
         return inputs
@@ -278,11 +274,7 @@ def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Messa
 
 
 def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
-    """
-    Return the steps of the planner: one for each command, with the input that came just before it.
-
-    The planner answers each input at once with a command stamped with the instant of its step.
-    """
+    """Return a step for each command, with the input just before it, which it answers at once."""
     given: list[Given] = []
     waiting = iter([*inputs, None])
     message = next(waiting)

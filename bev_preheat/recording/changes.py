@@ -38,11 +38,7 @@ MISSING = 'none'
 
 
 class SignalChange(NamedTuple):
-    """
-    A signal of SIGNALS: its recorded value times `factor` plus `offset`; NaN: the signal is missing.
-
-    A `factor` of 0 puts `offset` in place of the recorded value, but not of a missing one.
-    """
+    """A recorded value times `factor` (0: replaced) plus `offset`; NaN: the signal is missing."""
 
     signal: str
     factor: float
@@ -84,11 +80,7 @@ class SignalChange(NamedTuple):
 
 
 def signal_change(signal: str, text: str) -> SignalChange:
-    """
-    Return the SignalChange of `20` or `=20`, `+2`, `-0.05`, `*1.1` or `none`.
-
-    Raises InvalidInput, naming signal, unit and allowed values, for anything else.
-    """
+    """Return the SignalChange of `20`, `=20`, `+2`, `-0.05`, `*1.1` or `none`; raises InvalidInput otherwise."""
     unit, difference, (low, high) = UNITS[signal]
     if text == MISSING and signal in MAY_BE_MISSING:
         return SignalChange(signal, math.nan, math.nan)
@@ -112,11 +104,7 @@ def signal_change(signal: str, text: str) -> SignalChange:
 
 
 def with_keys(text: str, values: Mapping[str, Any]) -> str:
-    """
-    Return the text of a vehicle file with other values, such as {'hvch.maximum_power_w': 5000.0}.
-
-    Keys need not be in the file; the schema of vehicle files decides whether they are allowed.
-    """
+    """Return the text of a vehicle file with other values, such as {'hvch.maximum_power_w': 5000.0}."""
     if not values:
         return text
     contents = yaml.safe_load(text)

@@ -148,11 +148,7 @@ class Deviation(NamedTuple):
 
 
 def figures(comparison: Comparison | None, course: Course) -> dict[str, Any]:
-    """
-    Return the figures of a replay that can be expected, by name.
-
-    `minute_...` have a value for each full minute from the start on. None: unknown, or never.
-    """
+    """Return the figures of a replay by name (`minute_...`: of each full minute); None: unknown, or never."""
     start_ns = course.instants[0].now_ns
     heating = course.heating
 
@@ -213,11 +209,7 @@ def _rounded(value: Any) -> Any:
 
 
 def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple[Any, float]]:
-    """
-    Return the expected value and the tolerance of each figure that a file names.
-
-    `known` are the `figures` of the replay. Raises InvalidInput, naming file and figure, if it is not such a file.
-    """
+    """Return value and tolerance of each figure in a file; raises InvalidInput, naming file and figure."""
     text = read_text(path)
     try:
         contents = json.loads(text)

@@ -35,11 +35,7 @@ class Why(NamedTuple):
 
 
 def explain(flight: Flight, at_ns: int) -> Why:
-    """
-    Return Why the planner gave its command at an instant [ns]; the answer is that of the latest step until then.
-
-    Raises InvalidInput if the recording does not reach it.
-    """
+    """Return Why the planner gave its command at an instant [ns]; raises InvalidInput beyond the recording."""
     first_ns, last_ns = flight.start_ns, flight.given[-1].step.now_ns
     if not first_ns <= at_ns <= last_ns:
         raise InvalidInput(f'the instant is {duration_text(abs(at_ns - first_ns) / NS_PER_S)} '

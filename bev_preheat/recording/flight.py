@@ -46,11 +46,7 @@ class Given:
 
 
 class Start(NamedTuple):
-    """
-    The planner's RecordedState before the step that is at this place in a Flight's `given`.
-
-    `route` is the message of its route: type and bytes (CDR); None without one.
-    """
+    """The RecordedState before a place in a Flight's `given`; type and bytes of its route's message, or None."""
 
     at: int
     recorded: RecordedState
@@ -105,11 +101,7 @@ class Flight:
 
 
 def read_flight(path: str | Path) -> Flight:
-    """
-    Return the Flight of a file, with the later files of the same process; of a folder, that of the latest process.
-
-    Raises InvalidInput, naming the file, if it cannot be read or has a format of another version.
-    """
+    """Return the Flight of a file and its process's later ones, or of a folder's latest; raises InvalidInput."""
     require('mcap')
     parts = _parts_of(Path(path))
     beginning: Beginning | None = None
@@ -216,11 +208,7 @@ WHOLE = Period()
 
 
 def instant_of(option: str, text: str, start_ns: int) -> int:
-    """
-    Return the instant [ns] of seconds from the start or of a time of day (UTC).
-
-    Raises InvalidInput, naming the option, for anything else.
-    """
+    """Return the instant [ns] of seconds from the start or a time of day (UTC); raises InvalidInput."""
     try:
         if ':' not in text:
             return start_ns + round(float(text) * NS_PER_S)

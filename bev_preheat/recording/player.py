@@ -58,11 +58,7 @@ class Player:
     def __init__(self, flight: Flight, changes: Changes = Changes(),
                  alter: Callable[[Any], None] | None = None,
                  alter_heater: Callable[[Any], None] | None = None) -> None:
-        """
-        Start as the planner did, or from its recorded state; play the steps of the Flight in order.
-
-        Raises InvalidInput if vehicle or parameters are not allowed.
-        """
+        """Start as the planner did, or from its recorded state; raises InvalidInput on vehicle or parameters."""
         self._changes, self._alter, self._alter_heater = changes, alter, alter_heater
         self._beginning, self._number = flight.beginning, 0
         self._vehicles: dict[str, Vehicle] = {}

@@ -71,11 +71,7 @@ def has_planner(path: Path) -> bool:
 
 
 def open_recording(path: Path, planner: Changes, sources: Sources) -> Flight:
-    """
-    Return the Flight of a recording; `planner` has vehicle file and parameters for those that do not hold it.
-
-    Raises InvalidInput, naming file or option, if it cannot be read or needs another option.
-    """
+    """Return the Flight of a recording; `planner` is for those without vehicle file; raises InvalidInput."""
     if has_planner(path):
         if sources != Sources():
             option = next(name for name, value in zip(Sources._fields, sources) if value is not None)

@@ -81,11 +81,7 @@ def message_type(name: str) -> Any:
 
 
 def definition(package: str, name: str) -> bytes:
-    """
-    Return the text of the message type `package`/msg/`name`, and of each type in it, for schemas of kind ros2msg.
-
-    Raises InvalidInput if the text of one is not installed.
-    """
+    """Return the text of a message type and of those in it (ros2msg); raises InvalidInput if one is missing."""
     texts: dict[tuple[str, str], str] = {}
     waiting = [(package, name)]
     while waiting:
@@ -159,11 +155,7 @@ class Beginning:
 
     @classmethod
     def from_dictionary(cls, values: Any) -> Beginning:
-        """
-        Return the Beginning of plain values.
-
-        Raises InvalidInput if they are of another format, with its version, or damaged.
-        """
+        """Return the Beginning of plain values; raises InvalidInput on another format, or damage."""
         if not isinstance(values, dict) or values.get('format') not in READ_FORMATS:
             number, version = ((values.get('format'), values.get('version')) if isinstance(values, dict)
                                else (None, None))
@@ -330,11 +322,7 @@ def _prices_of(values: Any) -> GridPrices | None:
 
 
 def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
-    """
-    Return the event of plain values that came without a message.
-
-    Raises InvalidInput, naming the kind, if the values are not an event's.
-    """
+    """Return the event of plain values that came without a message; raises InvalidInput, naming the kind."""
     kind = values.get('kind')
     fields = {name: value for name, value in values.items() if name not in ('kind', 'goal')}
     with sound(f'event {quoted(str(kind))} of the recording'):

@@ -82,11 +82,7 @@ def is_being_written(path: Path) -> bool:
 
 
 def make_room(folder: str | os.PathLike[str], most_bytes: int, kept: Path) -> list[Path]:
-    """
-    Delete the oldest recordings until the folder has at most `most_bytes` of them; return the deleted ones.
-
-    `kept` is never deleted, nor a file that another planner writes. A file that cannot be deleted is passed over.
-    """
+    """Delete the oldest recordings beyond `most_bytes`, not `kept` nor those being written; return the deleted."""
     sizes = {}
     for path in recordings_in(folder):
         with suppress(OSError):
@@ -129,11 +125,7 @@ class KeptRecording:
         return {'flight_recorder': self._folder}
 
     def keep(self) -> Path | None:
-        """
-        Keep the recording of a planner that has ended; return its path, None without a recording.
-
-        A long drive has several files; these keep the names that replays put in order. Raises OSError.
-        """
+        """Keep a planner's recording under names in order; return its path, None without one. Raises OSError."""
         parts = [] if self._folder is None else recordings_in(self._folder)
         kept = [self.path] if len(parts) == 1 else [self.path.with_name(part.name) for part in parts]
         for part, path in zip(parts, kept, strict=True):

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HeaterLease:
-    """
-    Permission to use `power_w` [W] for the battery up to the instant `until_s`, then 0 W.
-
-    Instants are seconds after the start of the route.
-    """
+    """Permission to use `power_w` [W] until `until_s` [s after the start of the route], then 0 W."""
 
     power_w: float
     until_s: float

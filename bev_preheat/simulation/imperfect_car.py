@@ -75,11 +75,7 @@ def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class Imperfections:
-    """
-    All deviations of the simulated drive from vehicle and route file; none by default.
-
-    `heat_path` None: that of the vehicle file.
-    """
+    """The deviations of a drive from the files; `heat_path` None: that of the vehicle file."""
 
     mismatch: Mismatch = field(default_factory=Mismatch)
     heat_path: HeatPath | None = None
@@ -94,11 +90,7 @@ COMPUTERS_GO_ON_S = 60.0
 
 @dataclass(frozen=True)
 class PhaseReport:
-    """
-    Result of a Phase: its instants [s], the battery at its end, the heater's energy [Wh].
-
-    `ran_empty`: whether the battery ran empty.
-    """
+    """A Phase's instants [s], battery at its end, heater's energy [Wh], and whether the battery ran empty."""
 
     phase: Phase
     started_s: float
@@ -205,22 +197,14 @@ class ImperfectCar:
                                   self._route_id), start_ns)
 
     def route_news(self, start_ns: int) -> Mission | None:
-        """
-        Return the Mission that the trip planner sends now, or None.
-
-        `start_ns` is the instant of the start. If several are due, the latest is returned.
-        """
+        """Return the latest Mission due now, None without one; `start_ns` is the instant of the start."""
         due = None
         while self._letters and self._letters[0].at_s <= self.time_s:
             due = self._letters.pop(0)
         return None if due is None else self._send(due, start_ns)
 
     def progress(self, start_ns: int) -> Progress | None:
-        """
-        Return the car's position on the route sent last; None if no report is due.
-
-        `start_ns` is the instant of the start.
-        """
+        """Return the car's position on the route sent last, None: no report is due; `start_ns` is the start."""
         if self.time_s < self._next_position_s:
             return None
         # Differences may fall short of the original instants by rounding.

@@ -99,11 +99,7 @@ class Charge:
 
 @dataclass(frozen=True)
 class Park:
-    """
-    Parked for `duration_s` [s] with the ignition off: no drive, no cabin, small auxiliaries.
-
-    Battery states continue for `awake_s` [s]; then the car is asleep until the end.
-    """
+    """Parked for `duration_s` [s]: no drive, no cabin; battery states for `awake_s` [s], then asleep."""
 
     duration_s: float
     ambient_temperature_c: float

@@ -98,11 +98,7 @@ class Scenario:
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
-    """
-    Return the Scenario with a name (a file in config/scenarios) or of a YAML file.
-
-    Raises InvalidInput naming file, key, value and allowed range.
-    """
+    """Return the Scenario of a name (config/scenarios) or a YAML file; raises InvalidInput."""
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
     with located(path):
@@ -256,11 +252,7 @@ def _position(contents: dict[str, FileData], where: str) -> PositionReports | No
 
 
 def _with_floats(kind: type, node: dict[str, FileData]) -> dict[str, FileData]:
-    """
-    Return the values of a node for a dataclass, whose float fields are floats.
-
-    YAML reads 20 as an integer, which a field of a ROS message refuses.
-    """
+    """Return a dataclass's values with floats, where YAML reads 20 as an integer, which ROS messages refuse."""
     types = {each.name: str(each.type) for each in fields(kind)}
     return {key: float(value) if type(value) is int and 'float' in types.get(key, '') else value
             for key, value in node.items()}

@@ -202,11 +202,7 @@ def drive_scenario(
         scenario: Scenario,
         progress: Callable[[float, float], object] = lambda time_s, total_s: None,
         wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
-    """
-    Return the DriveRecord of a Scenario.
-
-    `progress(time_s, total_s)` is called during the drive; `wire(supervisor)` makes its Wire, None: none.
-    """
+    """Return the DriveRecord of a Scenario; calls `progress(time_s, total_s)`; `wire(supervisor)`: its Wire."""
     car = scenario.car()
     record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
                             scenario.first.goal.target_temperature_c, AFTERWARDS_S, progress, wire)

@@ -37,11 +37,7 @@ class Spike:
 
 @dataclass(frozen=True)
 class OtherBattery:
-    """
-    Another battery on the same topic; its states alternate with those of the traction battery.
-
-    `is_first`: its state comes first. `location` is that field of its states.
-    """
+    """Another battery on the topic: alternates with the traction battery's states, first if `is_first`."""
 
     temperature_c: float
     soc: float
@@ -101,11 +97,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Reading:
-    """
-    A reading at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging).
-
-    Voltage and current None: not reported; `location` '': not given.
-    """
+    """A reading at an instant [s]: deg C, 0 ... 1, V, A (positive = discharging); None, '': not reported."""
 
     instant_s: float
     temperature_c: float
@@ -238,11 +230,7 @@ def within(instant_s: float, spans: Iterable[Span]) -> bool:
 
 @dataclass(frozen=True)
 class PositionReports:
-    """
-    Position reports of the car: every `period_s` [s], with noise (standard deviation [m]).
-
-    None in the spans (from, until) [s] of `drop_outs`.
-    """
+    """Reports every `period_s` [s], with noise (deviation [m]), none in the spans [s] of `drop_outs`."""
 
     period_s: float = 1.0
     noise_m: float = 0.0
@@ -250,11 +238,7 @@ class PositionReports:
 
 
 class Position:
-    """
-    Reported distances along the route sent last; instants are those of the drive [s].
-
-    After a detour the route sent before it gives no position.
-    """
+    """Reported distances along the route sent last, none after a detour; instants of the drive [s]."""
 
     def __init__(self, reports: PositionReports | None, driven: Route, events: Sequence[Event],
                  random: np.random.Generator) -> None:

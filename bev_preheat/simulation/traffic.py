@@ -68,11 +68,7 @@ class TrafficNews:
 
 def drive_with_events(route: Route, events: Iterable[Event],
                       charging_planned: bool = True) -> tuple[Route, list[TrafficNews]]:
-    """
-    Return (the Route that is driven, the TrafficNews that the trip planner sends, in order).
-
-    `events` are in order of time; those after the end of the drive are ignored.
-    """
+    """Return (driven Route, TrafficNews in order); `events` are in order, later ones ignored."""
     news, probability = [], None
     for event in sorted(events, key=lambda event: event.at_s):
         if event.at_s >= route.total_duration_s:
@@ -142,11 +138,7 @@ WEIGHTS = np.full(SMOOTHED, 1.0 / np.sqrt(SMOOTHED))
 
 
 def vary(random: np.random.Generator, steps: int, mean: float, variability: float) -> FloatArray:
-    """
-    Return a positive series that varies about its mean, as in traffic, shape (steps,).
-
-    `random` is a numpy Generator, `variability` the standard deviation of the series' logarithm.
-    """
+    """Return a positive series (steps,) about its mean; `variability` is the deviation of its logarithm."""
     smooth = np.convolve(random.normal(size=steps), WEIGHTS, mode='same')[:steps]
     series: FloatArray = mean * np.exp(variability * smooth - 0.5 * variability**2)
     return series

@@ -77,11 +77,7 @@ class VehiclePlant:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0,
                  cooling: CoolingPowers | None = None) -> None:
-        """
-        Put a vehicle at the start of a route at an instant [s], with the battery in a BatteryState.
-
-        `cooling` is the active cooling of a car at a charger (`charging.equations.make_cooling`).
-        """
+        """Put a vehicle at the start of a route at an instant [s]; `cooling`: of a car at a charger."""
         self.vehicle, self.start_s = vehicle, start_s
         # The trip divides segments that are too long for one step.
         trip = make_trip(vehicle, route)
@@ -230,11 +226,7 @@ class VehiclePlant:
         return place_c
 
     def _two_masses_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
-        """
-        Return the results of `_model_step` for a battery with a shell: the core's temperature, the shell's mean.
-
-        Midpoint steps of the equations of both masses, as a check of their solution in `vehicle.heated_step`.
-        """
+        """Return `_model_step` for core and shell: midpoint steps, as a check of `vehicle.heated_step`."""
         path, core_j_per_k = self.vehicle.heat_path, self.vehicle.battery.heat_capacity_j_per_k
         shell_j_per_k, conductance, share = (
             path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k, path.shell_share)
