@@ -36,6 +36,7 @@ from bev_preheat.estimation.estimate import (
     UNDER_WAY,
 )
 from bev_preheat.estimation.hypotheses import (
+    HEALTHY,
     heater_power_w,
     KEPT_TRANSITIONS,
     NOISES_K,
@@ -424,6 +425,11 @@ class Belief:
         covariance = (weights[..., np.newaxis] * (
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return frozen(mean), frozen(covariance)
+
+    def answering_c(self) -> float:
+        """Return the battery temperature if the heater answers [deg C]."""
+        weights, mean_c = self.weights[HEALTHY], self.mean[HEALTHY, :, TEMPERATURE]
+        return float(weights @ mean_c / weights.sum())
 
     def _native(self) -> NativeBelief:
         """Return a copy of the filters in the form of the native core."""

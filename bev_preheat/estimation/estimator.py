@@ -58,13 +58,14 @@ class _Suspect(NamedTuple):
     A heater that has been suspect since an instant [ns], at a temperature reading [deg C].
 
     `commanded_k` is the heat commanded since then, `uncommanded_k` the uncommanded heat that the heater could have
-    given [K].
+    given, `explained_k` the warming of a battery whose heater answers [K].
     """
 
     since_ns: int
     from_c: float
     commanded_k: float = 0.0
     uncommanded_k: float = 0.0
+    explained_k: float = 0.0
 
 
 class Estimator(NamedTuple):
@@ -240,10 +241,12 @@ class Estimator(NamedTuple):
                 suspect = suspect._replace(
                     commanded_k=suspect.commanded_k + k_per_j * duration_s * command_w,
                     uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, limit_w - command_w))
+            before = belief
             if drive is None or seen_w is None:
                 response = response.paused()
                 belief = (belief.after_unknown(duration_s) if drive is None else
                           belief.followed(vehicle, duration_s, drive, command_w, limit_w))
+                suspect = _explained(suspect, before, belief)
                 continue
             response, logs = response.seen(
                 duration_s,
@@ -260,6 +263,7 @@ class Estimator(NamedTuple):
             belief = belief.followed(vehicle, duration_s, replace(
                 drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2,
             ), command_w, limit_w, propulsion_w)
+            suspect = _explained(suspect, before, belief)
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
                              knows_power=seen_w is not None)
 
@@ -283,11 +287,18 @@ class Estimator(NamedTuple):
             report = judge(
                 weights, before, Suspicion() if suspect is None else Suspicion(
                     (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
-                    reading_c - suspect.from_c), self.response.support if self.knows_power else None)
+                    reading_c - suspect.from_c, suspect.explained_k),
+                self.response.support if self.knows_power else None)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
             stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
             self.reset_at_ns, self.offset_k, readings.ignored_share, belief.path))
+
+
+def _explained(suspect: _Suspect | None, before: Belief, after: Belief) -> _Suspect | None:
+    """Return the suspect heater with the warming of a step that needs no fault."""
+    return None if suspect is None else suspect._replace(
+        explained_k=suspect.explained_k + after.answering_c() - before.answering_c())
 
 
 def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | None:

@@ -111,13 +111,14 @@ class Suspicion(NamedTuple):
     Duration of the suspicion [s], the heat since then, and the rise of the temperature reading [K].
 
     `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have delivered
-    without a command, both as a temperature rise of the battery [K].
+    without a command, `explained_k` all heat of a battery whose heater answers, each as a temperature rise [K].
     """
 
     lasts_s: float = 0.0
     commanded_k: float = 0.0
     uncommanded_k: float = 0.0
     rise_k: float = 0.0
+    explained_k: float = 0.0
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
@@ -181,8 +182,11 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     least_k, least_s = LEAST_COURSE_K, LEAST_COURSE_S
     if fault is not Heater.STUCK_ON and supported >= LEANING:
         least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
-    if fault is Heater.STUCK_ON and suspicion.rise_k < LEAST_RISE * suspicion.uncommanded_k:
-        return False
+    if fault is Heater.STUCK_ON:
+        # Without a sign of it in the power, the battery has to warm by more than its drive explains.
+        needless_k = 0.0 if supported >= LEANING else max(suspicion.explained_k, 0.0)
+        if suspicion.rise_k - needless_k < LEAST_RISE * suspicion.uncommanded_k:
+            return False
     return (_course_k(fault, share, suspicion) >= least_k and suspicion.lasts_s >= least_s
             and supported >= NO_CONTRADICTION)
 

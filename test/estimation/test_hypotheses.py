@@ -15,6 +15,7 @@ from bev_preheat.estimation.hypotheses import (
 )
 from bev_preheat.tunables import (
     FAILURE_S,
+    LEANING,
     LEAST_COURSE_K,
     LEAST_COURSE_S,
     LEAST_RISE,
@@ -111,3 +112,13 @@ def test_uncommanded_heat_needs_a_reading_that_rises():
     # After a spike the reading falls back while the hypothesis is still likely.
     assert told('stuck_on', LONG_OFF, 5.0)
     assert not told('stuck_on', changed(LONG_OFF, rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
+
+
+def test_warming_that_the_drive_explains_needs_the_power_beside_it():
+    # 5.0 K of 6.1 K, of which a drive without the fault gives all but 2.4 K.
+    explained = changed(LONG_OFF, explained_k=5.0 - 0.95 * LEAST_RISE * LONG_OFF.uncommanded_k)
+    assert not told('stuck_on', explained, None) and not told('stuck_on', explained, 0.9 * LEANING)
+    assert told('stuck_on', explained, 1.1 * LEANING)
+    assert told('stuck_on', changed(explained, explained_k=2.0), None)
+    # A battery that would have cooled has no more heat than it shows.
+    assert not told('stuck_on', changed(LONG_OFF, rise_k=0.1, explained_k=-5.0), None)
