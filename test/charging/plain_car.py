@@ -3,8 +3,10 @@
 
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
+from own_ageing import own_cost_per_s
 
 from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
@@ -33,36 +35,79 @@ def plain_car(resistance_ohm=1e-9, leakage_w_per_k=0.0, limit=None, heats=False,
                 charging=Charging(limit, heats, limit_c, inlet_w, ageing=ageing)), **changes)
 
 
-def own_session(vehicle, stop, temperature_c, soc, step_s=0.02):
-    """
-    Return (charging time [s], bought energy [Wh], departure temperature [deg C]), by Euler's method.
+class OwnSession(NamedTuple):
+    """Charging time [s], bought energy [Wh], temperature at departure [deg C], price of the ageing."""
 
-    For vehicles without a heat path. The heater is switched at each step, as in the contract.
+    time_s: float
+    bought_wh: float
+    end_c: float
+    aged: float
+
+    def cost(self, prices):
+        return prices.energy_per_kwh * self.bought_wh / 1e3 + prices.time_per_h * self.time_s / 3600.0 + self.aged
+
+
+def own_session(vehicle, stop, state, step_s=0.5, is_on=lambda elapsed_s, soc, temperature_c: True):
     """
-    battery, charging = vehicle.battery, vehicle.charging
+    Return the OwnSession from a BatteryState, by the midpoint rule; infinite after a day.
+
+    The car heats below its limit where `is_on`; the heater is switched at each step by the energy that has not
+    arrived.
+    """
+    battery, charging, path, heater = vehicle.battery, vehicle.charging, vehicle.heat_path, vehicle.hvch
     voltage, resistance, limit = (curve.function(FLOATS) for curve in (
         battery.open_circuit_voltage, battery.resistance, charging.power_limit))
     side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
-    supply_w = min(stop.charger_power_w, charging.maximum_inlet_power_w)
-    elapsed_s, bought_j = 0.0, 0.0
-    while soc < stop.departure_soc and elapsed_s < 1e5:
-        heater_w = 0.0
-        if charging.battery_heating and temperature_c < charging.heating_limit_c:
-            heater_w = min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
-                           supply_w - side_w)
-        power_w = max(0.0, min(supply_w - side_w - heater_w, abs(limit(soc, temperature_c))))
-        u, r = voltage(soc, temperature_c), resistance(soc, temperature_c)
+    supply_w = min(stop.charger_power_w, charging.maximum_inlet_power_w) - side_w
+    battery_j_per_k, coolant_j_per_k = battery.heat_capacity_j_per_k, path.coolant_heat_capacity_j_per_k
+
+    def cooled_w(temperature_c):
+        cooling = charging.cooling
+        if cooling is None or temperature_c <= cooling.set_point_c:
+            return 0.0, 0.0
+        share = min(1.0, (temperature_c - cooling.set_point_c) / cooling.proportional_band_k)
+        heat_w = min(share * cooling.cooling_power_w, max(
+            0.0, cooling.radiator_conductance_w_per_k * (temperature_c - stop.ambient_c)))
+        return heat_w, heat_w * cooling.electrical_power_w / cooling.cooling_power_w
+
+    def rates(soc, temperature_c, coolant_c, heater_w, command_w):
+        """Return the changes of the four states in a second, and the power from the charger [W]."""
+        drawn_w = heater_w if path.heater_lag_s else command_w
+        lost_w, fan_w = cooled_w(temperature_c)
+        power_w = max(0.0, min(supply_w - drawn_w - fan_w, -limit(soc, temperature_c)))
+        u, r = voltage(soc, temperature_c), charging.polarization_factor * resistance(soc, temperature_c)
         # U I + R I^2 = P
         current_a = (math.sqrt(u * u + 4.0 * r * power_w) - u) / (2.0 * r)
-        rate = current_a / (3600.0 * battery.capacity_ah)
-        duration_s = min(step_s, (stop.departure_soc - soc) / rate) if rate > 0.0 else step_s
-        temperature_c += duration_s / battery.heat_capacity_j_per_k * (
-            vehicle.hvch.efficiency * heater_w + r * current_a**2
-            + battery.leakage.gamma_0_w_per_k * (stop.ambient_c - temperature_c))
-        soc = stop.departure_soc if duration_s < step_s else soc + duration_s * rate
-        elapsed_s += duration_s
-        bought_j += duration_s * (power_w + side_w + heater_w)
-    return elapsed_s, bought_j / 3600.0, temperature_c
+        made_w = heater.efficiency * drawn_w
+        passed_w = path.coolant_conductance_w_per_k * (coolant_c - temperature_c) if coolant_j_per_k else made_w
+        heat_w = passed_w - lost_w + r * current_a**2 + battery.leakage.gamma_0_w_per_k * (
+            stop.ambient_c - temperature_c)
+        return (current_a / battery.capacity_as, heat_w / battery_j_per_k,
+                (made_w - passed_w) / coolant_j_per_k if coolant_j_per_k else 0.0,
+                (command_w - heater_w) / path.heater_lag_s if path.heater_lag_s else 0.0,
+                power_w + side_w + drawn_w + fan_w)
+
+    y = np.array([state.soc, state.temperature_c, state.temperature_c + state.coolant_excess_k,
+                  state.heater_power_w])
+    elapsed_s, bought_j, aged = 0.0, 0.0, 0.0
+    while y[0] < stop.departure_soc:
+        if elapsed_s > 86400.0:
+            return OwnSession(*4 * (math.inf,))
+        soc, temperature_c, coolant_c, heater_w = y.tolist()
+        all_c = (battery_j_per_k * temperature_c + coolant_j_per_k * coolant_c
+                 + heater.efficiency * path.heater_lag_s * heater_w) / (battery_j_per_k + coolant_j_per_k)
+        is_heating = charging.battery_heating and all_c < charging.heating_limit_c and is_on(elapsed_s, soc, all_c)
+        command_w = is_heating * min(heater.maximum_power_w - stop.cabin_heating_power_w, supply_w)
+        first = np.array(rates(*y.tolist(), command_w)[:4])
+        *middle, drawn_w = rates(*(y + 0.5 * step_s * first).tolist(), command_w)
+        h = min(step_s, (stop.departure_soc - soc) / middle[0]) if middle[0] > 0.0 else step_s
+        y += h * np.array(middle)
+        elapsed_s, bought_j = elapsed_s + h, bought_j + h * drawn_w
+        if charging.ageing is not None:
+            aged += h * own_cost_per_s(*y[:2].tolist(), middle[0], charging.ageing)
+        if h < step_s:
+            break
+    return OwnSession(elapsed_s, bought_j / 3600.0, float(y[1]), aged)
 
 
 def stored_wh(vehicle, soc, temperature_c):

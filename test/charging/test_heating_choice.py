@@ -7,8 +7,8 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from own_ageing import AGEING, own_cost_per_s
-from plain_car import plain_car
+from own_ageing import AGEING
+from plain_car import own_session, plain_car
 import pytest
 
 from bev_preheat.charging.heating_choice import ChargerHeating, HeatingDecision
@@ -16,7 +16,6 @@ from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit, NEVER
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
@@ -31,42 +30,6 @@ CAR = plain_car(resistance_ohm=0.08, leakage_w_per_k=25.0, limit=COLD_LIMIT, hea
 
 def stop_at(charger_w, ambient_c=-15.0, departure_soc=0.8):
     return ChargingStop(charger_w, departure_soc, ambient_c, 900.0, 350.0)
-
-
-def own_cost(vehicle, stop, state, prices, is_on, step_s=10.0, ageing=None):
-    """Return the cost of a session by the midpoint rule; `is_on(elapsed_s, soc, temperature_c)` heats."""
-    battery, charging = vehicle.battery, vehicle.charging
-    voltage, resistance, limit = (curve.function(FLOATS) for curve in (
-        battery.open_circuit_voltage, battery.resistance, charging.power_limit))
-    side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
-    leakage = battery.leakage.gamma_0_w_per_k
-
-    def rates(soc, temperature_c, heater_w):
-        power_w = max(0.0, min(stop.charger_power_w - side_w - heater_w, -limit(soc, temperature_c)))
-        u, r = voltage(soc, temperature_c), resistance(soc, temperature_c)
-        current_a = (math.sqrt(u * u + 4.0 * r * power_w) - u) / (2.0 * r)
-        heat_w = (vehicle.hvch.efficiency * heater_w + r * current_a**2
-                  + leakage * (stop.ambient_c - temperature_c))
-        return (current_a / (3600.0 * battery.capacity_ah), heat_w / battery.heat_capacity_j_per_k,
-                power_w + side_w + heater_w)
-
-    soc, temperature_c, elapsed_s, bought_j, aged = state.soc, state.temperature_c, 0.0, 0.0, 0.0
-    while soc < stop.departure_soc:
-        if elapsed_s > 86400.0:
-            return math.inf
-        heater_w = 0.0
-        if temperature_c < charging.heating_limit_c and is_on(elapsed_s, soc, temperature_c):
-            heater_w = min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
-                           stop.charger_power_w - side_w)
-        first = rates(soc, temperature_c, heater_w)
-        middle = rates(soc + 0.5 * step_s * first[0], temperature_c + 0.5 * step_s * first[1], heater_w)
-        duration_s = min(step_s, (stop.departure_soc - soc) / middle[0]) if middle[0] > 0.0 else step_s
-        soc, temperature_c = soc + duration_s * middle[0], temperature_c + duration_s * middle[1]
-        elapsed_s, bought_j = elapsed_s + duration_s, bought_j + duration_s * middle[2]
-        aged += 0.0 if ageing is None else duration_s * own_cost_per_s(soc, temperature_c, middle[0], ageing)
-        if duration_s < step_s:
-            break
-    return prices.energy_per_kwh * bought_j / 3.6e6 + prices.time_per_h * elapsed_s / 3600.0 + aged
 
 
 def is_between(stretches):
@@ -90,11 +53,10 @@ def test_no_stretches_of_heating_beat_the_choice(charger_w, prices, ageing):
     rules += [lambda elapsed_s, soc, at_c, low=low, slope=slope: at_c < low + slope * (soc - 0.3)
               for low in (-12.0, -8.0, -4.0, 0.0, 5.0, 10.0, 15.0, 20.0)
               for slope in (-15.0, 0.0, 10.0, 20.0, 35.0)]
-    best = min(own_cost(CAR, stop, state, prices, rule, 30.0, ageing) for rule in rules)
+    best = min(own_session(car, stop, state, 30.0, rule).cost(prices) for rule in rules)
     assert choice.cost <= best * 1.001
     # The integrator above agrees with the session.
-    always, never = (own_cost(CAR, stop, state, prices, lambda *_, on=on: on, 2.0, ageing)
-                     for on in (True, False))
+    always, never = (own_session(car, stop, state, 2.0, lambda *_, on=on: on).cost(prices) for on in (True, False))
     assert choice.cost_always == pytest.approx(always, rel=2e-3)
     assert choice.cost_never == pytest.approx(never, rel=1e-3)
 

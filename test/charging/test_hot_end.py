@@ -6,7 +6,7 @@ import math
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from plain_car import CAPACITY_AH, HEAT_CAPACITY_J_PER_K, own_session, plain_car, stored_wh, VOLTAGE_V
+from plain_car import own_session, plain_car, stored_wh
 import pytest
 
 from bev_preheat.charging.equations import make_cooling
@@ -55,36 +55,12 @@ def test_the_cooling_by_hand():
     assert make_cooling(None, 24.0, FLOATS)(60.0, 50e3) == (0.0, 0.0)
 
 
-def own_cooled_session(car, stop, temperature_c, soc, step_s=0.05):
-    """Return (charging time [s], bought [Wh], end [deg C]) by Euler's method, with its own lines of cooling."""
-    cooling, charging, battery = car.charging.cooling, car.charging, car.battery
-    limit, r = charging.power_limit.function(FLOATS), battery.resistance.function(FLOATS)(0.0, 0.0)
-    r *= charging.polarization_factor
-    elapsed_s = bought_j = 0.0
-    side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
-    while soc < stop.departure_soc:
-        share = min(1.0, max(0.0, (temperature_c - cooling.set_point_c) / cooling.proportional_band_k))
-        cooled_w = min(share * cooling.cooling_power_w, max(
-            0.0, cooling.radiator_conductance_w_per_k * (temperature_c - stop.ambient_c)) if share else 0.0)
-        fan_w = cooled_w * cooling.electrical_power_w / cooling.cooling_power_w
-        power_w = min(stop.charger_power_w - side_w - fan_w, -limit(soc, temperature_c))
-        current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * r * power_w) - VOLTAGE_V) / (2.0 * r)
-        rate = current_a / (3600.0 * CAPACITY_AH)
-        duration_s = min(step_s, (stop.departure_soc - soc) / rate)
-        temperature_c += duration_s / HEAT_CAPACITY_J_PER_K * (
-            r * current_a**2 - cooled_w + battery.leakage.gamma_0_w_per_k * (stop.ambient_c - temperature_c))
-        soc = stop.departure_soc if duration_s < step_s else soc + duration_s * rate
-        elapsed_s += duration_s
-        bought_j += duration_s * (power_w + side_w + fan_w)
-    return elapsed_s, bought_j / 3600.0, temperature_c
-
-
 @pytest.mark.parametrize('cooling', [CHILLER, RADIATOR], ids=['chiller', 'radiator'])
 @pytest.mark.parametrize('charger_w, start_c', [(105e3, 29.0), (60e3, 44.0)])
 def test_a_cooled_session_is_that_of_small_euler_steps(cooling, charger_w, start_c):
     car, stop = hot_car(cooling, 1.6), a_stop(charger_w)
     session = charge(car, stop, BatteryState(start_c, 0.1))
-    time_s, bought_wh, end_c = own_cooled_session(car, stop, start_c, 0.1)
+    time_s, bought_wh, end_c, _ = own_session(car, stop, BatteryState(start_c, 0.1))
     assert session.charging_time_s == pytest.approx(time_s, rel=1e-4)
     assert session.bought_energy_wh == pytest.approx(bought_wh, rel=1e-4)
     assert session.battery_temperature_c[-1] == pytest.approx(end_c, abs=0.01)
@@ -117,9 +93,6 @@ def test_the_energies_of_a_cooled_session_balance(
     if is_radiator and ambient_c >= course_c.max():
         assert energy.cooling_heat == 0.0
     assert course_c.min() >= min(ambient_c, 25.0) - 0.5 and course_c.max() >= warmest_c - 40.0
-
-
-# --- polarization ---
 
 
 # --- derating ---
@@ -163,7 +136,8 @@ def test_too_warm_is_an_answer_with_minutes_and_why():
     car, stop = hot_car(None, limit=FALLING, leakage_w_per_k=0.0), a_stop()
     session = charge(car, stop, BatteryState(43.0, 0.1))
     found = too_warm(car, stop, session)
-    times_s = {at_c: own_session(car, stop, at_c, 0.1, 0.5)[0] for at_c in (43.0, found.fastest_c)}
+    times_s = {at_c: own_session(car, stop, BatteryState(at_c, 0.1), 2.0).time_s
+               for at_c in (43.0, found.fastest_c)}
     assert found.slower_s == pytest.approx(times_s[43.0] - times_s[found.fastest_c], rel=0.01)
     assert found.fastest_c < 38.0 and found.derating.above_c == 38.0
     hours, (minutes, seconds) = round(found.slower_s) // 3600, divmod(round(found.slower_s) % 3600, 60)

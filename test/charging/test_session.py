@@ -22,7 +22,6 @@ import pytest
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -33,6 +32,7 @@ from bev_preheat.vehicle.description import HeatPath
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
 # -10 degC outside, 1.2 kW for the cabin, 300 W of auxiliaries.
 STOP = ChargingStop(60e3, 0.8, -10.0, 1200.0, 300.0)
+LATE = replace(REFERENCE, heat_path=HeatPath(45.0, 25e3, 250.0))
 
 SUPPLY_W = 60e3 - 1500.0
 
@@ -67,46 +67,17 @@ def test_the_inlet_limits_what_the_charger_could_give():
     assert limited.bought_energy_wh == pytest.approx(40e3 * limited.charging_time_s / 3600.0)
 
 
-@pytest.mark.parametrize('vehicle, charger_w, temperature_c, soc', [
-    (REFERENCE, 150e3, -5.0, 0.2), (REFERENCE, 50e3, 12.0, 0.33), (SMALL, 100e3, 1.0, 0.15)],
-    ids=['150 kW, cold', '50 kW, held at the limit', 'no heating'])
-def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, temperature_c, soc):
+@pytest.mark.parametrize('vehicle, charger_w, state', [
+    (REFERENCE, 150e3, BatteryState(-5.0, 0.2)), (REFERENCE, 50e3, BatteryState(12.0, 0.33)),
+    (SMALL, 100e3, BatteryState(1.0, 0.15)), (LATE, 22e3, BatteryState(15.0, 0.3, 1000.0, 2.0))],
+    ids=['150 kW, cold', '50 kW, held at the limit', 'no heating', 'late heat'])
+def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, state):
     stop = ChargingStop(charger_w, 0.62, -9.0, 1700.0, 450.0)
-    session = charge(vehicle, stop, BatteryState(temperature_c, soc))
-    time_s, bought_wh, departure_c = own_session(vehicle, stop, temperature_c, soc, 0.1)
+    session = charge(vehicle, stop, state)
+    time_s, bought_wh, departure_c, _ = own_session(vehicle, stop, state)
     assert session.charging_time_s == pytest.approx(time_s, rel=2e-4)
     assert session.bought_energy_wh == pytest.approx(bought_wh, rel=2e-4)
     assert session.battery_temperature_c[-1] == pytest.approx(departure_c, abs=0.01)
-
-
-def test_late_heat_is_that_of_an_own_fine_integration():
-    """Euler's method, four states; the heater is switched at each step by the energy that has not arrived."""
-    path = HeatPath(45.0, 25e3, 250.0)
-    late, stop = replace(REFERENCE, heat_path=path), ChargingStop(22e3, 0.6, -12.0, 1500.0, 400.0)
-    session = charge(late, stop, BatteryState(15.0, 0.3, 1000.0, 2.0))
-    battery, limit = late.battery, late.charging.power_limit.function(FLOATS)
-    voltage, resistance = battery.open_circuit_voltage.function(FLOATS), battery.resistance.function(FLOATS)
-    soc, temperature_c, coolant_c, heater_w = 0.3, 15.0, 17.0, 1000.0
-    elapsed_s, bought_j, step_s = 0.0, 0.0, 0.1
-    capacity_j_per_k, efficiency = battery.heat_capacity_j_per_k, late.hvch.efficiency
-    while soc < 0.6:
-        all_c = (capacity_j_per_k * temperature_c + 25e3 * coolant_c + efficiency * 45.0 * heater_w
-                 ) / (capacity_j_per_k + 25e3)
-        command_w = late.hvch.maximum_power_w - 1500.0 if all_c < late.charging.heating_limit_c else 0.0
-        power_w = max(0.0, min(22e3 - 1900.0 - heater_w, -limit(soc, temperature_c)))
-        u, r = voltage(soc, temperature_c), resistance(soc, temperature_c)
-        current_a = (math.sqrt(u * u + 4.0 * r * power_w) - u) / (2.0 * r)
-        passed_w = 250.0 * (coolant_c - temperature_c)
-        bought_j += step_s * (power_w + 1900.0 + heater_w)
-        soc += step_s * current_a / battery.capacity_as
-        temperature_c += step_s / capacity_j_per_k * (
-            passed_w + r * current_a**2 + battery.leakage.gamma_0_w_per_k * (-12.0 - temperature_c))
-        coolant_c += step_s / 25e3 * (efficiency * heater_w - passed_w)
-        heater_w += step_s / 45.0 * (command_w - heater_w)
-        elapsed_s += step_s
-    assert session.charging_time_s == pytest.approx(elapsed_s, rel=3e-4)
-    assert session.bought_energy_wh == pytest.approx(bought_j / 3600.0, rel=3e-4)
-    assert session.battery_temperature_c[-1] == pytest.approx(temperature_c, abs=0.02)
 
 
 @given(name=st.sampled_from(['reference', 'small', 'late heat']), charger_w=st.floats(3e3, 400e3),
