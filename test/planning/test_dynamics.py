@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forward runs and their accounts: heat and energy balances on random trips, undeliverable power."""
 
-from dataclasses import replace
-
+from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -15,20 +14,9 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
 
 SMALL_CAR = load_vehicle('small_car')
-# The numbers below are written out; the shipped car's are fitted and may change.
-FORMULA_CAR = load_vehicle('reference')
-FORMULA_CAR = replace(
-    FORMULA_CAR,
-    battery=replace(
-        FORMULA_CAR.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
-        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
-        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5)),
-    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
 INTEGRATORS = pytest.mark.parametrize('make_integrator', [
     pytest.param(make_euler, id='euler'), pytest.param(make_runge_kutta_4, id='rk4')])
 CARS = pytest.mark.parametrize('vehicle', [
@@ -127,9 +115,8 @@ def test_runge_kutta_energy_is_the_area_under_the_voltage(segments, start):
 def test_joule_heat_of_one_euler_step_by_hand():
     trip = steady_trip(FORMULA_CAR, count=1, duration_s=36.0)
     _, _, accounts = run(trip, make_euler, (0.8, -10.0), np.array([600.0]))
-    u, r = 365.0 + 75.0 * 0.8 + 15.0 * 0.8**3, 4.2 / 35.0
-    current_a = (u - np.sqrt(u**2 - 4 * r * (17e3 + 1300.0 + 450.0 + 600.0))) / (2 * r)
-    joule_w = r * (current_a**2 + (23e3**2 - 17e3**2) / u**2)
+    current = current_a(0.8, -10.0, 17e3 + 1300.0 + 450.0 + 600.0)
+    joule_w = 4.2 / 35.0 * (current**2 + (23e3**2 - 17e3**2) / (365.0 + 75.0 * 0.8 + 15.0 * 0.8**3)**2)
     assert accounts.energy_wh.joule == pytest.approx(joule_w / 100.0, rel=1e-11)
 
 
@@ -168,10 +155,8 @@ def test_missing_watts_are_reported_in_their_step(make_integrator):
     trip = steady_trip(FORMULA_CAR, count=3, propulsion_power_w=powers_w,
                        propulsion_power_rms_w=powers_w)
     soc, temperature_c, accounts = run(trip, make_integrator, (0.5, -17.0), np.zeros(3))
-    u, r = 365.0 + 75.0 * soc[1] + 15.0 * soc[1]**3, 4.2 / (temperature_c[1] + 45.0)
-    asked_w = 390e3 + 1300.0 + 450.0
-    assert accounts.undeliverable_power_w == pytest.approx(
-        [0.0, asked_w - u**2 / (4 * r), 0.0], rel=1e-12)
+    most_w = voltage_v(soc[1])**2 / (4 * resistance_ohm(temperature_c[1]))
+    assert accounts.undeliverable_power_w == pytest.approx([0.0, 390e3 + 1300.0 + 450.0 - most_w, 0.0], rel=1e-12)
 
 
 def test_energy_balance_closes_with_undeliverable_power():

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from formula_car import current_a, resistance_ohm, voltage_v, with_limits
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -16,25 +17,13 @@ from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.model import make_runge_kutta_4, make_terminal_limits
 
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
 DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))
 CHARGE_W = ((-12e3, -130e3), (0.0, -20e3))
-CAR = load_vehicle('reference')
-CAR = replace(
-    CAR,
-    battery=replace(
-        CAR.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
-        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
-        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5),
-        discharge_power_limit=Table((0.0, 1.0), (-30.0, 30.0), DISCHARGE_W),
-        charge_power_limit=Table((0.0, 1.0), (-30.0, 30.0), CHARGE_W),
-        soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
-    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
+CAR = with_limits(*(Table((0.0, 1.0), (-30.0, 30.0), corners_w) for corners_w in (DISCHARGE_W, CHARGE_W)))
 
 # Strong regeneration and strong climbs, for a cold battery.
 SEGMENTS = st.lists(st.fixed_dictionaries({
@@ -56,9 +45,8 @@ def bilinear(corners_w, soc, temperature_c):
 
 def battery_power_w(soc, temperature_c, terminal_w, variance_w2):
     """P_b = U I + R var/U^2, where I is the smaller root of U I - R I^2 = P_t."""
-    u, r = 365.0 + 75.0 * soc + 15.0 * soc**3, 4.2 / (temperature_c + 45.0)
-    current_a = (u - np.sqrt(np.maximum(u**2 - 4 * r * terminal_w, 0.0))) / (2 * r)
-    return u * current_a + r * variance_w2 / u**2
+    u = voltage_v(soc)
+    return u * current_a(soc, temperature_c, terminal_w) + resistance_ohm(temperature_c) * variance_w2 / u**2
 
 
 def trip_of(segments):
@@ -184,12 +172,6 @@ def test_brake_keeps_a_battery_from_being_overfilled():
     assert schedule.soc.max() == 1.0
     # Cabin and auxiliaries use 1.9 kW; the rest has to go somewhere.
     assert schedule.brake_power_w[-1] == pytest.approx(19e3 - 1.9e3, rel=1e-6)
-
-
-# Highest temperature
-
-
-# Accounts
 
 
 # Whether a limit is near

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Method `optimal_switch`: properties on drawn trips, against forward runs written here."""
 
-from dataclasses import replace
 from itertools import product
 import math
 from types import SimpleNamespace
 
+from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -22,20 +22,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LEAST_SAVING_WH
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 from bev_preheat.vehicle.model import make_runge_kutta_4
-
-# The numbers below are written out; the shipped car's are fitted and may change.
-VEHICLE = load_vehicle('reference')
-VEHICLE = replace(
-    VEHICLE,
-    battery=replace(
-        VEHICLE.battery, capacity_ah=190.0, heat_capacity_j_per_k=371000.0,
-        open_circuit_voltage=PolynomialVoltage((361.0, 72.0, 0.0, 13.0)),
-        resistance=InverseTemperatureResistance(4.4, 46.0), leakage=Leakage(31.0, 0.6)),
-    drivetrain=Drivetrain(0.91, 0.7, 340e3), hvch=Hvch(6800.0, 0.86))
 
 # The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
 # this power, and stays within the model's range of charge.
@@ -56,17 +43,16 @@ def change(segment, soc, t, heater_w):
     power_w = segment['propulsion_power_w']
     terminal_w = (power_w + segment['cabin_heating_power_w'] + segment['auxiliary_power_w']
                   + heater_w)
-    u, r = 361.0 + 72.0 * soc + 13.0 * soc**3, 4.4 / (t + 46.0)
+    u, r, current = voltage_v(soc), resistance_ohm(t), current_a(soc, t, terminal_w)
     ripple_w = r * segment['spread_w']**2 / u**2
-    current_a = (u - math.sqrt(u**2 - 4.0 * r * terminal_w)) / (2.0 * r)
-    heat_w = (0.86 * heater_w + 0.7 * (1.0 - 0.91) * spread_magnitude_w(power_w, segment['spread_w'])
-              + r * current_a**2 + ripple_w
-              + (31.0 + 0.6 * segment['speed_mps']) * (segment['ambient_temperature_c'] - t))
-    return np.array([-(current_a + ripple_w / u) / (3600.0 * 190.0), heat_w / 371000.0])
+    heat_w = (0.87 * heater_w + 0.8 * (1.0 - 0.9) * spread_magnitude_w(power_w, segment['spread_w'])
+              + r * current**2 + ripple_w
+              + (33.0 + 0.5 * segment['speed_mps']) * (segment['ambient_temperature_c'] - t))
+    return np.array([-(current + ripple_w / u) / (3600.0 * 200.0), heat_w / 378500.0])
 
 
 def heater_limit_w(segment):
-    return max(6800.0 - segment['cabin_heating_power_w'], 0.0)
+    return max(7000.0 - segment['cabin_heating_power_w'], 0.0)
 
 
 def arrival_c(segments, state, heater_w):
@@ -106,11 +92,11 @@ def route_of(segments):
                for name in segments[0] if name != 'spread_w'}
     columns['propulsion_power_rms_w'] = [
         math.hypot(segment['propulsion_power_w'], segment['spread_w']) for segment in segments]
-    return make_route(columns, VEHICLE.defaults)
+    return make_route(columns, FORMULA_CAR.defaults)
 
 
 def plan_of(segments, state, target_c):
-    return plan_preheating(VEHICLE, route_of(segments), state, Goal(target_c), 'optimal_switch')
+    return plan_preheating(FORMULA_CAR, route_of(segments), state, Goal(target_c), 'optimal_switch')
 
 
 @settings(max_examples=3 * settings.default.max_examples)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reasons for heating: each on a trip designed for it, and properties of all intervals."""
 
-from dataclasses import replace
-
+from formula_car import SHIPPED_CAR, with_limits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -12,23 +11,11 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.curves import Table
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-SHIPPED_CAR = load_vehicle('reference')
 # A limit that rises by 3 kW/K for discharging, 2 kW/K for charging, from 60 kW and 0.
-CAR = replace(
-    SHIPPED_CAR,
-    battery=replace(
-        SHIPPED_CAR.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
-        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
-        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5),
-        discharge_power_limit=Table((0.0,), (-30.0, 30.0), ((60e3, 240e3),)),
-        charge_power_limit=Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)),
-        soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
-    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
+CAR = with_limits(Table((0.0,), (-30.0, 30.0), ((60e3, 240e3),)), Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)))
 
 
 def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0, car=CAR):

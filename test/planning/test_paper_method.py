@@ -4,6 +4,7 @@
 from dataclasses import replace
 import math
 
+from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -16,20 +17,8 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.curves import Table
 
-# The numbers below are written out; the shipped car's are fitted and may change.
-VEHICLE = load_vehicle('reference')
-VEHICLE = replace(
-    VEHICLE,
-    battery=replace(
-        VEHICLE.battery, capacity_ah=200.0, heat_capacity_j_per_k=378500.0,
-        open_circuit_voltage=PolynomialVoltage((365.0, 75.0, 0.0, 15.0)),
-        resistance=InverseTemperatureResistance(4.2, 45.0), leakage=Leakage(33.0, 0.5),
-        temperature_range_c=(-40.0, 60.0)),
-    drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
 START = BatteryState(temperature_c=-7.0, soc=0.88)
 NAN = math.nan
 
@@ -38,14 +27,6 @@ SEGMENTS = st.lists(st.fixed_dictionaries({
     'propulsion_power_w': st.floats(-30e3, 45e3), 'ambient_temperature_c': st.floats(-25.0, 5.0),
     'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)}),
     min_size=1, max_size=40)
-
-
-def voltage_v(soc):
-    return 365.0 + 75.0 * soc + 15.0 * soc**3
-
-
-def resistance_ohm(temperature_c):
-    return 4.2 / (temperature_c + 45.0)
 
 
 class Algorithms:
@@ -71,13 +52,12 @@ class Algorithms:
         segment = self.segments[k]
         power_w = (segment['auxiliary_power_w'] + segment['cabin_heating_power_w'] + heater_w
                    + segment['propulsion_power_w'])
-        u, r = voltage_v(soc), resistance_ohm(t)
-        current_a = (u - math.sqrt(u**2 - 4 * r * power_w)) / (2 * r)
+        current = current_a(soc, t, power_w)
         gamma = 33.0 + 0.5 * segment['speed_mps']
         # Eq. (5) with a loss that is positive in both directions.
         heat_w = (0.87 * heater_w + gamma * (segment['ambient_temperature_c'] - t)
-                  + r * current_a**2 + 0.8 * (1 - 0.9) * abs(segment['propulsion_power_w']))
-        return current_a, segment['duration_s'] * heat_w / 378500.0
+                  + resistance_ohm(t) * current**2 + 0.8 * (1 - 0.9) * abs(segment['propulsion_power_w']))
+        return current, segment['duration_s'] * heat_w / 378500.0
 
     def cross(self, target_c, end_soc):
         """Algorithm 2: step k in which the runs cross, and the instant at which their lines cross."""
@@ -98,7 +78,7 @@ class Algorithms:
 
 def route_of(segments):
     return make_route({name: [segment[name] for segment in segments] for name in segments[0]},
-                      VEHICLE.defaults)
+                      FORMULA_CAR.defaults)
 
 
 def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
@@ -109,7 +89,7 @@ def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0)
 
 
 def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **options):
-    return plan_preheating(VEHICLE, route_of(segments), state,
+    return plan_preheating(FORMULA_CAR, route_of(segments), state,
                            Goal(target_c, charging_planned=charging_planned),
                            method='paper', no_regret=False, **options)
 
@@ -122,7 +102,7 @@ def test_switching_instant_is_that_of_the_printed_algorithms(segments, cold_c, r
     longest_s = sum(segment['duration_s'] for segment in segments)
     target_c = algorithms.t_fw[-1] + max(1e-3, rise_k * 0.01 * longest_s)
     crossing = algorithms.cross(target_c, algorithms.soc_fw[-1])
-    trip = make_trip(VEHICLE, route_of(segments))
+    trip = make_trip(FORMULA_CAR, route_of(segments))
     schedule = plan_paper(trip, BatteryState(cold_c, full_soc), Goal(target_c))
     # The lines part at 0.5 mK/s or more, and temperatures are exact to 1e-12 K.
     assert schedule.heating_start_s == pytest.approx(crossing[1] if crossing else 0.0, abs=1e-6)
@@ -144,7 +124,7 @@ def test_a_tenth_of_the_step_makes_a_tenth_of_the_arrival_error():
 
 def discharge_limit_w(soc, temperature_c):
     """Limit (9i) of the shipped pack: along temperature in each row of the table, then along soc."""
-    table = VEHICLE.battery.discharge_power_limit
+    table = FORMULA_CAR.battery.discharge_power_limit
     return np.interp(soc, table.soc, [
         np.interp(temperature_c, table.temperature_c, row) for row in table.values])
 
@@ -158,19 +138,19 @@ def too_much_to_ask_for(limit_w=discharge_limit_w):
     segments = drive(ambient_c=-30.0)
     segments[2] = dict(segments[2], propulsion_power_w=230e3)
     segments[9] = dict(segments[9], propulsion_power_w=480e3)
-    vehicle = VEHICLE
+    vehicle = FORMULA_CAR
     if limit_w is not discharge_limit_w:
-        vehicle = replace(VEHICLE, battery=replace(
-            VEHICLE.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
+        vehicle = replace(FORMULA_CAR, battery=replace(
+            FORMULA_CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
     plan = plan_preheating(
         vehicle, route_of(segments), BatteryState(temperature_c=-30.0, soc=0.88), Goal(59.0),
         method='paper', no_regret=False)
     soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
-    current_a = min(limit_w(soc, temperature_c) / u, u / (2 * r))
+    most_a = min(limit_w(soc, temperature_c) / u, u / (2 * r))
     # The heater needs its share too.
-    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - (u * current_a - r * current_a**2)
+    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - (u * most_a - r * most_a**2)
 
 
 def test_power_limited_says_when_and_by_how_much():
@@ -207,7 +187,7 @@ def test_power_limited_says_when_and_by_how_much():
      "degC: the vehicle's battery is not described below that")])
 def test_state_goal_or_route_refused_in_words(state, goal, ambient_c, problem):
     with pytest.raises(InvalidInput) as refused:
-        plan_preheating(VEHICLE, route_of(drive(ambient_c=ambient_c)), state, goal,
+        plan_preheating(FORMULA_CAR, route_of(drive(ambient_c=ambient_c)), state, goal,
                         method='paper')
     assert refused.value.problems == [problem]
 
