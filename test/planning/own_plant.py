@@ -18,13 +18,18 @@ STEP_S = 2.0
 
 @dataclass(frozen=True)
 class Driven:
-    """Result of a drive; `empty_at_s` [s] is None if the charge was enough."""
+    """
+    Result of a drive; `empty_at_s` [s] is None if the charge was enough.
+
+    `beyond_w` (N, 2) is the largest excess of P_b over discharge and charge limit in each step [W].
+    """
 
     soc: float
     temperature_c: float
     lowest_soc: float
     deficit_w: float
     empty_at_s: float | None
+    beyond_w: np.ndarray
 
 
 def between(axis, x):
@@ -86,66 +91,43 @@ class OwnPlant:
         self.discharge_w = table(battery['power_limits']['discharge'])
         self.charge_w = table(battery['power_limits']['charge'])
 
-    def drive(self, route, state, heater_w):
-        """Return the Driven of a Route from a BatteryState under heater powers [W] (N,)."""
+    def drive(self, route, state, heater_w, brake_w=None):
+        """Return the Driven of a Route from a BatteryState, with heater [W] (N,) and brake as given or needed."""
         soc, temperature_c, lowest_soc = state.soc, state.temperature_c, state.soc
-        deficit_w, now_s = 0.0, 0.0
+        deficit_w, now_s, beyond_w = 0.0, 0.0, []
         columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
                    route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
-                   route.cabin_heating_power_w + route.auxiliary_power_w, heater_w)
-        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w in zip(
+                   route.cabin_heating_power_w + route.auxiliary_power_w, heater_w,
+                   np.full(len(route), np.nan) if brake_w is None else brake_w)
+        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w, given_w in zip(
                 *(column.tolist() for column in columns)):
             leakage = (self._leakage['gamma_0_w_per_k']
                        + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
-            for part in range((steps := ceil(duration_s / STEP_S)) + 1):
-                u = self.voltage_v(soc, temperature_c)
-                r = self.resistance_ohm(soc, temperature_c)
-                ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
-                most_a = (self.discharge_w(soc, temperature_c) - ripple_w) / u
-                least_a = (self.charge_w(soc, temperature_c) - ripple_w) / u
-                asked_w = drive_w + others_w + heat_w
-                brake_w = min(max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
-                # From the start of a step to its end, where the charge is lowest.
-                deficit_w = max(deficit_w, asked_w - (u * most_a - r * most_a**2))
-                if part == steps:
-                    break
-                root_v = sqrt(max(u**2 - 4.0 * r * (asked_w + brake_w), 0.0))
-                current_a = (u - root_v) / (2.0 * r)
-                step_s = duration_s / steps
-                soc -= (current_a + ripple_w / u) / self._charge_as * step_s
-                temperature_c += step_s / self._heat_capacity * (
-                    self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
-                    + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - brake_w))
-                now_s += step_s
-                lowest_soc = min(lowest_soc, soc)
-                if soc <= 0.0:
-                    return Driven(0.0, temperature_c, 0.0, deficit_w, now_s)
-        return Driven(soc, temperature_c, lowest_soc, deficit_w, None)
-
-    def beyond_limits_w(self, route, state, heater_w, brake_w):
-        """Return the largest excess of P_b over discharge and charge limit in each step [W], (N, 2)."""
-        soc, temperature_c, beyond_w = state.soc, state.temperature_c, []
-        columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
-                   route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
-                   route.cabin_heating_power_w + route.auxiliary_power_w, heater_w, brake_w)
-        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w, braked_w in zip(
-                *(column.tolist() for column in columns)):
-            leakage = (self._leakage['gamma_0_w_per_k']
-                       + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
-            terminal_w, worst_w = drive_w + others_w + heat_w + braked_w, (-np.inf, -np.inf)
+            worst_w = (-np.inf, -np.inf)
             step_s = duration_s / (steps := ceil(duration_s / STEP_S))
             for part in range(steps + 1):
                 u = self.voltage_v(soc, temperature_c)
                 r = self.resistance_ohm(soc, temperature_c)
                 ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
-                current_a = (u - sqrt(max(u**2 - 4.0 * r * terminal_w, 0.0))) / (2.0 * r)
+                limits_w = self.discharge_w(soc, temperature_c), self.charge_w(soc, temperature_c)
+                most_a, least_a = ((limit_w - ripple_w) / u for limit_w in limits_w)
+                asked_w = drive_w + others_w + heat_w
+                braked_w = given_w if given_w == given_w else min(
+                    max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
+                # From the start of a step to its end, where the charge is lowest.
+                deficit_w = max(deficit_w, asked_w - (u * most_a - r * most_a**2))
+                current_a = (u - sqrt(max(u**2 - 4.0 * r * (asked_w + braked_w), 0.0))) / (2.0 * r)
                 power_w = u * current_a + ripple_w
-                worst_w = (max(worst_w[0], power_w - self.discharge_w(soc, temperature_c)),
-                           max(worst_w[1], self.charge_w(soc, temperature_c) - power_w))
-                if part < steps:
-                    soc -= (current_a + ripple_w / u) / self._charge_as * step_s
-                    temperature_c += step_s / self._heat_capacity * (
-                        self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
-                        + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - braked_w))
+                worst_w = max(worst_w[0], power_w - limits_w[0]), max(worst_w[1], limits_w[1] - power_w)
+                if part == steps:
+                    break
+                soc -= (current_a + ripple_w / u) / self._charge_as * step_s
+                temperature_c += step_s / self._heat_capacity * (
+                    self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
+                    + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - braked_w))
+                now_s += step_s
+                lowest_soc = min(lowest_soc, soc)
+                if soc <= 0.0:
+                    return Driven(0.0, temperature_c, 0.0, deficit_w, now_s, np.array([*beyond_w, worst_w]))
             beyond_w.append(worst_w)
-        return np.array(beyond_w)
+        return Driven(soc, temperature_c, lowest_soc, deficit_w, None, np.array(beyond_w))

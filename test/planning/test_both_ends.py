@@ -109,8 +109,7 @@ def test_plans_keep_the_limits_inside_each_step(number):
     trip = draw_limit_trip(load_vehicle('reference'), 1, number)
     plan = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
     route, brake_w = trip.route, plan.friction_brake_power_w
-    beyond_w = OwnPlant('reference').beyond_limits_w(
-        route, trip.state, plan.hvch_battery_power_w, brake_w)
+    beyond_w = OwnPlant('reference').drive(route, trip.state, plan.hvch_battery_power_w, brake_w).beyond_w
     beyond = beyond_w / np.abs(route.propulsion_power_w + brake_w)[:, np.newaxis]
     # An excess by driving alone is a power deficit; fully braked steps regenerate nothing more.
     heated, braked_in_part = plan.hvch_battery_power_w > 0.0, brake_w < -route.propulsion_power_w

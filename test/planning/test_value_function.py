@@ -149,8 +149,8 @@ def test_limits_hold_and_what_can_be_reached_is_reached(number, target_c):
     assert ((plan.hvch_battery_power_w >= 0.0) & (plan.hvch_battery_power_w <= left_w)).all()
     # In a plant that shares no code with the model; within a step it brakes only as much as it must.
     driven = PLANT.drive(trip.route, trip.state, plan.hvch_battery_power_w)
-    beyond_w = PLANT.beyond_limits_w(
-        trip.route, trip.state, plan.hvch_battery_power_w, plan.friction_brake_power_w).max(axis=0)
+    beyond_w = PLANT.drive(trip.route, trip.state, plan.hvch_battery_power_w,
+                           plan.friction_brake_power_w).beyond_w.max(axis=0)
     assert beyond_w[1] < SAME_POWER_W
     if plan.stranding is None:
         assert driven.soc > plan.arrival_soc - SAME_SOC
