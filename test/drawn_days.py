@@ -62,11 +62,7 @@ DAYS = st.lists(TRIPS, min_size=1, max_size=2)
 
 
 class World:
-    """
-    A car and its planner.
-
-    `violations` are sentences; `heated_on_the_way_s` [s] is the time of heat before the end of a trip was known.
-    """
+    """A car and its planner; `violations` are sentences, `heated_on_the_way_s` [s] is before the end was known."""
 
     def __init__(self):
         self.planner = Supervisor(VEHICLE, SETTINGS)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A CAN adapter with the LAWICEL (slcan) protocol on a pseudo terminal, written without python-can.
-
-The other end is a file such as /dev/pts/3, which `interface: slcan` opens as a serial port.
-"""
+"""A CAN adapter with the LAWICEL (slcan) protocol on a pseudo terminal, written without python-can."""
 
 import os
 import select

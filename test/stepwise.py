@@ -15,11 +15,7 @@ from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 
 class Stepwise(Supervisor):
-    """
-    Turns single inputs into steps, and raises refusals.
-
-    Calls without an instant use that of the previous step.
-    """
+    """Turns single inputs into steps, by default at the previous step's instant, and raises refusals."""
 
     def __init__(self, vehicle, settings, learned=None, **before_restart):
         super().__init__(vehicle, settings, learned, **before_restart)

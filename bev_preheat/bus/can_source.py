@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A CAN bus as a live source, and the way back for the heater's command.
-
-The connection receives frames in a thread, sends some, and reconnects.
-"""
+"""A CAN bus as a live source, and the way back for the heater's command."""
 
 from __future__ import annotations
 

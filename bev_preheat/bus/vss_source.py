@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A VSS databroker (KUKSA) as a live source: values come on change only, and hold while the connection lives.
-
-The connection subscribes in threads, publishes, and watches that it lives.
-"""
+"""A VSS databroker (KUKSA) as a live source: values come on change only, and hold while the connection lives."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Drawn situations of one vehicle with the plans of Python, for the runner of an export (check.c).
-
-Planned without the native core: the expected values of the C code come from independent code.
-"""
+"""Drawn situations of one vehicle with the plans of Python, for the runner of an export (check.c)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Charging sessions over time, and the value of heating before them.
-
-Power, battery temperature and state of charge; cost over the target, minutes at the charger over energy bought.
-"""
+"""Charging sessions over time, and the value of heating before them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A drive under the planner over time, and a week of departures.
-
-Temperatures, heater command and state of charge; with departures, prices of energy from the grid.
-"""
+"""A drive under the planner over time, and a week of departures."""
 
 from __future__ import annotations
 

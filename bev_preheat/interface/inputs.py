@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Arguments of the public interface: vehicles and routes by name, by file or from numbers.
-
-Types are checked by the argument's name: a wrong type is refused with the allowed ones.
-"""
+"""Arguments of the public interface: vehicles and routes by name, by file or from numbers."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON.
-
-It says whether a planner is there, its clock runs and its values are fresh, or in a sentence that they are not.
-"""
+"""The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers with `hvch_status`.
-
-heater_controller does so for any output, bus_gateway for a frame on CAN, which is here, too.
-"""
+"""Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers with `hvch_status`."""
 
 from __future__ import annotations
 

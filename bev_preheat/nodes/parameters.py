@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Parameters with a description, a unit and a range, declared and checked from one table.
-
-A whole number is accepted for a parameter of type double: people write 12, which ROS refuses.
-"""
+"""Parameters with a description, a unit and a range, declared and checked from one table."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A planner's recorded inputs and answers in order, read from the flight recorder's files; the part shown.
-
-Unusual inputs: late, lost and overtaken states, a clock that jumps, unannounced delays.
-"""
+"""A planner's recorded inputs and answers in order, read from the flight recorder's files; the part shown."""
 
 from __future__ import annotations
 

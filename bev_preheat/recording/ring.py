@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The folder of recordings: names of its files, and its size, which the oldest files give way to.
-
-The recording of one drive is written into a folder of its own, then it becomes one file.
-"""
+"""The folder of recordings: names of its files, and its size, which the oldest files give way to."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The simulated car's heater: the lease on its power, its faults, and its controller with the car's own gates.
-
-The controller has the rules of `vehicle.heater_controller`.
-"""
+"""The simulated car's heater: the lease on its power, its faults, and its controller with the car's own gates."""
 from __future__ import annotations
 
 from collections.abc import Sequence

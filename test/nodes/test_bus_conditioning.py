@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Requests of the cabin over VSS become goals of the planner's action; without a broker, a planner and DDS.
-
-test_cabin_request.py has the whole car, in make test-deep.
-"""
+"""Requests of the cabin over VSS become goals of the planner's action; without a broker, a planner and DDS."""
 
 from queue import SimpleQueue
 from types import SimpleNamespace

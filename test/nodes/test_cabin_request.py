@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-A request of the cabin over VSS ends in a warm battery, and is reported back.
-
-The broker has the battery's values; the heater is on CAN, as VSS has no signal for its power. The nodes are the
-installed ones, and no message of ROS is written by hand.
-"""
+"""A request of the cabin over VSS ends in a warm battery, and is reported back."""
 
 from itertools import groupby
 import signal

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The command lines of the installed nodes: help, and one line for each error.
-
-Each kind of answer is tested once with an installed executable; all others with the function
-that the executable calls, in this process.
-"""
+"""The command lines of the installed nodes: help, and one line for each error."""
 
 import errno
 import math

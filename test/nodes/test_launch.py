@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The launch file and its parameters, without launch: no package index has it.
-
-The file is read as XML, and its nodes are started as launch would start them.
-"""
+"""The launch file and its parameters, without launch: no package index has it."""
 
 from pathlib import Path
 import re

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The log suppresses repetitions and shows everything new.
-
-rclpy raises if one line of code logs with a second severity; no node may end of that.
-"""
+"""The log suppresses repetitions and shows everything new."""
 
 import ast
 from pathlib import Path

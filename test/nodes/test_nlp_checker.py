@@ -82,11 +82,7 @@ class Surroundings(PlannerCar):
         return self.reports.wait_for(condition, timeout_s=REPORT_PATIENCE_S)
 
     def report_on_plan(self, route_id):
-        """
-        Return a report on the planner's own plan.
-
-        If the plan does not arrive in time, the checker plans by itself and reports no caution energy.
-        """
+        """Return a report on the planner's own plan; until that is in time, the checker plans without caution."""
         for _ in range(MOST_CHECKS):
             report = self.report(of_route(route_id))
             if not isnan(report.caution_energy):

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The installed `planner` over DDS: what DDS and its process decide; test_planner_node.py has its decisions.
-
-The tests share a planner in real time. A test that ends it leaves it to the next one to start another.
-"""
+"""The installed `planner` over DDS: what DDS and its process decide; test_planner_node.py has its decisions."""
 
 from collections import Counter
 import os

@@ -46,11 +46,7 @@ def reliable_planner(module_bench):
 
 @pytest.fixture
 def reliable(module_bench, reliable_planner):
-    """
-    Give the bench of a planner that tests share, and its process.
-
-    No node publishes with best effort there, so each test finds the two initial subscriptions.
-    """
+    """Give the bench and the process of a planner that tests share; no node publishes with best effort there."""
     def subscriptions():
         return module_bench.node.count_subscribers('route_plan')
 

@@ -77,11 +77,7 @@ def used(node, executable):
 
 @pytest.fixture(scope='module')
 def silent_context(ros):
-    """
-    Give a context without nodes of other tests.
-
-    A namesake that Python destroys later would take endpoints of the new node out of the graph.
-    """
+    """Give a context without the nodes of other tests, whose late end would take a namesake's endpoints away."""
     context = Context()
     context.init(args=[])
     yield context
