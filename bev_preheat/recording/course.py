@@ -110,13 +110,9 @@ class TripResults:
         self.trips: list[TripResult] = []
         self._latest_ns = 0
 
-    def add(self, played: Played, recorded_w: float | None = None) -> None:
-        """
-        Add a step.
-
-        `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
-        """
-        now_ns, state = played.now_ns, played.state
+    def add(self, played: Played) -> None:
+        """Add a step."""
+        now_ns, state, recorded_w = played.now_ns, played.state, played.recorded_w
         trip = self._trip_of(played)
         for account in [self.account, *([] if trip is None else [trip.account])]:
             if recorded_w is not None:
@@ -218,14 +214,10 @@ class Course:
     _predicted: Instant | None = None
     _had_plan: bool = False
 
-    def add(self, played: Played, recorded_w: float | None = None) -> None:
-        """
-        Add a step.
-
-        `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
-        """
-        self.results.add(played, recorded_w)
-        state, decision = played.state, played.state.decision
+    def add(self, played: Played) -> None:
+        """Add a step."""
+        self.results.add(played)
+        state, decision, recorded_w = played.state, played.state.decision, played.recorded_w
         command, estimate, measurement, plan = (
             state.latest_command, state.estimate, state.measurement, decision.plan if recorded_w is None else None)
         start_ns = None

@@ -97,13 +97,9 @@ class History:
         self._ambient = _Ambient()
         self._unheated: Unheated | None = None
 
-    def add(self, played: Played, recorded_w: float | None = None) -> None:
-        """
-        Add a step.
-
-        `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
-        """
-        now_ns, state = self._drawn_ns(played.now_ns), played.state
+    def add(self, played: Played) -> None:
+        """Add a step."""
+        now_ns, state, recorded_w = self._drawn_ns(played.now_ns), played.state, played.recorded_w
         command, decision = state.latest_command, state.decision
         if recorded_w is not None:
             power_w = recorded_w

@@ -40,11 +40,12 @@ RECORDED_VEHICLE = 'the recorded vehicle file'
 
 
 class Played(NamedTuple):
-    """A step's instant [ns], its StepOutput, and the State after it."""
+    """A step: instant [ns], StepOutput, State after it; power [W] recorded without a planner, None: it has one."""
 
     now_ns: int
     output: StepOutput
     state: State
+    recorded_w: float | None = None
 
 
 class Player:

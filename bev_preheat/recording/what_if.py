@@ -41,11 +41,11 @@ class Watcher(NamedTuple):
     tell: Callable[[int], object] = lambda steps: None
     history: History | None = None
 
-    def see(self, course: Course, played: Played, recorded_w: float | None = None) -> None:
+    def see(self, course: Course, played: Played) -> None:
         """Add a step to the Course and the History."""
-        course.add(played, recorded_w)
+        course.add(played)
         if self.history is not None:
-            self.history.add(played, recorded_w)
+            self.history.add(played)
 
 
 NOBODY = Watcher()
@@ -54,8 +54,7 @@ NOBODY = Watcher()
 class _RecordedHeat:
     """The recorded power [W]: that of the latest command until the end of its lease."""
 
-    def __init__(self) -> None:
-        self._power_w, self._until_ns = 0.0, 0
+    _power_w, _until_ns = 0.0, 0
 
     def take(self, given: Given) -> None:
         if given.step.command is not None:
@@ -77,7 +76,8 @@ def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) ->
             comparison.add(number, given.step, played.output.command)
         if is_shown:
             inputs.add(given, played)
-            watcher.see(course, played, heat.at(given.step.now_ns) if flight.is_log else None)
+            watcher.see(course, played._replace(
+                recorded_w=heat.at(given.step.now_ns) if flight.is_log else None))
     return Replayed(course, comparison, tuple(inputs.sentences), heater)
 
 
