@@ -133,7 +133,8 @@ class Commander(NamedTuple):
         """Return the Command for a Decision without an obstacle at an instant, and the Commander after it."""
         commander = self._replace(is_paused=False)
         decision = obstacle or decision
-        if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
+        has_departed = bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
+        if decision.charger_heat_w > 0.0 and not has_departed:
             return commander._heat_at_charger(now_ns, inputs, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
@@ -225,11 +226,6 @@ def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
     # No lease outlives the battery state that it is based on.
     return min(now_ns + round(settings.command_lease_s * NS_PER_S),
                measurement.expires_ns(settings.battery_state_timeout_s))
-
-
-def _has_departed(decision: Decision, now_ns: int) -> bool:
-    """Return whether the stop of a Decision is over at an instant [ns]."""
-    return bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
 
 
 def _heater_limit_w(inputs: AdmittedInputs, leg: Leg, now_ns: int) -> float:

@@ -225,11 +225,6 @@ class DepartureSource(NamedTuple):
                 lowest_soc = None
         return self._replace(memory=memory, unplugged_soc=lowest_soc)
 
-    def _drive_w(self, state: State, now_ns: int) -> float:
-        """Return the mean power of driving in the last minutes [W]; 0 for a vehicle that stands."""
-        defaults = defaults_of(state.vehicle, state.settings)
-        return self.memory.propulsion_w(now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)[0]
-
     # Judgement
 
     def _judge(self, state: State, now_ns: int) -> tuple[DepartureState, str]:
@@ -261,7 +256,8 @@ class DepartureSource(NamedTuple):
             return 'another goal of prepare_battery is active'
         if state.mission is not None and drives_between(state.mission, now_ns, self.following.instant_ns):
             return f'the route plan {state.mission.route_id!r} drives before the departure'
-        drive_w = self._drive_w(state, now_ns)
+        defaults = defaults_of(state.vehicle, state.settings)
+        drive_w, _ = self.memory.propulsion_w(now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
         if drive_w > DRIVES_W:
             return f'the vehicle drives: the battery gives {drive_w / 1000.0:.1f} kW'
         if self.goal is None:

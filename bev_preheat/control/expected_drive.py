@@ -110,16 +110,12 @@ def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
     drive, limit_w = _planned_at(
         vehicle, timetable.planned, (planned_from_ns + planned_to_ns) // 2)
     pace = min(max((planned_to_ns - planned_from_ns) / (to_ns - from_ns), 0.0), FASTEST_PACE)
-    return drive if drive is None or pace == 1.0 else _at_pace(drive, pace), limit_w
-
-
-def _at_pace(drive: DriveInputs, pace: float) -> DriveInputs:
-    """Return the DriveInputs of a route driven at `pace` times the planned pace."""
+    if drive is None or pace == 1.0:
+        return drive, limit_w
     return replace(
-        drive, speed_mps=pace * drive.speed_mps,
-        propulsion_power_w=pace * drive.propulsion_power_w,
+        drive, speed_mps=pace * drive.speed_mps, propulsion_power_w=pace * drive.propulsion_power_w,
         power_variance_w2=pace**2 * drive.power_variance_w2,
-        propulsion_power_magnitude_w=pace * drive.propulsion_power_magnitude_w)
+        propulsion_power_magnitude_w=pace * drive.propulsion_power_magnitude_w), limit_w
 
 
 def _planned_at(vehicle: Vehicle, mission: Mission,

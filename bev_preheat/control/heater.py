@@ -355,7 +355,9 @@ class HeaterSwitch(NamedTuple):
         pause, is_on, since_ns = self.pause.at(now_ns), self.is_on, self.since_ns
         wants_on = wanted_w > 0.0
         least_s = max(minimum_on_time_s if is_on else minimum_off_time_s, pause.spacing_s)
-        if wants_on != is_on and not self._must_wait(now_ns, least_s) and not (wants_on and pause.left_s > 0.0):
+        # After the clock was set back the time since the last switching is unknown.
+        must_wait = since_ns is not None and 0 <= now_ns - since_ns < round(least_s * NS_PER_S)
+        if wants_on != is_on and not must_wait and not (wants_on and pause.left_s > 0.0):
             is_on, since_ns = wants_on, now_ns
             if wants_on:
                 pause = pause.switched_on()
@@ -368,7 +370,3 @@ class HeaterSwitch(NamedTuple):
             return 0.0
         least_s = max(minimum_on_time_s if self.is_on else minimum_off_time_s, self.pause.spacing_s)
         return max(0.0, least_s - (now_ns - self.since_ns) / NS_PER_S)
-
-    def _must_wait(self, now_ns: int, least_s: float) -> bool:
-        # After the clock was set back the time since the last switching is unknown.
-        return self.since_ns is not None and 0 <= now_ns - self.since_ns < round(least_s * NS_PER_S)

@@ -112,10 +112,6 @@ class Knowledge(NamedTuple):
         sentences = [verdict.sentence for verdict in self.doubts.needed]
         return f'Signal in doubt: {"; ".join(sentences)}.' if sentences else None
 
-    def state_expired(self) -> Knowledge:
-        """Return the Knowledge whose latest battery state is too old."""
-        return self._replace(feed=self.feed.expired())
-
     def without_instants(self) -> Knowledge:
         """Return the Knowledge without instants, because the clock was restarted; the current's sign stays."""
         return self._replace(

@@ -79,10 +79,6 @@ class Preparation(NamedTuple):
         """The current PreparationGoal; None without one."""
         return None if self.progress is None else self.progress.goal
 
-    def without_outcomes(self) -> Preparation:
-        """Return the Preparation whose outcomes, including those of refused goals, have been taken."""
-        return self._replace(outcomes=()) if self.outcomes else self
-
     def seen(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> Preparation:
         """Remember power and ambient temperature for a drive without a route; the heater takes `heater_w` [W]."""
         memory = self.memory if self.goal is not None and self.goal.is_plugged_in else self.memory.seen(

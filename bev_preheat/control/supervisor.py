@@ -105,7 +105,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
     except Exception as error:
         state, output = fail(state, now_ns, f'{type(error).__name__}: {error}')
     outcomes = state.preparation.outcomes
-    return state._replace(preparation=state.preparation.without_outcomes()), output._replace(
+    return state._replace(preparation=state.preparation._replace(outcomes=())), output._replace(
         refusals=tuple(refusals), outcomes=outcomes)
 
 
@@ -222,7 +222,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     obstacle = find_obstacle(inputs, now_ns)
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
-            state = state._replace(knowledge=state.knowledge.state_expired())
+            state = state._replace(knowledge=state.knowledge._replace(feed=state.knowledge.feed.expired()))
         return state._replace(intended=obstacle), obstacle
     if not is_due:
         return state, None

@@ -128,11 +128,6 @@ class Timetable:
         return replace(self, planned=planned, mission=planned.delayed(self.delay_ns))
 
     @property
-    def latest(self) -> Progress | None:
-        """The latest valid Progress; None before the first."""
-        return None if self.track is None else self.track.latest
-
-    @property
     def delay_ns(self) -> int:
         """The vehicle's delay [ns]; negative: it is early."""
         return self.mission.delay_ns

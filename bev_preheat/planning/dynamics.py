@@ -9,7 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.numerics import AnyNumber, ARRAYS, CurveFunction, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
+from bev_preheat.numerics import AnyNumber, ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.tunables import LONGEST_STEP_S, TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.model import (
     deliverable_w,
@@ -27,7 +27,7 @@ from bev_preheat.vehicle.model import (
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray
+    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
@@ -46,7 +46,9 @@ def model_inputs(vehicle: Vehicle, route: Route, heater_share: float,
     heater_limit_w = heater_share * np.maximum(
         vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
     if heat_lag_s > 0.0:
-        heater_limit_w = _in_time(route, heat_lag_s) * heater_limit_w
+        # The heat of other steps mostly arrives after the end.
+        left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
+        heater_limit_w = (left_s > heat_lag_s) * heater_limit_w
     return route, TripColumns.of_columns(
         route.time_s, route.duration_s,
         idle_power_w(route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w),
@@ -54,13 +56,6 @@ def model_inputs(vehicle: Vehicle, route: Route, heater_share: float,
         idle_heat_w(leakage_w_per_k, route.ambient_temperature_c, drivetrain_heat_w),
         leakage_w_per_k, heater_limit_w, route.propulsion_power_w, drivetrain_heat_w,
         route.ambient_temperature_c)
-
-
-def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
-    """Return the steps (N,) whose heat mostly arrives before the end."""
-    left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
-    in_time: BoolArray = left_s > heat_lag_s
-    return in_time
 
 
 def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
@@ -263,12 +258,5 @@ def _step_of_arrays(vehicle: Vehicle, make_integrator: Integrator) -> Step[Float
 
 def deliverable_power_w(vehicle: Vehicle, soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
     """Return the highest terminal power [W] of the circuit, U_oc^2/(4 R); shape of the inputs."""
-    open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
-    return deliverable_w(open_circuit_voltage(soc, temperature_c), resistance(soc, temperature_c))
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def _circuit_of_arrays(
-        vehicle: Vehicle) -> tuple[CurveFunction[FloatArray], CurveFunction[FloatArray]]:
-    battery = vehicle.battery
-    return battery.open_circuit_voltage.function(ARRAYS), battery.resistance.function(ARRAYS)
+    circuit = vehicle.battery.open_circuit_voltage, vehicle.battery.resistance
+    return deliverable_w(*(curve.function(ARRAYS)(soc, temperature_c) for curve in circuit))

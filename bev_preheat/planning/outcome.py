@@ -12,18 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
-from bev_preheat.planning.limits import colder, drive_as_planned, limits_along, limits_hold, run_unheated
+from bev_preheat.planning.limits import colder, limits_along, limits_hold, run_unheated
 from bev_preheat.planning.schedule import (
     HeatingInterval,
     HeldBack,
-    Method,
     Reason,
     REASONS,
     Schedule,
@@ -249,16 +248,6 @@ class NoRegretCheck:
         # Also above the arrival of the wanted plan: a heater that gives way to the drive misses any target.
         halve(float(best.temperature_c[-1]), wanted_c, is_allowed, TARGET_HALVINGS)
         return best
-
-
-def giving_way(method: Method) -> Method:
-    """Return the method with its heater cut wherever the drive needs the power."""
-    def plan(trip: Trip, state: BatteryState, goal: Goal, **options: Any) -> Schedule:
-        schedule = method(trip, state, goal, **options)
-        if power_deficit(trip, schedule).worst_w == 0.0 and is_described(trip, schedule):
-            return schedule
-        return drive_as_planned(trip, state, schedule.heater_power_w)
-    return plan
 
 
 def is_described(trip: Trip, schedule: Schedule) -> bool:

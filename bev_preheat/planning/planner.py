@@ -23,9 +23,9 @@ from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedu
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
 from bev_preheat.planning.outcome import (
     find_outcome,
-    giving_way,
     is_described,
     NoRegretCheck,
+    power_deficit,
     unheated_within_limits,
 )
 from bev_preheat.planning.plan import Plan
@@ -296,12 +296,13 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
     # Other built-in methods do not know the battery's limits.
     knows_limits = way.keeps_reserve or way.is_installed or not case.no_regret
-    method = way.method if knows_limits else giving_way(way.method)
 
     def propose(target_c: float, **how: Any) -> Schedule:
         if switched is not None and target_c == case.aim_c:
             how = {**how, 'switched': switched}
-        schedule = method(trip, state, case.aimed_at(target_c), **how)
+        schedule = way.method(trip, state, case.aimed_at(target_c), **how)
+        if not knows_limits and (power_deficit(trip, schedule).worst_w > 0.0 or not is_described(trip, schedule)):
+            schedule = drive_as_planned(trip, state, schedule.heater_power_w)
         if is_late:
             schedule = heat_until_arrival(trip, state, schedule, target_c)
         return as_described(trip, state, schedule)

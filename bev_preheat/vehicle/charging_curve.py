@@ -80,11 +80,6 @@ class ChargingLimit:
     power_kw: tuple[float, ...]
     note: str = 'given'
 
-    def power_kw_at(self, temperature_c: Sequence[float]) -> FloatArray:
-        """Return the limit [kW] at battery temperatures [deg C], shape (M,)."""
-        power_kw: FloatArray = np.interp(temperature_c, self.temperature_c, self.power_kw)
-        return power_kw
-
     def warm_c(self, most_kw: float) -> float:
         """Return the lowest temperature [deg C] with the most power, at most `most_kw` [kW]."""
         highest_kw = min(most_kw, max(self.power_kw))
@@ -256,7 +251,7 @@ def charging_map(curves: Sequence[ChargingCurve], chemistry: Chemistry, most_kw:
     of_curves_kw = np.array([np.interp(soc, curve.soc, curve.power_kw) for curve in curves])
     rows_kw = np.array([np.interp(grid_c, curves_c, powers_kw) for powers_kw in of_curves_kw.T])
     if limit is not None:
-        power_kw = np.minimum(np.minimum(rows_kw, limit.power_kw_at(grid_c)), most_kw)
+        power_kw = np.minimum(np.minimum(rows_kw, np.interp(grid_c, limit.temperature_c, limit.power_kw)), most_kw)
     else:
         share, at_curve = (np.interp(at_c, cold.temperature_c, cold.temperature_share)
                            for at_c in (grid_c, np.clip(grid_c, curves_c[0], curves_c[-1])))

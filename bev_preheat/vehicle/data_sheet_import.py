@@ -146,7 +146,7 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
             f'{chemistry.resistance.temperature_source}. Over the state of charge, source: '
             f'{chemistry.resistance.soc_source}', assumed=True),
         'battery.connection_resistance_ohm': Entry(
-            _connection_ohm(pack, chemistry),
+            round(CONNECTION_SHARE * _cells_ohm(pack, chemistry), 5),
             f'assumed: {CONNECTION_SHARE:.0%} of the resistance of the cells at 25 degC; busbars, contactors and '
             'connectors inside the pack, whose heat stays in it', assumed=True),
         'battery.power_limits.discharge': Entry(
@@ -222,10 +222,6 @@ def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
 def _cells_ohm(pack: Pack, chemistry: Chemistry) -> float:
     """Return the resistance of all cells at 25 degC and half charge [ohm]."""
     return pack.cells_in_series * chemistry.resistance.specific_resistance_ohm_ah / pack.cell_capacity_ah
-
-
-def _connection_ohm(pack: Pack, chemistry: Chemistry) -> float:
-    return round(CONNECTION_SHARE * _cells_ohm(pack, chemistry), 5)
 
 
 def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:

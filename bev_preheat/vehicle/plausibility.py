@@ -17,7 +17,6 @@ from bev_preheat.numerics import ARRAYS, FLOATS, S_PER_H, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_in_words, session_charging
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle.description import Battery, Vehicle
 
 JOULES_PER_KJ = 1000.0
@@ -108,6 +107,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     low_c, high_c = battery.temperature_range_c
     warm_c = min(max(WARM_C, low_c), high_c)
     fast_limit = session_charging(vehicle).power_limit
+    grid = np.meshgrid(np.linspace(*battery.soc_range, 41), np.linspace(*battery.temperature_range_c, 41))
     charging = fast_limit.function(FLOATS)
     discharging = battery.discharge_power_limit.function(FLOATS)
     leakage = battery.leakage
@@ -137,7 +137,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'charging_power_kw': {
             at_c: {soc: abs(charging(soc, at_c)) / W_PER_KW for soc in CHARGING_SOCS}
             for at_c in CHARGING_TEMPERATURES_C},
-        'most_charging_power_kw': _most_charging_kw(battery, fast_limit),
+        'most_charging_power_kw': -float(fast_limit.function(ARRAYS)(*grid).min()) / W_PER_KW,
         'discharging_power_kw': {
             at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
         'open_circuit_voltage_v': {
@@ -215,17 +215,6 @@ def _time_constant_h(vehicle: Vehicle, speed_mps: float) -> float:
     """Return the thermal time constant [h]; infinite without leakage."""
     leakage = vehicle.battery.leakage.coefficient_w_per_k(speed_mps)
     return math.inf if leakage == 0.0 else (vehicle.pack_heat_capacity_j_per_k / leakage / S_PER_H)
-
-
-def _most_charging_kw(battery: Battery, limit: Curve) -> float:
-    soc, temperature_c = _grid(battery)
-    return float(-(limit.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)).min()) / W_PER_KW
-
-
-def _grid(battery: Battery) -> tuple[FloatArray, FloatArray]:
-    """Return states of charge and temperatures over the whole range, shape (n, m) each."""
-    return np.meshgrid(np.linspace(*battery.soc_range, 41),
-                       np.linspace(*battery.temperature_range_c, 41), indexing='ij')
 
 
 def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:

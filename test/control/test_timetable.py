@@ -59,10 +59,10 @@ class Driven:
         return self.delay_s
 
     def refused(self, *where, **how):
-        before = (self.timetable.mission, self.timetable.latest)
+        before = (self.timetable.mission, self.timetable.place)
         with pytest.raises(InvalidInput) as refusal:
             self.tell(*where, **how)
-        assert (self.timetable.mission, self.timetable.latest) == before
+        assert (self.timetable.mission, self.timetable.place) == before
         return str(refusal.value)
 
     @property
