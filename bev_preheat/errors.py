@@ -101,8 +101,7 @@ def share_hint(value: float) -> str:
 def age_beyond(age_s: float, ahead_s: float, oldest_s: float) -> str:
     """Return a sentence on an age [s] outside -`ahead_s` ... `oldest_s`, with the allowed range."""
     if age_s < 0.0:
-        return (f'{figure_beyond(-age_s, 0.0, ahead_s)} s ahead of the clock; at most {ahead_s:g} s are '
-                'allowed')
+        return (f'{figure_beyond(-age_s, 0.0, ahead_s)} s ahead of the clock; at most {ahead_s:g} s are allowed')
     return f'{figure_beyond(age_s, 0.0, oldest_s)} s old; at most {oldest_s:g} s are allowed'
 
 

@@ -2,8 +2,7 @@
 """
 Optional Python packages, and the message about a missing one.
 
-Code that needs one checks it here before computing anything, and then ends with one line instead of
-a traceback.
+Code that needs one checks it here before computing anything, and then ends with one line instead of a traceback.
 """
 
 from importlib.util import find_spec

@@ -6,12 +6,11 @@ Shared by all tests: the number of examples of property tests, and the marker of
 property test that needs more or fewer than others says so as a multiple:
 `@settings(max_examples=4 * settings.default.max_examples)`.
 
-A test over DDS depends on the fixture `dds`, usually through `bench` or `module_bench`, and carries
-the marker of that name. Without it ROS 2 does not start in the test nor in its processes, so no test
-over DDS gets into `make test-quick` unnoticed. (Only a process that chooses a ROS domain of its own
-escapes, as the demonstration does: `pytestmark = pytest.mark.usefixtures('dds')`.)
-With the fixture `ros`, usually through `rehearsal`, ROS 2 starts in the test's own process, and its nodes
-neither find others nor are found.
+A test over DDS depends on the fixture `dds`, usually through `bench` or `module_bench`, and carries the marker of
+that name. Without it ROS 2 does not start in the test nor in its processes, so no test over DDS gets into `make
+test-quick` unnoticed. (Only a process that chooses a ROS domain of its own escapes, as the demonstration does:
+`pytestmark = pytest.mark.usefixtures('dds')`.) With the fixture `ros`, usually through `rehearsal`, ROS 2 starts
+in the test's own process, and its nodes neither find others nor are found.
 
 Each of several workers imports every test file, although it runs only some. So modules that are slow to import and
 needed by few tests (SciPy) are imported inside these tests. Objects from importing and collecting live

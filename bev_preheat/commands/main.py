@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 # Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
-# exit status. The studies are a separate, optional package.
-# They are grouped by what people do.
+# exit status. The studies are a separate, optional package. They are grouped by what people do.
 GROUPS = {
     'plan a drive': {
         'plan': 'bev_preheat.commands.plan',

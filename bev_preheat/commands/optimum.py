@@ -67,9 +67,7 @@ def optimum_lines(optimum: Optimum) -> list[str]:
              f'Solver: {optimum.solver_status}, {optimum.iterations} iterations, '
              f'{1e3 * optimum.solve_time_s:.0f} ms.']
     if optimum.infeasible:
-        lines.append('Infeasible; best possible result: '
-                     f'{"; ".join(optimum.infeasible)}.')
+        lines.append(f'Infeasible; best possible result: {"; ".join(optimum.infeasible)}.')
     elif optimum.marginal_cost_wh_per_k == optimum.marginal_cost_wh_per_k:
-        lines.append('One more kelvin on arrival would cost '
-                     f'{optimum.marginal_cost_wh_per_k:.1f} Wh.')
+        lines.append(f'One more kelvin on arrival would cost {optimum.marginal_cost_wh_per_k:.1f} Wh.')
     return lines

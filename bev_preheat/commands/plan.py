@@ -92,8 +92,7 @@ def add_itinerary_argument(parser: Alternatives) -> None:
     """Add the alternative to `--route`."""
     completed_by(NameCompleter('itineraries'), parser.add_argument(
         '--itinerary', metavar='NAME|FILE',
-        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML '
-        'file'))
+        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML file'))
 
 
 def run_itinerary(arguments: Namespace) -> int:
@@ -148,8 +147,7 @@ def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [*(['--min-soc'] if arguments.min_soc else []),
              *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS))]
     if given:
-        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg '
-                           'has its own')
+        raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg has its own')
 
 
 def _plan_in_doubt(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, prospect: ChargingProspect,

@@ -92,8 +92,7 @@ def run(arguments: Namespace) -> int:
                            '_, no digit first')
     minutes = getattr(arguments, 'in')
     if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
-        raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most '
-                           f'{LONGEST_MIN:g} min')
+        raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most {LONGEST_MIN:g} min')
     ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
                   else None if minutes is None else 60.0 * minutes)
     require_ros()

@@ -62,10 +62,9 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
     """
     Call `load()`, then the function that it returns, and return the exit status of the program.
 
-    That is the function's result; 2 with a line per problem if either raises
-    InvalidInput or PlanningFailure, 130 with one line if SIGINT or SIGTERM interrupts it, 1 with
-    one line if standard output is full. Lines begin with `name`. With `ends_process`
-    the process must end now; otherwise its signal handlers are restored.
+    That is the function's result; 2 with a line per problem if either raises InvalidInput or PlanningFailure, 130
+    with one line if SIGINT or SIGTERM interrupts it, 1 with one line if standard output is full. Lines begin with
+    `name`. With `ends_process` the process must end now; otherwise its signal handlers are restored.
     """
     simplify_streams()
     heard = _Heard()

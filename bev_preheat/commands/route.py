@@ -112,8 +112,7 @@ def _load(arguments: Namespace,
     if arguments.legs:
         _refuse_route_options(arguments)
         if arguments.step is not None:
-            raise InvalidInput('--step: only with --log; a description of legs states its own '
-                               'segment_duration_s')
+            raise InvalidInput('--step: only with --log; a description of legs states its own segment_duration_s')
         made = load_legs(arguments.legs, vehicle)
         return made.name, made.route, made.remarks, [legs_file(arguments.legs)], ()
     if arguments.source:

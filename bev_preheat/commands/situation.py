@@ -143,8 +143,7 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
     if loaded.stops:
         route = route.segments(0, loaded.stops[0].after_segment + 1)
         first = 'charging stop' if len(loaded.stops) == 1 else f'first of {len(loaded.stops)} charging stops'
-        note(f'planned up to the {first}, after '
-             f'{route.total_duration_s / 60.0:.0f} min')
+        note(f'planned up to the {first}, after {route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
     return PlanningArguments(vehicle, in_steps(route, arguments),
@@ -178,8 +177,7 @@ def in_steps(route: Route, arguments: Namespace) -> Route:
     if arguments.step is None:
         return route.divided(LONGEST_ROW_S)
     if not 0.1 <= arguments.step <= 3600.0:
-        raise InvalidInput(f'--step: {arguments.step:g} s is not allowed; it must be '
-                           '0.1 ... 3600 s')
+        raise InvalidInput(f'--step: {arguments.step:g} s is not allowed; it must be 0.1 ... 3600 s')
     return route.resampled(arguments.step)
 
 

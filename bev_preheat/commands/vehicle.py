@@ -63,8 +63,7 @@ HELP = {
     'cabin_heating_power_kw': 'heater power for the cabin [kW] (default: assumed)',
     'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',
     'target_temperature_c': 'target battery temperature at the charger [degC] (default: 25)',
-    'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs '
-                       'of road',
+    'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs of road',
     'drag_coefficient': 'drag coefficient (default: assumed 0.29)',
     'frontal_area_m2': 'frontal area [m2] (default: assumed 2.4)',
     'rolling_resistance': 'rolling resistance over weight (default: assumed 0.010)',
@@ -233,8 +232,7 @@ def _sources(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
     for text in texts:
         option, sign, source = text.partition('=')
         if not sign:
-            raise InvalidInput(f'--source: {text!r} is not OPTION=TEXT, such as '
-                               'battery-mass-kg="press kit 2021"')
+            raise InvalidInput(f'--source: {text!r} is not OPTION=TEXT, such as battery-mass-kg="press kit 2021"')
         sources.append((option.strip().lstrip('-').replace('-', '_'), source.strip()))
     return tuple(sources)
 
@@ -286,8 +284,7 @@ def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[floa
          f'{meaning.time_constant_h:.1f} / {meaning.time_constant_at_100_kmh_h:.1f} h'),
         ('heated 10 min from 0 degC, outside -10 degC:', ''),
         (f'  with {meaning.heater_power_kw:.1f} kW at rest / 100 km/h',
-         f'{meaning.heating_at_rest_k_per_10_min:+.1f} / '
-         f'{meaning.heating_at_100_kmh_k_per_10_min:+.1f} K'),
+         f'{meaning.heating_at_rest_k_per_10_min:+.1f} / {meaning.heating_at_100_kmh_k_per_10_min:+.1f} K'),
         ('  net of cabin heating, 100 km/h',
          f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
         ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW'),

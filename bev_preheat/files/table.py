@@ -109,10 +109,9 @@ class Layout:
     """
     Layout of a table: separator, names of the columns and their units, number of the header's line.
 
-    The separator is None for blanks, and two blanks for at least two.
-    `units` are those of a line of units below the header, else those in the names, '' if unknown. `first` is the
-    number of the first line of values, `rows` are cells of the first ones, `cells` is the usual number of cells in
-    a line.
+    The separator is None for blanks, and two blanks for at least two. `units` are those of a line of units below
+    the header, else those in the names, '' if unknown. `first` is the number of the first line of values, `rows`
+    are cells of the first ones, `cells` is the usual number of cells in a line.
     """
 
     separator: str | None

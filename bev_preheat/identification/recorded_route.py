@@ -147,13 +147,11 @@ def _instants(path: str | Path, speed: Series, power: Series, remarks: list[str]
                            'needed')
     usual_s = max(float(np.median(np.diff(time_s))) for time_s in inside)
     if usual_s > LONGEST_INTERVAL_S:
-        raise InvalidInput(f'{path}: has a sample every {figure(usual_s, 3)} s; at most {LONGEST_INTERVAL_S:g} '
-                           's are '
-                           'allowed')
+        raise InvalidInput(f'{path}: has a sample every {figure(usual_s, 3)} s; at most {LONGEST_INTERVAL_S:g} s '
+                           'are allowed')
     if usual_s >= SLOW_S:
-        remarks.append(f'{path}: has a sample every {figure(usual_s, 3)} s; a sample holds until the next one, '
-                       'so peaks '
-                       'between them are missing')
+        remarks.append(f'{path}: has a sample every {figure(usual_s, 3)} s; a sample holds until the next one, so '
+                       'peaks between them are missing')
     _check_gaps(path, {name: Series(time_s, time_s) for name, time_s in zip(('speed_mps', 'power_w'), inside)},
                 remarks)
     time_s = np.union1d(*inside)
@@ -180,8 +178,7 @@ def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]
         if steps_s[worst] > longest_s:
             raise InvalidInput(f'{path}: {name}: {figure(steps_s[worst])} s without a valid sample, from '
                                f'{figure(series.time_s[worst])} s to {figure(series.time_s[worst + 1])} s; at '
-                               'most '
-                               f'{figure(longest_s)} s are bridged')
+                               f'most {figure(longest_s)} s are bridged')
         missing_s = float(np.sum(steps_s[at] - usual_s))
         if missing_s > MOST_BRIDGED * span_s:
             raise InvalidInput(f'{path}: {name}: {figure(missing_s)} s without samples, in {len(at)} gaps; at '

@@ -68,8 +68,7 @@ SIGNALS = (
 
 
 # An interval is a gap if it is this many times the usual one, and longer than LEAST_GAP_S. In a log whose
-# intervals
-# mostly are the same, a single missing sample is a gap.
+# intervals mostly are the same, a single missing sample is a gap.
 GAP_TIMES, REGULAR_GAP_TIMES, LEAST_GAP_S = 2.5, 1.9, 1.5
 REGULAR_SHARE, REGULAR_DEVIATION = 0.6, 0.05
 

@@ -48,8 +48,7 @@ def _warnings(route: Route, vehicle: Vehicle) -> Iterator[tuple[str, str]]:
         values = getattr(route, field)
         at = int(np.abs(values).argmax())
         if abs(values[at]) > MOST_BEYOND_MAXIMUM * most:
-            yield (field, f'{figure(values[at])} W {_when(route, at)}; {why} {figure(most, 3)} W; '
-                   'check the unit')
+            yield (field, f'{figure(values[at])} W {_when(route, at)}; {why} {figure(most, 3)} W; check the unit')
     ambient_c = route.ambient_temperature_c
     at = int(ambient_c.argmax())
     if ambient_c[at] > HOTTEST_USUAL_AMBIENT_C:

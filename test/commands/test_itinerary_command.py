@@ -118,8 +118,7 @@ def without(leg, *keys):
     ([{**FIRST, 'departure_soc': 85}, LAST],
      'legs[0].departure_soc: 85 is not allowed; it must be at least 0 and at most 1'),
     ([{**FIRST, 'departure_temperature_c': 306}, LAST],
-     'legs[0].departure_temperature_c: 306 is not allowed; it must be at least -60 and at most '
-     '60'),
+     'legs[0].departure_temperature_c: 306 is not allowed; it must be at least -60 and at most 60'),
     ([FIRST, {**LAST, 'minimum_arrival_soc': -0.5}],
      'legs[1].minimum_arrival_soc: -0.5 is not allowed; it must be at least 0 and at most 1'),
     ([FIRST, {**LAST, 'target_battery_temperature_c': 'warm'}],
@@ -142,8 +141,7 @@ def test_what_each_leg_says_itself_is_refused(preheat_plan, arguments):
     status, _, errors = preheat_plan(
         FIRST, LAST, arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
     assert (status, errors) == (
-        2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, because each leg has its '
-        'own\n')
+        2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, because each leg has its own\n')
 
 
 def test_an_unknown_itinerary_is_refused_with_the_names_there_are(preheat_plan):

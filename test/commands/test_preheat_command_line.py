@@ -68,8 +68,7 @@ def test_version_is_that_of_the_manifest(capsys):
      'see preheat plan --help'),
     # Reported before the arguments that are missing as a result.
     (['plan', '--vehicel', 'reference'],
-     'preheat plan: error: unrecognized arguments: --vehicel; did you mean --vehicle?; '
-     'see preheat plan --help'),
+     'preheat plan: error: unrecognized arguments: --vehicel; did you mean --vehicle?; see preheat plan --help'),
     # argparse takes it for no value.
     (['plan', '--target=--', *SITUATION],
      "preheat plan: error: argument --target: '--' is not allowed; see preheat plan --help"),

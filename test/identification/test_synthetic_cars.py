@@ -2,8 +2,7 @@
 """
 Cars whose parameters are known, simulated by equations of their own, and identified from their logs.
 
-The bounds of one car are one and a half to two times the errors of 95 % of the cars
-(docs/how-to/identify.md).
+The bounds of one car are one and a half to two times the errors of 95 % of the cars (docs/how-to/identify.md).
 """
 
 import pytest

@@ -151,8 +151,7 @@ def test_an_impossible_sample_is_reported_and_bridged(write, name, value, plausi
     path = write(with_value(name, 17, value), 'fault.csv')
     made = load_drive_logs([path], DEFAULTS)
     assert made.remarks[0] == (
-        f'{path}, line 19: {name}: {figure(value)} is implausible (plausible: {plausible}); it '
-        'is dropped')
+        f'{path}, line 19: {name}: {figure(value)} is implausible (plausible: {plausible}); it is dropped')
     assert_same_route(made.route, straight(write, name), rtol=1e-9)
 
 
@@ -195,8 +194,7 @@ def test_missing_signals_are_named_with_those_found(write):
     del log['ambient_c'], log['speed_mps']
     assert problems_with(write(log)) == [
         ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, '
-        'power_w; '
-        'name its channel in a signal map (--signals), or rename the column']
+        'power_w; name its channel in a signal map (--signals), or rename the column']
 
 
 @pytest.mark.parametrize('interval_s', [0.1, 2.0, 7.0, 17.0, 30.0])

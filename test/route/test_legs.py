@@ -228,8 +228,7 @@ def test_energies_that_are_far_off_are_refused(make, problems_with):
 def test_net_energy_above_the_total_is_refused(problems_with):
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': 900, 'net': -1000}) == [
-        'propulsion_energy_wh.net: -1000 is not allowed; its magnitude must be at most '
-        'total_magnitude, 900']
+        'propulsion_energy_wh.net: -1000 is not allowed; its magnitude must be at most total_magnitude, 900']
 
 
 LEG = {'length_m': 900.0, 'speed_limit_kmh': 50.0}
@@ -268,8 +267,7 @@ def test_missing_ambient_temperature_is_named(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         load_legs(path, vehicle())
     assert caught.value.problems == [
-        f'{path}: legs[1]: missing ambient_temperature_c; give it here or at the top, for '
-        'all legs']
+        f'{path}: legs[1]: missing ambient_temperature_c; give it here or at the top, for all legs']
 
 
 def test_a_road_into_space_is_refused(problems_with):

@@ -39,8 +39,7 @@ def integrals(route, start_s=0.0, end_s=np.inf):
     """
     Integrals over a span of time, segment by segment: the reference of the tests below.
 
-    Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy, mean
-    magnitude.
+    Duration, distance, energy, mean square, ambient temperature, cabin and auxiliary energy, mean magnitude.
     """
     total, at_s = np.zeros(8), 0.0
     for duration, speed, mean, rms, ambient, cabin, auxiliary, magnitude in zip(
