@@ -221,7 +221,6 @@ class _Lines:
 
 
 def _now(drive: ObservedDrive) -> str:
-    """Return the latest state, command and prediction in one line."""
     if not (drive.states and drive.record.commands and drive.predictions):
         return 'waiting for the simulated vehicle and the planner'
     _, temperature_c, soc = drive.states[-1]

@@ -144,7 +144,6 @@ def _warm_sentences(warm: dict[str, TooWarm | None]) -> list[str]:
 
 
 def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
-    """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     given, other, mine, needed = (
         ('--route', '--arrival-temperature', OF_AN_ARRIVAL, ('temperature', 'soc')) if after_drive
         else ('--arrival-temperature', '--route', OF_A_DRIVE, ('arrival_soc', 'ambient')))

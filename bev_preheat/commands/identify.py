@@ -108,7 +108,6 @@ def run(arguments: Namespace) -> int:
 
 
 def _refuse_other_arguments(arguments: Namespace) -> None:
-    """Raise InvalidInput unless there are either logs or a state file."""
     if arguments.state_file is None and not arguments.logs:
         raise InvalidInput('LOG: missing; name recorded drives, or a state file with --state-file')
     if len(arguments.logs) > MOST_TRIPS:

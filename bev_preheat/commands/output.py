@@ -120,7 +120,6 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
 
 
 def _energy_text(field: str) -> Callable[[Plan], str]:
-    """Return a function that reads an energy from a plan."""
     return lambda plan: f'{getattr(plan.energy_wh, field):.1f}'
 
 

@@ -137,7 +137,6 @@ def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> tuple[Pla
 
 
 def _sensitivity(vehicle: Vehicle, leg: Leg, target_c: float, plan: Plan) -> dict[str, Any] | None:
-    """Return the Sensitivity of a Leg's Plan to the temperature at its departure as in the JSON; None for none."""
     assert leg.departure is not None
     found = find_sensitivity(vehicle, leg.route, leg.departure, leg.goal(target_c), plan)
     return None if found is None else found.as_dictionary()

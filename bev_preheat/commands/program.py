@@ -54,7 +54,6 @@ class OutputFailed(Exception):
     """Standard output cannot be written, although its reader is still there."""
 
     def __init__(self, error: OSError) -> None:
-        """`error` is the OSError."""
         super().__init__(f'standard output: cannot be written: {error.strerror}')
 
 

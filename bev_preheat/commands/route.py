@@ -147,7 +147,6 @@ def _driven(arguments: Namespace,
 
 
 def _command(arguments: Namespace) -> str:
-    """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
     for option in ('legs', 'from', 'log', 'signals', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
         value = getattr(arguments, 'source' if option == 'from' else option.replace('-', '_'))
@@ -181,7 +180,6 @@ def _deviation(value: float, true: float) -> str:
 
 
 def _summary(route: Route) -> list[tuple[str, str]]:
-    """Return the rows of a summary of a route."""
     duration_s, power_w = route.duration_s, route.propulsion_power_w
     total_s = route.total_duration_s
     energy_wh = power_w * duration_s / JOULES_PER_WH

@@ -191,15 +191,12 @@ class MethodNames:
     """The names of all methods for argparse; installed packages are searched only if a name is not built in."""
 
     def __init__(self, *more: str) -> None:
-        """Allow `more` names than those of methods."""
         self._more = more
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a name is allowed."""
         return name in self._more or name in METHODS or name in method_names()
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over all names, as help and completion do."""
         return iter((*self._more, *method_names()))
 
     def checked(self, name: str) -> str:

@@ -118,7 +118,6 @@ def print_records(console: Console, title: str, headings: Sequence[Cell],
 
 def _print_table(console: Console, title: str | None, columns: Sequence[Sequence[Text]],
                  justify: Sequence[str]) -> None:
-    """Print columns of Texts; the first of each is its heading."""
     table = Table(title=title and escape(title))
     room = console.width - FRAME_WIDTH - COLUMN_FRAME_WIDTH * len(columns)
     for column, side, width in zip(columns, justify, _widths(columns, room)):

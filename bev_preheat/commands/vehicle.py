@@ -227,7 +227,6 @@ def _as_file(path: AnyPath) -> str:
 
 
 def _sources(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
-    """Return (name of a figure, source) for each OPTION=TEXT."""
     sources = []
     for text in texts:
         option, sign, source = text.partition('=')

@@ -94,7 +94,6 @@ class Fitter:
     """Fits structures to subsets of Trips of one START vehicle."""
 
     def __init__(self, vehicle: Vehicle, trips: Sequence[Trip]) -> None:
-        """Prepare the trips; nothing is fitted yet."""
         self.vehicle, self.trips = vehicle, tuple(trips)
         self.parameters = parameters_of(vehicle)
         self.courses = [course_of(trip, vehicle) for trip in trips]

@@ -77,7 +77,6 @@ def refuse_doubted(recording: Recording) -> None:
 
 
 def _implausible(name: str, signals: Signals) -> list[str]:
-    """Return one sentence for each signal that has impossible values."""
     problems = []
     for key, series in signals.items():
         low, high = POSSIBLE.get(key, (-math.inf, math.inf))

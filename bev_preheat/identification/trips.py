@@ -350,7 +350,6 @@ def _longest_part(signals: Mapping[str, Series], keys: Sequence[str], begin_s: f
 
 def _holes(signals: Mapping[str, Series], key: str, begin_s: float,
            end_s: float) -> Iterable[tuple[float, float, str]]:
-    """Yield begin and end [s] of each hole of a signal, and its name."""
     time_s = signals[key].time_s
     for at in np.flatnonzero(np.diff(time_s) > POWER_GAP_S):
         around_s = time_s[at:at + 2]

@@ -26,7 +26,6 @@ class Samples:
     """Samples of one channel: times, values and places; at most twice MOST_SAMPLES, however long the log is."""
 
     def __init__(self) -> None:
-        """Start without samples."""
         self._kept: list[tuple[FloatArray, FloatArray, IntArray]] = []
         self._count = 0
         # How many readings one kept sample is the mean of.
@@ -151,7 +150,6 @@ class Assembly:
         return {first: parts[first]}
 
     def _part(self, signal: str, channel: str) -> Series:
-        """Return the Series of a channel."""
         kept = self._samples[signal, channel]
         if kept.averaged > 1:
             self._remarks.add('averaged', f'{self._path}: the log is long ({channel}: {kept.readings} readings); '

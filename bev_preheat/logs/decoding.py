@@ -145,7 +145,6 @@ class Decoder:
         return f'{figure(number)} is implausible (plausible: {figure(ends[0])} ... {figure(ends[1])})'
 
     def _choose(self, finite: FloatArray, path: str) -> None:
-        """Choose unit and scale by the first readings."""
         signal, self._is_chosen = self.source.signal, True
         if not self.given.unit:
             unit = _usual_unit(signal, finite)

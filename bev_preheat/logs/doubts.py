@@ -177,7 +177,6 @@ def _resistance(signals: Signals) -> Iterator[Doubt]:
 
 
 def _power(signals: Signals) -> Iterator[Doubt]:
-    """Compare power with voltage times current."""
     if not {'power_w', 'voltage_v', 'current_a'} <= signals.keys():
         return
     power, current = signals['power_w'], signals['current_a']

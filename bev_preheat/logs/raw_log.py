@@ -28,7 +28,6 @@ class Remarks:
     """Collects the causes of remarks in the order in which they appear."""
 
     def __init__(self) -> None:
-        """Start without any."""
         self._causes: dict[str, _Cause] = {}
 
     def add(self, cause: str, first: str, count: int = 1, noun: str = 'sample') -> None:

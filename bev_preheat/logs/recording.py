@@ -47,7 +47,6 @@ class Recording:
     unused: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Return one line."""
         return f'<Recording {self.name}: {self.duration_s / 60.0:.1f} min; {", ".join(self.signals)}>'
 
     @property

@@ -104,7 +104,6 @@ class Matcher:
     """
 
     def __init__(self, line: MapLine, from_start: bool, frozen_after_s: float = USUAL_FROZEN_AFTER_S) -> None:
-        """Begin without a place."""
         self.line, self._from_start, self._frozen_after_s = line, from_start, frozen_after_s
         self._same: Fix | None = None
         self._same_reading: Reading | None = None
@@ -173,7 +172,6 @@ class Matcher:
                      fix.stamp_ns)
 
     def _moves(self, fix: Fix) -> bool:
-        """Return whether the vehicle moved before a fix."""
         speed_mps = self._speed_mps(fix)
         return speed_mps is not None and speed_mps > MOVES_MPS
 

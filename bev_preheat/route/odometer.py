@@ -31,7 +31,6 @@ class Odometer:
     """Readings of an odometer, at whatever offset; a reset or a jump starts another series."""
 
     def __init__(self) -> None:
-        """Start without a reading."""
         self._readings: deque[Reading] = deque(maxlen=KEPT)
 
     @property
@@ -87,7 +86,6 @@ class OdometerPlace:
     """
 
     def __init__(self, length_m: float, start_m: float | None) -> None:
-        """Begin without a reading."""
         self.odometer = Odometer()
         self._length_m, self._start_m = length_m, start_m
         self._start: Reading | None = None

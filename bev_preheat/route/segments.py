@@ -66,7 +66,6 @@ class Route:
                 f'{self.distance_m / 1e3:.1f} km, {coldest_c:.1f} ... {warmest_c:.1f} degC>')
 
     def __len__(self) -> int:
-        """Return the number of segments."""
         return len(self.duration_s)
 
     @classmethod

@@ -108,7 +108,6 @@ def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
 
 
 def _legs(properties: dict[str, Any]) -> list[Pieces]:
-    """Return the legs of openrouteservice's properties."""
     legs = [part for at, segment in enumerate(properties['segments'])
             for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
     if not legs:

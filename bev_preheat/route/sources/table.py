@@ -160,7 +160,6 @@ def motion_of_segments(table: Table, headers: dict[str, Header],
 
 
 def _segments(table: Table, headers: dict[str, Header]) -> Journey:
-    """Return the Journey of a list of segments."""
     columns = {name: column(table, headers[name]) for name in OF_SEGMENTS if name in headers}
     duration_s, speed_mps = motion_of_segments(table, headers, columns)
     remarks: list[str] = []
@@ -182,7 +181,6 @@ def _segments(table: Table, headers: dict[str, Header]) -> Journey:
 
 
 def _check_three(table: Table, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:
-    """Raise InvalidInput if duration, speed and length are given and contradict each other."""
     if not {'length', 'speed', 'duration'} <= columns.keys():
         return
     driven_m = columns['speed'] * columns['duration']
