@@ -8,7 +8,7 @@ import re
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mutation import mutated
+from mistakes import mutated
 import pytest
 
 from bev_preheat.charging.chargers import load_chargers

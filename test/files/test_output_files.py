@@ -45,6 +45,14 @@ def problems_of(*outputs, inputs=()):
     return refused.value.problems
 
 
+def assert_refused(path, sentence):
+    """Check that a path is refused before anything is computed, and when it is written."""
+    assert problems_of(path) == [f'--0: {sentence}']
+    with pytest.raises(InvalidInput) as refused:
+        write_whole(path, NEW)
+    assert str(refused.value) == sentence
+
+
 # Not a regular file
 
 def make_folder(path):
@@ -73,11 +81,7 @@ def test_what_is_no_file_is_refused_at_once_and_stays(tmp_path, kind, make, thro
     if through_link:
         path.symlink_to('other')
     before, names = other.lstat(), sorted(os.listdir())
-    sentence = f'{path}: is {kind}; only a regular file can be written'
-    assert problems_of(path) == [f'--0: {sentence}']
-    with pytest.raises(InvalidInput) as refused:
-        write_whole(path, NEW)
-    assert str(refused.value) == sentence
+    assert_refused(path, f'{path}: is {kind}; only a regular file can be written')
     after = other.lstat()
     assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
     assert sorted(os.listdir()) == names
@@ -95,9 +99,7 @@ def test_a_device_is_refused(old, monkeypatch, kind):
         return os.stat_result((kind | 0o666, *tuple(status)[1:]))
 
     monkeypatch.setattr(output_files.os, 'stat', as_device)
-    assert problems_of(old) == [f'--0: {old}: is a device; only a regular file can be written']
-    with pytest.raises(InvalidInput, match='old.json: is a device'):
-        write_whole(old, NEW)
+    assert_refused(old, f'{old}: is a device; only a regular file can be written')
     monkeypatch.undo()
     assert old.read_bytes() == OLD
 
@@ -131,11 +133,7 @@ PATHS_THAT_ARE_NONE = {
 @pytest.mark.parametrize('path, sentence', PATHS_THAT_ARE_NONE.values(), ids=PATHS_THAT_ARE_NONE)
 def test_a_path_that_cannot_be_a_files_is_refused(old, path, sentence):
     make_loop(Path('loop'))
-    sentence = sentence.format(folder=os.path.realpath('.'))
-    assert problems_of(path) == [f'--0: {sentence}']
-    with pytest.raises(InvalidInput) as refused:
-        write_whole(path, NEW)
-    assert str(refused.value) == sentence
+    assert_refused(path, sentence.format(folder=os.path.realpath('.')))
     assert sorted(os.listdir()) == ['loop', 'old.json']
 
 
@@ -146,9 +144,7 @@ def test_write_protection_is_respected(old, monkeypatch, protected, sentence):
     forbidden = os.path.realpath(os.path.join(old.parent, protected))
     access = os.access
     monkeypatch.setattr(output_files.os, 'access', lambda path, mode: path != forbidden and access(path, mode))
-    with pytest.raises(InvalidInput) as refused:
-        write_whole(old, NEW)
-    assert str(refused.value) == f'{old}: cannot be written: {sentence.format(forbidden)}'
+    assert_refused(old, f'{old}: cannot be written: {sentence.format(forbidden)}')
     assert old.read_bytes() == OLD
 
 

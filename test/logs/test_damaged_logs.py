@@ -8,7 +8,7 @@ import time
 import zlib
 
 from logs_written import drive, write_json_lines, write_leafspy, write_long, write_wide
-from mutations import mutated
+from mistakes import mutated
 import numpy as np
 import pytest
 

@@ -4,6 +4,7 @@
 import re
 
 NUMBER = re.compile(r'(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])')
+VALUE = re.compile(r'(?<=[:,\[] )[^\n,\]}]+|(?<=,)[^\n,]+')
 STRANGE = (
     '0', '-0.0', '-1', '6.0', '1e308', '-1e308', '1e-320', '.nan', '-.inf', 'nan', 'inf', '1' * 400,
     '-' + '9' * 5000, '0x' + 'f' * 5000, '0o17', '1_000', '1:30', '12,5', '1.2.3', '9' * 20, 'true',
@@ -37,28 +38,27 @@ def _of_lines(change):
     return _of_text(changed)
 
 
-def _other_number(text, random):
-    found = list(NUMBER.finditer(text))
-    if not found:
-        return text
-    at = random.choice(found)
-    return text[:at.start()] + random.choice(STRANGE) + text[at.end():]
+def _of_matches(pattern, change):
+    """Return a mistake that changes one match of a pattern: `change` takes its text and a random.Random."""
+    def changed(text, random):
+        found = list(pattern.finditer(text))
+        if not found:
+            return text
+        at = random.choice(found)
+        return text[:at.start()] + change(at[0], random) + text[at.end():]
+    return _of_text(changed)
 
 
-def _other_value(text, random):
-    found = list(re.finditer(r'(?<=[:,\[] )[^\n,\]}]+|(?<=,)[^\n,]+', text))
-    if not found:
-        return text
-    at = random.choice(found)
-    return text[:at.start()] + random.choice(STRANGE) + text[at.end():]
+def _strange(_, random):
+    return random.choice(STRANGE)
 
 
-def _other_scale(text, random):
-    found = list(NUMBER.finditer(text))
-    if not found:
-        return text
-    at = random.choice(found)
-    return f'{text[:at.start()]}{float(at[0]) * random.choice(SCALES):g}{text[at.end():]}'
+def _scaled(number, random):
+    return f'{float(number) * random.choice(SCALES):g}'
+
+
+def _misspelt(word, random):
+    return random.choice((word[:-1], word + 'x', word.upper(), word[::-1], ''))
 
 
 def _everywhere(text, random):
@@ -86,16 +86,6 @@ def _indent(lines, random):
     lines[at] = random.choice(('  ', '\t', ' ')) + lines[at] if random.random() < 0.5 else lines[at].lstrip()
 
 
-def _misspell(text, random):
-    found = list(re.finditer(r'\w{3,}', text))
-    if not found:
-        return text
-    at = random.choice(found)
-    word = at[0]
-    other = random.choice((word[:-1], word + 'x', word.upper(), word[::-1], ''))
-    return text[:at.start()] + other + text[at.end():]
-
-
 def _flip(contents, random):
     if not contents:
         return contents
@@ -107,12 +97,18 @@ def _cut(contents, random):
     return contents[:random.randrange(len(contents) + 1)]
 
 
+def _hole(contents, random):
+    at = random.randrange(len(contents) + 1)
+    return contents[:at] + contents[at + random.choice((1, 30, 300)):]
+
+
 def _zeros(contents, random):
     at = random.randrange(len(contents) + 1)
     return contents[:at] + b'\0' * random.choice((1, 100))
 
 
 MISTAKES = (
-    *map(_of_text, (_other_number, _other_number, _other_value, _other_value, _other_scale, _everywhere,
-                    _misspell)),
-    *map(_of_lines, (_lose, _repeat, _swap, _indent)), _flip, _cut, _zeros)
+    *(_of_matches(NUMBER, _strange), _of_matches(VALUE, _strange)) * 2, _of_matches(NUMBER, _scaled),
+    _of_matches(re.compile(r'\w{3,}'), _misspelt), _of_text(_everywhere),
+    *map(_of_lines, (_lose, _repeat, _swap, _indent, lambda lines, random: random.shuffle(lines))), _flip, _cut,
+    _hole, _zeros)
