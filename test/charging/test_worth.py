@@ -126,6 +126,9 @@ def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
     without = TargetWorth(5.0, 5.0, 0.2, 0.0, 2000.0, 40e3, 1.0)
     heated = TargetWorth(9.0, 9.0, 0.2, 900.0, 2000.0 - saved_s, 40e3 + more_wh, 1.0)
     assert pays_from_per_h(heated, without, 0.5) == pytest.approx(per_h)
+    # Charged two times in five, heat for 0.2 is lost one and a half times for each: 0.3 for a tenth of an hour.
+    assert pays_from_per_h(heated, without, 0.5, 0.4, 0.2) == pytest.approx(
+        max(0.0, 5e-3 * more_wh + 3.0) if saved_s > 0.0 else math.inf)
 
 
 @pytest.mark.deep
