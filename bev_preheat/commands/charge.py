@@ -33,12 +33,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.verdict import TooWarm
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.vehicle import Vehicle
 
 MOST_TEMPERATURES = 2

@@ -15,10 +15,9 @@ from bev_preheat.vehicle import load_vehicle, vehicle_file
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.identification.check import Check
 
 BEYOND_BOUND = 1

@@ -25,9 +25,8 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.drawing.figure import Figure
 
 
 def add_parser(subparsers: Subparsers) -> None:

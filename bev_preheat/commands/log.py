@@ -20,9 +20,8 @@ from bev_preheat.logs.recording import Sampling, sampling
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.logs.recording import Recording, Series
 
 

@@ -14,9 +14,8 @@ from bev_preheat.optional_packages import require
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.nonlinear_program.solve import Optimum
 
 

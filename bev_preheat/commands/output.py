@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from typing import Any
 
-    from matplotlib.figure import Figure
     from rich.console import Console
 
     from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan
 

@@ -38,10 +38,9 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from typing import Any
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.commands.parser import Alternatives, Subparsers
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route

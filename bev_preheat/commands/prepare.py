@@ -34,10 +34,9 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from datetime import tzinfo
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.control.preparation import PreparedDeparture
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.monitoring.planner_client import PreparationClient, Wanted
     from bev_preheat_msgs.action import PrepareBattery
 

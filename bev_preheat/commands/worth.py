@@ -34,8 +34,6 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from matplotlib.figure import Figure
-
     from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.expectation import TimeDeviation
     from bev_preheat.charging.stop import ChargingProspect
@@ -43,6 +41,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.drawing.figure import Figure
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0

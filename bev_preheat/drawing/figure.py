@@ -9,7 +9,7 @@ import textwrap
 from typing import overload, TYPE_CHECKING
 import warnings
 
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 import numpy as np
 
