@@ -5,10 +5,10 @@ from math import inf, nan
 
 from builtin_interfaces.msg import Time
 import pytest
+from refusals import problems_of
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.control.inputs import SupplyStatus
-from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import measurement_from_message
 
 STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
@@ -19,12 +19,6 @@ def battery_message(stamp=STAMP, **fields):
     message = BatteryStateMessage(**{'temperature': -5.0, 'percentage': 0.5, **fields})
     message.header.stamp = stamp
     return message
-
-
-def problems_of(function, *arguments):
-    with pytest.raises(InvalidInput) as refusal:
-        function(*arguments)
-    return refusal.value.problems
 
 
 @pytest.mark.parametrize('fields, problem', [

@@ -8,10 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from refusals import problems_of
 from varying_power import magnitude_w
 
 from bev_preheat.control.inputs import Leg, Mission, with_stops
-from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_plan import (
     is_cancellation,
     mission_from_message,
@@ -51,12 +51,6 @@ def convert_leg(*arguments, **fields):
     return leg
 
 
-def problems_of(function, *arguments):
-    with pytest.raises(InvalidInput) as refusal:
-        function(*arguments)
-    return refusal.value.problems
-
-
 # Route: refusals
 
 ARRAYS = list(ROUTE_FIELDS.values())
@@ -72,7 +66,7 @@ LIMITS_TEXT = {
 def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
     values = list(getattr(route_message(), field))
     values[1] = value
-    assert problems_of(lambda: convert(**{field: values})) == [
+    assert problems_of(convert, **{field: values}) == [
         f'{field}[1]: {text} is not allowed; it must be {LIMITS_TEXT[field]}']
 
 
@@ -101,7 +95,7 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
      'after the last instant that a stamp can hold'),
 ])
 def test_bad_route(field, values, problem):
-    assert problems_of(lambda: convert(**{field: values})) == [problem]
+    assert problems_of(convert, **{field: values}) == [problem]
 
 
 @pytest.mark.parametrize('name', ARRAYS)
@@ -189,7 +183,7 @@ def legs_strategy(draw):
 
 @pytest.mark.parametrize('standing_time_s', [nan, inf, -inf, -1.0])
 def test_a_standing_time_that_is_none_is_refused(standing_time_s):
-    assert problems_of(lambda: convert(standing_time=standing_time_s)) == [
+    assert problems_of(convert, standing_time=standing_time_s) == [
         f'standing_time: {standing_time_s:g} is not allowed; it must be finite and at least 0 s '
         '(0: not known)']
     for taken_s in (0.0, 1.0, 1e300):

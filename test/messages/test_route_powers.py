@@ -6,8 +6,8 @@ from dataclasses import replace
 from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
+from refusals import problems_of
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle
@@ -35,12 +35,6 @@ def powers(mission, name='propulsion_power_w'):
     """Return a power in the middle of each segment, from the planning steps."""
     route = mission.legs[0].route
     return getattr(route, name)[[route.segment_at(instant_s) for instant_s in MIDDLES_S]]
-
-
-def problems(vehicle=CAR, **fields):
-    with pytest.raises(InvalidInput) as caught:
-        read(vehicle, **fields)
-    return caught.value.problems
 
 
 def test_powers_are_those_of_the_same_segments_in_a_file(tmp_path):
@@ -79,10 +73,10 @@ def test_a_missing_slope_is_level_and_one_slope_is_for_all():
     ({'speed': [90.0], 'segment_duration': [900.0], 'slope': [0.3]},
      'slope: the road rises by 23275 m in total; at most 6000 m are plausible; it must be rise over run')])
 def test_mistakes_are_named(fields, problem):
-    assert problem in problems(**fields)
+    assert problem in problems_of(read, **fields)
 
 
 def test_a_vehicle_without_road_load_is_told_what_to_add():
-    found = problems(replace(CAR, road_load=None))
+    found = problems_of(read, replace(CAR, road_load=None))
     assert found[0].startswith("propulsion_power: empty, and vehicle 'small_car' has no road_load")
     assert 'road_load: {mass_kg: 1900' in found[0]

@@ -7,10 +7,11 @@ from math import inf, isnan, nan
 from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
+from refusals import problems_of
 
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.inputs import Leg
-from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.errors import figure
 from bev_preheat.messages.route_plan import mission_from_message, route_plan_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
@@ -46,12 +47,6 @@ def convert(step_s=1000.0, **changed):
     return mission_from_message(route_message(**changed), VEHICLE.defaults, step_s)
 
 
-def problems_of(**changed):
-    with pytest.raises(InvalidInput) as refusal:
-        convert(**changed)
-    return refusal.value.problems
-
-
 # Refusals
 
 ALLOWED = {
@@ -75,7 +70,7 @@ OUTSIDE = {
 def test_a_bad_value_is_refused_in_each_array(field, value):
     values = list(getattr(route_message(), field))
     values[1] = value
-    assert problems_of(**{field: values}) == [
+    assert problems_of(convert, **{field: values}) == [
         f'{field}[1]: {figure(value)} is not allowed; it must be {ALLOWED[field]}']
 
 
@@ -85,7 +80,7 @@ def test_an_array_of_another_length_is_refused(field, count):
     value = False if 'has' in field else getattr(route_message(), field)[0]
     empty = '' if field == 'stop_duration' else ', or none'
     if count > 0 or not empty:
-        assert problems_of(**{field: [value] * count}) == [
+        assert problems_of(convert, **{field: [value] * count}) == [
             f'{field}: has {count} values; it must have 2, as stop_after_segment has{empty}']
 
 
@@ -97,27 +92,27 @@ def test_an_array_of_another_length_is_refused(field, count):
     ([2**32 - 1, 2**32 - 1], 'stop_after_segment[0]: 4294967295 is not allowed; it must be below '
      '5, the last segment of the route')])
 def test_stops_out_of_order_are_refused(after_segment, problem):
-    assert problems_of(stop_after_segment=after_segment) == [problem]
+    assert problems_of(convert, stop_after_segment=after_segment) == [problem]
 
 
 def test_stops_need_their_segments():
-    assert [problem.partition(':')[0] for problem in problems_of(stop_after_segment=[])] == list(
+    assert [problem.partition(':')[0] for problem in problems_of(convert, stop_after_segment=[])] == list(
         STOP_FIELDS)
     assert ('stop_after_segment[0]: 0 is not allowed; a route of one segment has no stop on the way'
-            in problems_of(segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))
+            in problems_of(convert, segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))
 
 
 @pytest.mark.parametrize('field', ['stop_after_segment', *STOP_FIELDS,
                                    'stop_has_target_battery_temperature'])
 def test_more_stops_than_are_planned_are_refused(field):
     value = 1 if field == 'stop_after_segment' else False if 'has' in field else 1.0
-    assert problems_of(**{field: [value] * (MOST_STOPS + 1)}) == [
+    assert problems_of(convert, **{field: [value] * (MOST_STOPS + 1)}) == [
         f'{field}: has 21 values; at most 20 stops are planned']
 
 
 def test_a_route_whose_stops_end_after_time_itself_is_refused():
     # 210 s of driving and 1500 s at stops; there is room for the driving.
-    assert problems_of(sec=2**31 - 1000) == [
+    assert problems_of(convert, sec=2**31 - 1000) == [
         f'header.stamp: {2**31 - 1000} s is too late: the route would end after the last instant '
         'that a stamp can hold']
 
