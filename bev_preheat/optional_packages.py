@@ -6,38 +6,36 @@ Code that needs one checks it here before computing anything, and then ends with
 """
 
 from importlib.util import find_spec
+from typing import NamedTuple
 
 from bev_preheat.errors import InvalidInput
 
-# Purpose of each module.
-PURPOSES = {
-    'asammdf': 'reads MDF4 files',
-    'can': 'reads CAN frames from buses and recordings',
-    'cantools': 'decodes CAN signals by a DBC',
-    'casadi': 'solves the nonlinear program',
-    'crccheck': 'computes the checksums of CAN frames',
-    'jinja2': 'writes reports',
-    'kuksa_client': 'talks to a VSS databroker',
-    'matplotlib': 'draws figures',
-    'mcap': 'writes flight recordings and reads MCAP files',
-    'pandas': 'holds results as tables',
-    'psutil': 'measures processes',
-    'rosbags': 'reads rosbag2 and MCAP files',
-    'scipy': 'fits vehicles to logs and to the paper',
-    'serial': 'opens the serial port of a CAN adapter',
-    'tornado': 'serves the web page of the dashboard',
-}
-# Distribution names that differ from the module's name.
-PACKAGES = {'can': 'python-can', 'kuksa_client': 'kuksa-client',
-            'serial': 'pyserial'}
-# The group of packages that setup adds for a module (scripts/requirements-optional.txt); of several groups, the
-# one for which the module is the main purpose.
-GROUPS = {
-    'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
-    'jinja2': 'identify',
-    'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables',
-    'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
-    'tornado': 'dashboard'}
+
+class OptionalPackage(NamedTuple):
+    """Purpose of a package, its main group in scripts/requirements-optional.txt, its name if not the module's."""
+
+    purpose: str
+    group: str
+    name: str = ''
+
+
+# By the module that is imported.
+PACKAGES = {
+    'asammdf': OptionalPackage('reads MDF4 files', 'logs'),
+    'can': OptionalPackage('reads CAN frames from buses and recordings', 'bus', 'python-can'),
+    'cantools': OptionalPackage('decodes CAN signals by a DBC', 'bus'),
+    'casadi': OptionalPackage('solves the nonlinear program', 'nlp'),
+    'crccheck': OptionalPackage('computes the checksums of CAN frames', 'bus'),
+    'jinja2': OptionalPackage('writes reports', 'identify'),
+    'kuksa_client': OptionalPackage('talks to a VSS databroker', 'bus', 'kuksa-client'),
+    'matplotlib': OptionalPackage('draws figures', 'demo'),
+    'mcap': OptionalPackage('writes flight recordings and reads MCAP files', 'demo'),
+    'pandas': OptionalPackage('holds results as tables', 'tables'),
+    'psutil': OptionalPackage('measures processes', 'studies'),
+    'rosbags': OptionalPackage('reads rosbag2 and MCAP files', 'logs'),
+    'scipy': OptionalPackage('fits vehicles to logs and to the paper', 'identify'),
+    'serial': OptionalPackage('opens the serial port of a CAN adapter', 'bus', 'pyserial'),
+    'tornado': OptionalPackage('serves the web page of the dashboard', 'dashboard')}
 
 
 class MissingPackage(InvalidInput):
@@ -45,15 +43,16 @@ class MissingPackage(InvalidInput):
 
 
 def is_installed(module: str) -> bool:
-    """Return whether a module of PURPOSES can be imported, without importing it."""
+    """Return whether a module of PACKAGES can be imported, without importing it."""
     return find_spec(module) is not None
 
 
 def advice(module: str) -> str:
-    """Return the sentence on a missing module of PURPOSES and its installation."""
-    package = PACKAGES.get(module, module)
-    return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
-            f'scripts/setup.bash {GROUPS[module]} installs it; elsewhere: python3 -m pip install {package}')
+    """Return the sentence on a missing module of PACKAGES and its installation."""
+    package = PACKAGES[module]
+    name = package.name or module
+    return (f'the Python package {name}, which {package.purpose}, is not installed; in the checkout, '
+            f'scripts/setup.bash {package.group} installs it; elsewhere: python3 -m pip install {name}')
 
 
 def require_ros() -> None:
@@ -64,7 +63,7 @@ def require_ros() -> None:
 
 
 def require(*modules: str) -> None:
-    """Raise MissingPackage if one of these modules of PURPOSES is not installed."""
+    """Raise MissingPackage if one of these modules of PACKAGES is not installed."""
     missing = [module for module in modules if not is_installed(module)]
     if missing:
         raise MissingPackage([advice(module) for module in missing])

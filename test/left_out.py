@@ -13,7 +13,7 @@ import shutil
 
 import pytest
 
-from bev_preheat.optional_packages import advice, is_installed, PURPOSES
+from bev_preheat.optional_packages import advice, is_installed, PACKAGES
 
 # Only for tests; not part of the product's optional packages.
 LINTERS = frozenset(('ament_flake8', 'ament_pep257'))
@@ -62,7 +62,7 @@ class _Module(pytest.Module):
             return list(super().collect())
         except self.CollectError as error:
             package = getattr(error.__cause__, 'name', None)
-            if not isinstance(error.__cause__, ModuleNotFoundError) or package not in PURPOSES:
+            if not isinstance(error.__cause__, ModuleNotFoundError) or package not in PACKAGES:
                 raise
             name = self.path.relative_to(self.config.rootpath).as_posix()
             self.config.stash[LEFT_OUT].setdefault(package, [set(), 0])[0].add(name)

@@ -132,10 +132,9 @@ def test_a_package_in_several_lists_has_one_version():
                     if second.get(name, version) != version} == {}
 
 
-@pytest.mark.parametrize('module', optional_packages.PURPOSES)
-def test_the_named_group_has_the_package(module):
-    package = normal(optional_packages.PACKAGES.get(module, module))
-    assert package in packages_of(optional_packages.GROUPS[module])
+@pytest.mark.parametrize('module, package', optional_packages.PACKAGES.items())
+def test_the_named_group_has_the_package(module, package):
+    assert normal(package.name or module) in packages_of(package.group)
 
 
 @pytest.mark.parametrize('group', ['test', *GROUPS])

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The parser of `preheat`: one-line errors, suggestions, grouped commands, the version, shell completion.
-
-The shell runs `preheat` with a variable set; argcomplete, if it is installed, then writes the possible
-completions and exits the process. An argument that takes a name of config/ is completed_by() a NameCompleter.
-"""
+"""The parser of `preheat`: one-line errors, suggestions, grouped commands, and completion by argcomplete."""
 
 from __future__ import annotations
 

@@ -245,12 +245,7 @@ def add_signal_arguments(parser: ArgumentParser | ArgumentGroup) -> None:
 
 
 def read_trips(arguments: Namespace, vehicle: Vehicle, is_fit: bool = False) -> list[Trip]:
-    """
-    Return the Trips of the logs, one recording in memory at a time.
-
-    A fit also refuses recordings with doubts about sign or unit. Raises InvalidInput with one line for each
-    problem of a log.
-    """
+    """Return the Trips of logs, one recording in memory at a time; for a fit, doubts about sign or unit refuse."""
     from bev_preheat.identification.recording_checks import refuse_doubted
     from bev_preheat.identification.trips import trip_of, trips_from
     from bev_preheat.logs.reading import read_recording

@@ -46,38 +46,33 @@ if TYPE_CHECKING:
 SUFFIXES = ('.yaml',)
 # Name of the curve in --source.
 CURVE = 'charging_curve'
-# Figures of a data sheet; the ranges are those of data_sheet.QUANTITIES.
-HELP = {
-    'usable_energy_kwh': 'usable energy [kWh], "net"',
-    'gross_energy_kwh': 'energy of all cells [kWh]; both, if the data sheet has both',
-    'battery_mass_kg': 'mass of the whole pack [kg] (default: assumed from its energy)',
-    'nominal_voltage_v': 'nominal voltage of the pack [V]',
-    'cells_in_series': 'number of cells in series (of 96s3p: 96)',
-    'charging_power_kw': 'maximum power at a fast charger, direct current [kW]',
-    'charging_time_10_80_min': 'published charging time from 10 to 80 %% with a warm battery [min] (default: that '
-                               "of the curve, or of the class's curve)",
-    'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
-    'drive_power_kw': 'maximum power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
-    'regeneration_power_kw': 'maximum power of regeneration [kW] (default: assumed 60 %% of the power '
-                             'for driving)',
-    'cabin_heating_power_kw': 'heater power for the cabin [kW] (default: assumed)',
-    'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',
-    'target_temperature_c': 'target battery temperature at the charger [degC] (default: 25)',
-    'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs of road',
-    'drag_coefficient': 'drag coefficient (default: assumed 0.29)',
-    'frontal_area_m2': 'frontal area [m2] (default: assumed 2.4)',
-    'rolling_resistance': 'rolling resistance over weight (default: assumed 0.010)',
-}
-
-# The figures below the headings of the help; those that most data sheets have first.
+# Help of the figures of a data sheet below the headings of the help, those that most data sheets have first; the
+# ranges are those of data_sheet.QUANTITIES.
 FIGURES = {
-    '': ('charging_power_kw', 'usable_energy_kwh', 'gross_energy_kwh', 'nominal_voltage_v', 'cells_in_series',
-         'battery_mass_kg'),
-    'published charging': ('charging_time_10_80_min',),
-    'heater, drivetrain, cabin': ('heater_power_kw', 'drive_power_kw', 'regeneration_power_kw',
-                                  'cabin_heating_power_kw', 'auxiliary_power_kw', 'target_temperature_c'),
-    'road load, for routes without powers': ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2',
-                                             'rolling_resistance')}
+    '': {
+        'charging_power_kw': 'maximum power at a fast charger, direct current [kW]',
+        'usable_energy_kwh': 'usable energy [kWh], "net"',
+        'gross_energy_kwh': 'energy of all cells [kWh]; both, if the data sheet has both',
+        'nominal_voltage_v': 'nominal voltage of the pack [V]',
+        'cells_in_series': 'number of cells in series (of 96s3p: 96)',
+        'battery_mass_kg': 'mass of the whole pack [kg] (default: assumed from its energy)'},
+    'published charging': {
+        'charging_time_10_80_min': 'published charging time from 10 to 80 %% with a warm battery [min] (default: '
+                                   "that of the curve, or of the class's curve)"},
+    'heater, drivetrain, cabin': {
+        'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
+        'drive_power_kw': 'maximum power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
+        'regeneration_power_kw': 'maximum power of regeneration [kW] (default: assumed 60 %% of the power for '
+                                 'driving)',
+        'cabin_heating_power_kw': 'heater power for the cabin [kW] (default: assumed)',
+        'auxiliary_power_kw': 'power of lights, pumps, computers [kW] (default: assumed 0.4)',
+        'target_temperature_c': 'target battery temperature at the charger [degC] (default: 25)'},
+    'road load, for routes without powers': {
+        'vehicle_mass_kg': 'mass of the car as driven, battery included [kg]; for routes given as legs of road',
+        'drag_coefficient': 'drag coefficient (default: assumed 0.29)',
+        'frontal_area_m2': 'frontal area [m2] (default: assumed 2.4)',
+        'rolling_resistance': 'rolling resistance over weight (default: assumed 0.010)'}}
+HELP = {name: words for figures in FIGURES.values() for name, words in figures.items()}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -111,9 +106,9 @@ def _add_new(actions: Subparsers) -> None:
     parser.add_argument('--chemistry', required=True, metavar='|'.join(CHEMISTRIES),
                         help='cathode of the cells: nmc (also for NCA) or lfp')
     groups = {title: parser if not title else option_group(parser, title) for title in FIGURES}
-    for title, names in FIGURES.items():
-        for name in names:
-            groups[title].add_argument(f'--{name.replace("_", "-")}', help=HELP[name],
+    for title, figures in FIGURES.items():
+        for name, words in figures.items():
+            groups[title].add_argument(f'--{name.replace("_", "-")}', help=words,
                                        type=int if name == 'cells_in_series' else float,
                                        metavar=QUANTITIES[name].unit or 'NUMBER',
                                        required=name == 'charging_power_kw')

@@ -78,12 +78,7 @@ def check_writable(path: AnyPath, make_folder: bool = False) -> None:
 
 
 def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ()) -> None:
-    """
-    Check outputs before anything is computed; `inputs` are the paths of all files that are read.
-
-    Raises InvalidInput, one problem an output, if it cannot be written, has no allowed suffix, is an input, or
-    is the same file as another output.
-    """
+    """Refuse outputs, before anything is computed, that cannot be written, are an input or another output."""
     problems: list[str] = []
     earlier: list[tuple[str, AnyPath]] = []
     for output in outputs:

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Explain in plain words why a value violates a JSON Schema.
-
-Imported only for a value that may violate it: loading jsonschema takes longer than reading most files.
-"""
+"""Explain in plain words why a value violates a JSON Schema; jsonschema is loaded only here."""
 
 from __future__ import annotations
 

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Builds a Route from drive logs of any format that bev_preheat.logs reads.
-
-A log needs speed, ambient temperature and the battery's terminal power (or voltage and current). Cabin heater, air
-conditioning and auxiliaries are optional. Samples may be a tenth of a second to half a minute apart.
-"""
+"""Builds a Route from drive logs with speed, ambient temperature and the battery's power; the rest is optional."""
 
 from __future__ import annotations
 

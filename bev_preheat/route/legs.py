@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Builds a Route from a readable description of a trip: legs of road, driven by a given car.
-
-The description is a YAML file (see legs_schema.yaml) and the same for every car. The drive is simulated in short
-steps, which are then joined into segments that preserve its energy and mean square power.
-"""
+"""Builds a Route from legs of road (legs_schema.yaml), driven by a given car: a fine drive, joined to segments."""
 
 from __future__ import annotations
 
@@ -56,12 +51,7 @@ def legs_file(name_or_file: str | Path) -> Path:
 
 
 def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
-    """
-    Return the LegsRoute with a name (a file in config/routes/legs) or of a YAML file.
-
-    `vehicle` (vehicle.description.Vehicle) is the car that drives; its defaults for cabin and auxiliary power
-    apply if the description has none. Raises InvalidInput naming file, key, value and allowed range.
-    """
+    """Return the LegsRoute of a name in config/routes/legs or a YAML file for a vehicle; refuse wrong keys."""
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
     with located(path):

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The route's line on the map, searched by position; position fixes, and their places on it or the reason for none.
-
-Distances between a position and the line are those in the plane that touches the WGS 84 ellipsoid at the
-position, so that a route of any length needs no projection of its own.
-"""
+"""The route's line on the map, searched by position; fixes, their places on it, or the reason for none."""
 
 from __future__ import annotations
 

@@ -18,12 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """
-    Distance from the start [m] over planned time [s], linear between points: shape (M,) each.
-
-    Times increase from 0; distances start at 0 and never decrease. Before the first point and after the last the
-    vehicle stands.
-    """
+    """Distance from the start [m] over planned time [s], linear between points; both from 0, shapes (M,)."""
 
     time_s: FloatArray
     distance_m: FloatArray
@@ -53,22 +48,14 @@ class Places:
         return float(np.interp(time_s, self.time_s, self.distance_m))
 
     def earliest_s(self, distance_m: float) -> float:
-        """
-        Return the first planned time [s] at or beyond a distance [m].
-
-        -inf at the start, because the vehicle also stands there before time 0; beyond the end, the end's.
-        """
+        """Return the first planned time [s] at or beyond a distance [m]; -inf at the start, else the end's."""
         at = int(np.searchsorted(self.distance_m, distance_m, side='left'))
         if at == 0:
             return -math.inf
         return self._between_s(at, distance_m) if at < len(self.time_s) else float(self.time_s[-1])
 
     def latest_s(self, distance_m: float) -> float:
-        """
-        Return the last planned time [s] at or before a distance [m].
-
-        inf at the end, because the vehicle stands there afterwards; before the start, the start's.
-        """
+        """Return the last planned time [s] at or before a distance [m]; inf at the end, else the start's."""
         at = int(np.searchsorted(self.distance_m, distance_m, side='right'))
         if at == len(self.time_s):
             return math.inf

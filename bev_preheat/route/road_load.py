@@ -137,11 +137,7 @@ class Motion:
 
 
 def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: FloatArray) -> FloatArray:
-    """
-    Return the elevations [m] at the boundaries of N segments with slopes (rise over run), shape (N + 1,).
-
-    The lowest place is at sea level. Raises InvalidInput if the road would be higher than any.
-    """
+    """Return elevations [m] at the boundaries (N + 1,) of sloping segments, from 0 on; refuse too high ones."""
     rise_m = duration_s * speed_mps * slope / np.hypot(1.0, slope)
     elevation_m = np.concatenate(([0.0], np.cumsum(rise_m)))
     elevation_m -= elevation_m.min()

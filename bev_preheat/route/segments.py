@@ -189,12 +189,7 @@ class Route:
         return Route(**values)
 
     def resampled(self, step_s: float) -> Route:
-        """
-        Return the route in steps of `step_s`; the last one may be shorter.
-
-        Energy, mean magnitude and mean square of the power, distance and duration are preserved; the
-        mean square and the magnitude of a step include the variation between its segments.
-        """
+        """Return the route in steps [s], the last maybe shorter, with its energy, mean square and distance."""
         if not 0.0 < step_s < np.inf:
             raise ValueError(f'step {step_s} s must be above 0 and finite')
         old = self.time_s

@@ -22,11 +22,7 @@ if TYPE_CHECKING:
 
 
 class Quantity(NamedTuple):
-    """
-    A quantity of routes: its unit and range in this, endings of names that have a unit, other names.
-
-    `unit` is the unit of values without one, '' if they need one.
-    """
+    """A quantity: own unit and range, endings of names with a unit, other names, unit of values without one."""
 
     own: str
     plausible: tuple[float, float]
