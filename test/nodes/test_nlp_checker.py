@@ -403,4 +403,3 @@ def test_the_solver_is_ready_before_the_first_check(own):
             lambda level, text, values: int(values['reports']) >= 1)
     assert report.optimal
     assert values['solver process'] == ready
-
