@@ -107,7 +107,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.charging_figure import make_session_figure
         return make_session_figure(vehicle, stop, sessions, title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh, 'value_of_time_per_h': prices.time_per_h,
         'sessions': [{'name': name, **choice.session.as_dictionary(),
                       'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],

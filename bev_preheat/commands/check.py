@@ -63,7 +63,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.identification_figures import check_figure
         return check_figure(check)
 
-    console = write_results(arguments, check.as_dictionary(), draw)
+    console = write_results(arguments, check.as_dictionary, draw)
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:
         console.say(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K')

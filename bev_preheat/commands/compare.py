@@ -73,7 +73,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.plan_figure import make_plan_figure
         return make_plan_figure(situation.vehicle, situation.route, situation.goal, [*plans, best], title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         'plans': {plan.method: plan.as_dictionary() for plan in plans},
         'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},
         'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,

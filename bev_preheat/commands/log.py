@@ -50,7 +50,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.inputs_figure import make_recording_figure
         return make_recording_figure(recording)
 
-    console = write_results(arguments, as_dictionary(recording, samplings), draw)
+    console = write_results(arguments, lambda: as_dictionary(recording, samplings), draw)
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
     print_records(console, f'Log {Path(path).name}',
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps (longest [s])'),

@@ -54,7 +54,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.plan_figure import make_plan_figure
         return make_plan_figure(situation.vehicle, situation.route, situation.goal, [optimum.plan], title)
 
-    console = write_results(arguments, {**optimum.as_dictionary(), **situation.as_dictionary()}, draw)
+    console = write_results(arguments, lambda: {**optimum.as_dictionary(), **situation.as_dictionary()}, draw)
     print_plans(console, [optimum.plan], title)
     console.say(*optimum_lines(optimum))
     return 0

@@ -78,10 +78,11 @@ def write_json(path: AnyPath, contents: Json, make_folder: bool = False) -> None
         write_whole(path, text, make_folder)
 
 
-def write_results(arguments: Namespace, contents: Json, draw: Callable[[], Figure]) -> ResultConsole:
+def write_results(arguments: Namespace, contents: Callable[[], Json],
+                  draw: Callable[[], Figure]) -> ResultConsole:
     """Write `--json`, and `--plot` as `draw` draws it, if requested; return the console for tables."""
     if arguments.json:
-        write_json(arguments.json, contents)
+        write_json(arguments.json, contents())
     if arguments.plot:
         # matplotlib takes longer to import than most commands take.
         from bev_preheat.drawing.figure import save_figure

@@ -77,7 +77,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.plan_figure import make_plan_figure
         return make_plan_figure(situation.vehicle, situation.route, situation.goal, [plan], title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
         **situation.as_dictionary(), **({'charging_probability': prospect.probability,
                                          'prospect_explanation': in_doubt} if in_doubt else {})}, draw)
@@ -116,7 +116,7 @@ def run_itinerary(arguments: Namespace) -> int:
         from bev_preheat.drawing.plan_figure import make_itinerary_figure
         return make_itinerary_figure(vehicle, legs, plans, title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
         'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
                    **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}

@@ -197,8 +197,8 @@ def run_week(arguments: Namespace) -> int:
         from bev_preheat.drawing.drive_figure import make_week_figure
         return make_week_figure(prepared, prices, departures.zone, title)
 
-    console = write_results(
-        arguments, {'currency': currency, 'departures': [one.as_dictionary() for one in prepared]}, draw)
+    console = write_results(arguments, lambda: {
+        'currency': currency, 'departures': [one.as_dictionary() for one in prepared]}, draw)
     if not prepared:
         console.say('No departure within a week.')
         return 0

@@ -116,7 +116,7 @@ def run(arguments: Namespace) -> int:
         from bev_preheat.drawing.charging_figure import make_worth_figure
         return make_worth_figure(worth, title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
         'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
         'departure_soc': arguments.departure_soc,
@@ -270,7 +270,7 @@ def run_chargers(arguments: Namespace) -> int:
         from bev_preheat.drawing.charging_figure import make_chargers_figure
         return make_chargers_figure(ranked, title)
 
-    console = write_results(arguments, {
+    console = write_results(arguments, lambda: {
         'chargers': [item.as_dictionary() for item in ranked],
         'best': able[0].candidate.name if able else None, 'verdict': verdict,
         'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
