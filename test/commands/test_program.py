@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from bev_preheat.commands.program import OutputFailed, run_program
+from bev_preheat.commands.program import run_program
 
 PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '--route', 'reference',
         '--temperature', '-7', '--soc', '0.9']
@@ -107,12 +107,3 @@ def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
 def test_what_nobody_foresaw_is_not_hidden():
     with pytest.raises(ZeroDivisionError):
         run_program('work', lambda: lambda: 1 / 0, ends_process=False)
-
-
-def test_a_full_output_is_told_in_one_line(capsys):
-    def work():
-        raise OutputFailed(OSError(28, 'No space left on device'))
-
-    assert run_program('work', lambda: work, ends_process=False) == 1
-    assert capsys.readouterr().err == (
-        'work: error: standard output: cannot be written: No space left on device\n')

@@ -271,6 +271,11 @@ def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch,
         f'--0: old.json: {sentence} {path}, which must not be overwritten']
 
 
+def test_two_outputs_are_two_files_however_they_are_spelled():
+    assert problems_of('new.json', './new.json') == [
+        '--1: ./new.json: is the same file as --0; each output needs its own file']
+
+
 @pytest.mark.parametrize('path', ['x', 'x.', 'x.bmp', '.png', 'x.png.gz', 'folder.png/x'])
 def test_a_picture_needs_a_suffix_that_is_known(path):
     with pytest.raises(InvalidInput) as refused:
