@@ -22,6 +22,19 @@ VEHICLE = replace(REFERENCE, battery=replace(
     resistance=InverseTemperatureResistance(2.0, 15.0), open_circuit_voltage=PolynomialVoltage((380.0,))))
 
 
+def arrival_c(trip, start_c, vehicle=VEHICLE, sensor='', **coordinates):
+    """Return the last sensor temperature of the fit's model, with START's parameters but for these coordinates."""
+    from bev_preheat.identification.curves import KNOTS_C
+    from bev_preheat.identification.electrical import fit_electrical
+    from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
+    from bev_preheat.identification.thermal import course_of, ThermalModel
+    fixed = {name: parameter.fixed for name, parameter in parameters_of(vehicle).items()} | coordinates
+    theta = np.array([fixed[name] for name in NAMES] + [0.0] * len(KNOTS_C))
+    readings_c, _ = ThermalModel(vehicle, NAMES, Structure((), sensor)).course(
+        course_of(trip, vehicle), theta, start_c, fit_electrical(vehicle, []))
+    return readings_c[-1]
+
+
 @pytest.mark.parametrize('resolution_k', [0.0, 0.5, 1.0])
 def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolution_k):
     from bev_preheat.identification.readings import NOISE_K, ReadingResiduals, Readings
@@ -73,22 +86,14 @@ def test_the_noise_is_found_from_the_readings(resolution_k):
 
 
 def test_the_fit_has_the_joule_heat_of_the_current_although_the_power_varies():
-    from bev_preheat.identification.curves import KNOTS_C
-    from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.identification.parameters import NAMES, parameters_of
-    from bev_preheat.identification.thermal import course_of, ThermalModel
     without_leakage = replace(VEHICLE, battery=replace(
         VEHICLE.battery, leakage=Leakage(0.0, 0.0), resistance=InverseTemperatureResistance(0.1 * 1e6, 1e6)),
         drivetrain=replace(VEHICLE.drivetrain, heat_recovery_efficiency=0.0))
     trip = trip_of(recording(current_a=lambda a: 3.0 * a, voltage_v=lambda v: 3.0 * v - 2.0 * 380.0), VEHICLE)
-    theta = np.array([parameters_of(without_leakage)[name].fixed for name in NAMES] + [0.0] * len(KNOTS_C))
-    # The prior's centre of a leakage is at least 0.5 W/K: the smallest instead.
-    theta[NAMES.index('leakage')] = math.log(1e-9)
-    theta[NAMES.index('leakage_with_speed')] = 0.0
     for known in (trip, replace(trip, current_a=None, voltage_v=None)):
-        readings_c, _ = ThermalModel(without_leakage, NAMES[:7]).course(
-            course_of(known, without_leakage), theta, 0.0, fit_electrical(without_leakage, []))
-        assert readings_c[-1] == pytest.approx(0.1 * float(np.sum(trip.current_a**2)) / 2e5, rel=0.01)
+        # The prior's centre of a leakage is at least 0.5 W/K: the smallest instead.
+        found_c = arrival_c(known, 0.0, without_leakage, leakage=math.log(1e-9), leakage_with_speed=0.0)
+        assert found_c == pytest.approx(0.1 * float(np.sum(trip.current_a**2)) / 2e5, rel=0.01)
 
 
 def test_a_night_cools_as_the_exponential_does():
@@ -124,18 +129,9 @@ def test_slopes_are_those_of_finite_differences():
 
 
 def test_the_fits_model_agrees_with_plans_where_power_is_steady():
-    from bev_preheat.identification.curves import KNOTS_C
-    from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.identification.parameters import NAMES, parameters_of
-    from bev_preheat.identification.thermal import course_of, ThermalModel
-    trip = trip_of(recording(current_a=lambda a: np.full_like(a, 60.0), voltage_v=lambda v: np.full_like(v,
-                                                                                                         374.0)),
-                   VEHICLE)
-    parameters = parameters_of(VEHICLE)
-    theta = np.array([parameters[name].fixed for name in NAMES] + [0.0] * len(KNOTS_C))
-    readings_c, _ = ThermalModel(VEHICLE, NAMES[:7]).course(
-        course_of(trip, VEHICLE), theta, trip.start_c, fit_electrical(VEHICLE, []))
-    assert readings_c[-1] == pytest.approx(predict(VEHICLE, trip).reading_c[-1], abs=0.02)
+    trip = trip_of(recording(current_a=lambda a: np.full_like(a, 60.0),
+                             voltage_v=lambda v: np.full_like(v, 374.0)), VEHICLE)
+    assert arrival_c(trip, trip.start_c) == pytest.approx(predict(VEHICLE, trip).reading_c[-1], abs=0.02)
 
 
 def test_resistance_and_capacity_come_from_voltage_and_current():
@@ -193,23 +189,15 @@ def test_another_structure_must_explain_unseen_readings_better_by_more_than_chan
 
 @pytest.mark.parametrize('sensor', ['shell', 'core', 'mean'])
 def test_under_steady_heating_the_masses_differ_as_the_closed_form_says(sensor):
-    from bev_preheat.identification.curves import KNOTS_C
-    from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
-    from bev_preheat.identification.thermal import course_of, ThermalModel
     trip = trip_of(night(hours=2.0, start_c=0.0, ambient_c=0.0), VEHICLE)
     trip = replace(trip, heater_w=np.full(len(trip), 1000.0), power_w=np.full(len(trip), -1000.0))
-    values = {'heat_capacity': math.log(2e5), 'leakage': math.log(1e-9), 'leakage_with_speed': 0.0,
-              'heater_efficiency': 0.8, 'shell_share': 0.3, 'shell_conductance': math.log(60.0),
-              'sensor_lag': math.log(0.01)}
-    parameters = parameters_of(VEHICLE)
-    theta = np.array([values.get(name, parameters[name].fixed) for name in NAMES] + [0.0] * len(KNOTS_C))
-    readings_c, _ = ThermalModel(VEHICLE, [*NAMES[:5], *NAMES[7:]], Structure((), sensor)).course(
-        course_of(trip, VEHICLE), theta, 0.0, fit_electrical(VEHICLE, []))
+    found_c = arrival_c(
+        trip, 0.0, sensor=sensor, heat_capacity=math.log(2e5), leakage=math.log(1e-9), leakage_with_speed=0.0,
+        heater_efficiency=0.8, shell_share=0.3, shell_conductance=math.log(60.0), sensor_lag=math.log(0.01))
     # After ten time constants the shell is 0.7 x 800 W / 60 W/K warmer than the core.
     mean_c, excess_k = 800.0 * len(trip) / 2e5, 0.7 * 800.0 / 60.0
     expected_c = {'mean': mean_c, 'shell': mean_c + 0.7 * excess_k, 'core': mean_c - 0.3 * excess_k}[sensor]
-    assert readings_c[-1] == pytest.approx(expected_c, abs=0.05)
+    assert found_c == pytest.approx(expected_c, abs=0.05)
 
 
 def test_polarisation_is_part_of_the_heat_but_not_of_the_ohmic_resistance():
