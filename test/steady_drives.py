@@ -32,3 +32,9 @@ def steady_leg(duration_s=1200.0, step_s=30.0, **changes):
 def measured(now_ns=NOW_NS, temperature_c=-7.0, soc=0.8, stamp_ns=None):
     """Return the Measurement of a battery state that comes now, by default with the stamp of now."""
     return Measurement(BatteryState(temperature_c, soc), now_ns if stamp_ns is None else stamp_ns)
+
+
+def outcome(supervisor, now_ns=NOW_NS):
+    """Return power [W] and reason of a Stepwise planner's command."""
+    command = supervisor.command(now_ns)
+    return command.battery_heating_power_w, command.reason

@@ -6,7 +6,7 @@ import gc
 import weakref
 
 import pytest
-from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from steady_drives import measured, NOW_NS, ns, outcome, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
@@ -109,11 +109,6 @@ def supervisor_at(elapsed_s, settings=MEASURED, **mission):
     supervisor.accept_mission(make_mission(NOW_NS - ns(elapsed_s), **mission))
     feed(supervisor)
     return supervisor
-
-
-def outcome(supervisor, now_ns=NOW_NS):
-    command = supervisor.command(now_ns)
-    return command.battery_heating_power_w, command.reason
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@
 from math import exp
 
 import pytest
+from steady_drives import NOW_NS, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
@@ -15,10 +16,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_GAP_S
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-START_NS = 1_700_000_000 * NS_PER_S
 NIGHT_S = 36_000.0
 ROUTE = make_route({
     'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [15e3],
@@ -26,13 +24,13 @@ ROUTE = make_route({
     'auxiliary_power_w': [400.0]}, None)
 
 
-def trip(route_id='morning', standing_time_s=NIGHT_S, start_ns=START_NS):
+def trip(route_id='morning', standing_time_s=NIGHT_S, start_ns=NOW_NS):
     return Mission(route_id, (Leg(ROUTE, start_ns, True, 20.0),), standing_time_s)
 
 
 def measured(temperature_c=-5.0, after_start_s=0.0):
     return Measurement(BatteryState(temperature_c, 0.8),
-                       START_NS + round(after_start_s * NS_PER_S))
+                       NOW_NS + round(after_start_s * NS_PER_S))
 
 
 def compared(*pairs, watch=StandWatch()):
@@ -74,9 +72,9 @@ def test_the_planner_plans_with_what_the_sensor_is_off_by():
     temperatures_c = []
     for standing_time_s in (0.0, NIGHT_S):
         supervisor = Stepwise(VEHICLE, Settings())
-        supervisor.run(START_NS)
+        supervisor.run(NOW_NS)
         supervisor.accept_mission(trip(standing_time_s=standing_time_s))
-        supervisor.accept_battery(measured(-5.0), START_NS)
+        supervisor.accept_battery(measured(-5.0), NOW_NS)
         temperatures_c.append(supervisor.state.decision.plan.battery_temperature_c[0])
     believed_c, corrected_c = temperatures_c
     assert believed_c == pytest.approx(-5.0)
@@ -85,10 +83,10 @@ def test_the_planner_plans_with_what_the_sensor_is_off_by():
 
 def test_a_state_that_came_before_the_route_is_made_good():
     supervisor = Stepwise(VEHICLE, Settings())
-    supervisor.accept_battery(measured(-5.0), START_NS)
+    supervisor.accept_battery(measured(-5.0), NOW_NS)
     assert supervisor.state.estimate.sensor_offset_k == 0.0
     supervisor.accept_mission(trip())
-    supervisor.accept_battery(measured(-5.0, 1.0), START_NS + NS_PER_S)
+    supervisor.accept_battery(measured(-5.0, 1.0), NOW_NS + NS_PER_S)
     assert supervisor.state.estimate.sensor_offset_k > 0.5
     assert supervisor.state.stand_report.reading_c == -5.0
 
@@ -96,7 +94,7 @@ def test_a_state_that_came_before_the_route_is_made_good():
 # The battery's own last temperature
 
 def seen(temperature_c, before_s):
-    return LastSeen(temperature_c, 0.8, START_NS - round(before_s * NS_PER_S))
+    return LastSeen(temperature_c, 0.8, NOW_NS - round(before_s * NS_PER_S))
 
 
 def cooled_c(warmer_k, stood_s):

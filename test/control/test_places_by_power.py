@@ -4,6 +4,7 @@
 from dataclasses import replace
 
 import pytest
+from steady_drives import NOW_NS, VEHICLE
 
 from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, with_stops
@@ -14,17 +15,14 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-START_NS = 1_700_000_000 * NS_PER_S
 CONSUMERS_W, DRIVE_W = 2478.0, 15e3
 
 
 def leg(minutes=40, charging_planned=True, departure=None):
     return Leg(make_route({
         'duration_s': [60.0] * minutes, 'speed_mps': [25.0], 'propulsion_power_w': [DRIVE_W],
-        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), START_NS, charging_planned, departure=departure)
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), NOW_NS, charging_planned, departure=departure)
 
 
 class Car:
@@ -43,7 +41,7 @@ class Car:
             replace(each, start_ns=each.start_ns + self.at_s * NS_PER_S) for each in legs or (leg(),)))))
 
     def planner_step(self, *events):
-        output = self.planner.step(START_NS + self.at_s * NS_PER_S, *events)
+        output = self.planner.step(NOW_NS + self.at_s * NS_PER_S, *events)
         if output.command is not None:
             self.command_w = output.command.battery_heating_power_w
 
@@ -59,7 +57,7 @@ class Car:
             resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
             volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
             self.planner_step(BatteryStateArrived(Measurement(
-                BatteryState(self.temperature_c, self.soc), START_NS + self.at_s * NS_PER_S,
+                BatteryState(self.temperature_c, self.soc), NOW_NS + self.at_s * NS_PER_S,
                 *((volts, power_w / volts) if self.reports_power else (None, None)), **measured)))
             self.commands.append((self.at_s, step_s, self.command_w))
 
@@ -132,7 +130,7 @@ def test_a_position_that_moves_outranks_the_power():
     for second in range(300):
         car.go(1, 0.0, charged_w=18e3)
         car.planner_step(ProgressArrived(Progress(
-            25.0 * second, START_NS + car.at_s * NS_PER_S, 'trip')))
+            25.0 * second, NOW_NS + car.at_s * NS_PER_S, 'trip')))
     assert (car.planner.state.regime.regime, abs(car.delay_s) < 3.0) == (Regime.DRIVING, True)
 
 

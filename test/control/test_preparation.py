@@ -6,6 +6,7 @@ from math import exp, inf, isnan, log, nan
 
 import numpy as np
 import pytest
+from steady_drives import NOW_NS, ns, VEHICLE
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -24,16 +25,12 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 MEASURED = Settings(estimation=False)
 AMBIENT_C, START_C, TARGET_C = -8.0, 1.0, 14.0
 CABIN_W, OTHERS_W = VEHICLE.defaults.cabin_heating_power_w, VEHICLE.defaults.auxiliary_power_w
@@ -46,7 +43,7 @@ HEATED_C = AMBIENT_C + VEHICLE.hvch.efficiency * FULL_W / LEAKAGE_W_PER_K
 
 
 def at(seconds):
-    return NOW_NS + round(seconds * NS_PER_S)
+    return NOW_NS + ns(seconds)
 
 
 def cooled_c(start_c, seconds, towards_c=AMBIENT_C):

@@ -4,7 +4,7 @@
 from dataclasses import replace
 
 import pytest
-from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from steady_drives import measured, NOW_NS, ns, outcome, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import RefusedRoute
@@ -43,11 +43,6 @@ def feed_on(supervisor, from_s):
     # Input must be valid for 10 s.
     assert feed(supervisor, NOW_NS + ns(from_s)) == OFF
     return [feed(supervisor, NOW_NS + ns(from_s + second)) for second in range(1, 12)][-1]
-
-
-def outcome(supervisor, now_ns):
-    command = supervisor.command(now_ns)
-    return command.battery_heating_power_w, command.reason
 
 
 def heating_supervisor(mission):

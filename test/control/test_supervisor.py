@@ -6,7 +6,7 @@ from math import inf, nan
 import random
 
 import pytest
-from steady_drives import NOW_NS, ns, steady_leg, VEHICLE
+from steady_drives import NOW_NS, ns, outcome, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.decision import Command
@@ -59,11 +59,6 @@ def heats_after_pause(supervisor, from_s):
         powers_w.append(outcome(supervisor, now_ns)[0])
     assert powers_w[:9] == [0.0] * 9
     return powers_w[-1] > 0.0
-
-
-def outcome(supervisor, now_ns=NOW_NS):
-    command = supervisor.command(now_ns)
-    return command.battery_heating_power_w, command.reason
 
 
 def refused_battery(supervisor, now_ns, **measurement):

@@ -6,6 +6,7 @@ import random
 from random import Random
 
 import pytest
+from steady_drives import NOW_NS, ns, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import (
@@ -27,16 +28,9 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import MOST_SWITCH_ONS
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 SETTINGS = Settings(estimation=False)
 UNREADABLE = InvalidInput('temperature: nan is not allowed')
-
-
-def ns(seconds):
-    return round(seconds * NS_PER_S)
 
 
 def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_ns=NOW_NS):
@@ -200,7 +194,6 @@ def test_attacks_never_switch_on_more_often_than_stated(share, seed):
     assert len(car.switch_ons_s) <= 1 + MOST_SWITCH_ONS * (1 + int(at_s // 3600.0))
 
 
-START_NS = 1_700_000_000 * NS_PER_S
 # 20 min in the cold towards a target that needs heat all the way.
 COLUMNS = {'duration_s': [60.0] * 20, 'speed_mps': [25.0], 'propulsion_power_w': [15e3],
            'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [400.0]}
@@ -217,19 +210,19 @@ def commands(stamp_s, seconds, period_s=1.0, silent_after_s=1e9):
     supervisor, given = Supervisor(VEHICLE, Settings(battery_state_timeout_s=TIMEOUT_S)), []
 
     def step(at_s, *events):
-        command = supervisor.step(START_NS + round(at_s * NS_PER_S), *events).command
-        given.append((at_s, command.battery_heating_power_w, (command.valid_until_ns - START_NS) / NS_PER_S,
+        command = supervisor.step(NOW_NS + round(at_s * NS_PER_S), *events).command
+        given.append((at_s, command.battery_heating_power_w, (command.valid_until_ns - NOW_NS) / NS_PER_S,
                       command.reason))
 
-    leg = Leg(make_route(COLUMNS, VEHICLE.defaults), START_NS, True, 25.0)
-    supervisor.step(START_NS, RouteArrived(Mission('home', (leg,))))
+    leg = Leg(make_route(COLUMNS, VEHICLE.defaults), NOW_NS, True, 25.0)
+    supervisor.step(NOW_NS, RouteArrived(Mission('home', (leg,))))
     at_s, temperature_c = PHASE_S, -7.0
     while at_s < seconds:
         step(at_s - 0.001)
         if at_s < silent_after_s:
             temperature_c += 0.01 * period_s
             step(at_s, BatteryStateArrived(Measurement(
-                BatteryState(temperature_c, 0.8), START_NS + round(stamp_s(at_s) * NS_PER_S))))
+                BatteryState(temperature_c, 0.8), NOW_NS + round(stamp_s(at_s) * NS_PER_S))))
         at_s += period_s
     return given
 
@@ -276,7 +269,7 @@ def test_jitter_does_not_hide_a_second_battery():
     seeded, supervisor = Random(3), Supervisor(VEHICLE, Settings(battery_state_timeout_s=TIMEOUT_S))
     refused = 0
     for second in range(60):
-        now_ns = START_NS + second * NS_PER_S
+        now_ns = NOW_NS + second * NS_PER_S
         # The second battery's clock is 3 s behind, so that its states look overtaken.
         for late_s, temperature_c in ((0.0, -7.0), (3.0, 18.0)):
             output = supervisor.step(now_ns, BatteryStateArrived(Measurement(

@@ -7,6 +7,7 @@ from math import inf, nan
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from steady_drives import NOW_NS, ns
 
 from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
 from bev_preheat.control.settings import Settings
@@ -16,7 +17,6 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import KNOWN_TO_M
 
-START_NS = 1_700_000_000 * NS_PER_S
 SETTINGS = Settings(route_progress_timeout_s=8.0, clock_tolerance_s=0.5)
 
 
@@ -24,10 +24,6 @@ def stand(driven, from_s, until_s, distance_m):
     for at_s in range(from_s, until_s + 1, 5):
         driven.tell(float(at_s), distance_m)
     return driven.timetable.stood_ns / NS_PER_S
-
-
-def ns(seconds):
-    return round(seconds * NS_PER_S)
 
 
 def a_leg(durations_s, speeds_mps, **fields):
@@ -38,7 +34,7 @@ def a_leg(durations_s, speeds_mps, **fields):
 
 
 # 2000 m, 90 s of standing, 3000 m.
-LEG = a_leg([100.0, 90.0, 120.0], [20.0, 0.0, 25.0], start_ns=START_NS)
+LEG = a_leg([100.0, 90.0, 120.0], [20.0, 0.0, 25.0], start_ns=NOW_NS)
 MISSION = Mission('home', (LEG,))
 # The same twice, with a stop of 600 s between them.
 TWO_LEGS = Mission('far', with_stops((LEG, replace(LEG)), (600.0,)))
@@ -54,8 +50,8 @@ class Driven:
     def tell(self, at_s, distance_m, now_s=None, **fields):
         now_s = at_s if now_s is None else now_s
         self.timetable = self.timetable.at_progress(
-            Progress(**{'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s),
-                        'route_id': self._route_id, **fields}), START_NS + ns(now_s), self._settings)
+            Progress(**{'distance_m': distance_m, 'stamp_ns': NOW_NS + ns(at_s),
+                        'route_id': self._route_id, **fields}), NOW_NS + ns(now_s), self._settings)
         return self.delay_s
 
     def refused(self, *where, **how):
@@ -70,7 +66,7 @@ class Driven:
         return self.timetable.delay_ns / NS_PER_S
 
     def planned_s(self, at_s):
-        return (self.timetable.planned_ns(START_NS + ns(at_s)) - START_NS) / NS_PER_S
+        return (self.timetable.planned_ns(NOW_NS + ns(at_s)) - NOW_NS) / NS_PER_S
 
 
 # By place
@@ -89,7 +85,7 @@ class Driven:
 def test_the_delay_is_that_with_which_the_vehicle_is_where_it_is(at_s, distance_m, delay_s):
     driven = Driven()
     assert driven.tell(at_s, distance_m) == pytest.approx(delay_s)
-    assert driven.timetable.mission.legs[0].start_ns == START_NS + driven.timetable.delay_ns
+    assert driven.timetable.mission.legs[0].start_ns == NOW_NS + driven.timetable.delay_ns
     assert driven.timetable.planned is MISSION
 
 
@@ -101,7 +97,7 @@ def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
     late_ns = driven.timetable.delay_ns
     first, second = driven.timetable.mission.legs
     assert (first.arrival_ns - LEG.arrival_ns, second.start_ns) == (
-        late_ns, START_NS + ns(910.0) + late_ns)
+        late_ns, NOW_NS + ns(910.0) + late_ns)
     # It leaves before that.
     assert driven.tell(700.0, 5000.0 + 500.0) == pytest.approx(700.0 - (910.0 + 24.5))
 
@@ -123,7 +119,7 @@ def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
     ((50.0, 1000.0), {'route_id': 'work'},
      "route_id: 'work' is not the current route, 'home'"),
     ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the current route"),
-    ((50.0, 1000.0), {'route_start_ns': START_NS - ns(2.5)},
+    ((50.0, 1000.0), {'route_start_ns': NOW_NS - ns(2.5)},
      'route_stamp: is not that of the latest route plan, but 2.500 s before it'),
     ((50.0, 1000.0), {'now_s': 58.001},
      'header.stamp: the position is 8.001 s old; at most 8 s are allowed'),
@@ -136,7 +132,7 @@ def test_what_cannot_be_is_refused_by_name(where, how, message):
 
 
 @pytest.mark.parametrize('where, how', [
-    ((50.0, 5100.0), {}), ((50.0, 1000.0), {'route_start_ns': START_NS}),
+    ((50.0, 5100.0), {}), ((50.0, 1000.0), {'route_start_ns': NOW_NS}),
     ((50.0, 1000.0), {'now_s': 58.0}), ((50.0, 1000.0), {'now_s': 49.5})])
 def test_what_may_be_is_accepted(where, how):
     Driven().tell(*where, **how)
@@ -166,7 +162,7 @@ def test_what_may_follow_is_accepted(at_s, distance_m):
 
 
 def test_a_route_along_which_nothing_moves_has_no_places():
-    still = Mission('home', (a_leg([60.0], [0.0], start_ns=START_NS),))
+    still = Mission('home', (a_leg([60.0], [0.0], start_ns=NOW_NS),))
     assert 'speed is 0 in each segment' in Driven(still).refused(10.0, 0.0)
 
 
@@ -180,7 +176,7 @@ SEGMENTS = st.lists(st.tuples(
 
 @given(SEGMENTS, st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-900.0, 3000.0))
 def test_who_is_further_arrives_no_later(segments, share, other, at_s):
-    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=NOW_NS),))
     near, far = Driven(mission), Driven(mission)
     length_m = near.timetable.planned.places.length_m
     near_m, far_m = sorted((share * length_m, other * length_m))
@@ -190,7 +186,7 @@ def test_who_is_further_arrives_no_later(segments, share, other, at_s):
 @given(SEGMENTS, st.lists(st.floats(0.2, 7.9), min_size=1, max_size=30), st.floats(-200.0, 900.0))
 def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
     """Driven as planned, but for a late start: the delay stays, and so does the arrival."""
-    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=NOW_NS),))
     driven, places = Driven(mission), mission.places
     at_s, delays_s = late_s, []
     for step_s in steps_s:
@@ -209,7 +205,7 @@ def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
 
 @given(SEGMENTS, st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(-9.9, 9.9)), max_size=30))
 def test_exactly_on_plan_is_without_delay(segments, steps):
-    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=START_NS),))
+    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=NOW_NS),))
     driven, places = Driven(mission), mission.places
     at_s = furthest_m = 0.0
     for step_s, noise_m in steps:
