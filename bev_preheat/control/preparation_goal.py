@@ -99,11 +99,6 @@ class PreparationProgress:
     expected_ns: int | None = None
     held_off_ns: int | None = None
 
-    def after(self, inputs: AdmittedInputs) -> PreparationProgress:
-        """Return the progress after the AdmittedInputs' battery state."""
-        soc = self.highest_soc if inputs.measurement is None else inputs.measurement.state.soc
-        return replace(self, highest_soc=soc) if soc > self.highest_soc else self
-
 
 def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, decision: Decision,
                obstacle: Decision | None, temperature_c: float | None) -> tuple[PreparationProgress, Conclusion]:
@@ -115,7 +110,8 @@ def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: in
     """
     if not inputs.is_enabled:
         return progress, (PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.')
-    progress = progress.after(inputs)
+    if inputs.measurement is not None:
+        progress = replace(progress, highest_soc=max(progress.highest_soc, inputs.measurement.state.soc))
     objection = contradiction(progress, inputs, now_ns)
     if objection:
         return progress, (PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.')

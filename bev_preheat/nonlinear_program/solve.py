@@ -231,33 +231,23 @@ def _find_deficits(trip: Trip, found: dict[str, FloatArray]) -> Iterator[StepDef
         percent = 100.0 * float(short_soc[-1])
         yield StepDeficit(ARRIVAL_SOC, percent, '%',
                           f'state of charge on arrival: {percent:.2f} % short')
-    at = int(np.argmax(short_soc))
-    # A battery that is emptiest on arrival has been reported above.
-    if short_soc[at] > SLACK_SOC_TOLERANCE and soc[at + 1] < soc[-1]:
-        percent = 100.0 * float(short_soc[at])
-        yield StepDeficit(LOWEST_SOC, percent, '%',
-                          f'state of charge: {percent:.2f} % below its range at '
-                          f'{trip.time_s[at + 1]:.0f} s')
-    at = int(np.argmax(short_w))
-    if short_w[at] > TOLERANCE_W:
-        deficit_w = float(short_w[at])
-        yield StepDeficit(DISCHARGE_POWER, deficit_w, 'W',
-                          f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
-                          f'{trip.time_s[at]:.0f} s')
-    at = int(np.argmax(above_soc))
-    if above_soc[at] > SLACK_SOC_TOLERANCE:
-        percent = 100.0 * float(above_soc[at])
-        yield StepDeficit(HIGHEST_SOC, percent, '%',
-                          f'state of charge: {percent:.2f} % above its range at '
-                          f'{trip.time_s[at + 1]:.0f} s')
-    # Without a slack, too, because the range may be relaxed.
-    beyond_k = found['temperature'][1:] - trip.vehicle.battery.temperature_range_c[1]
-    at = int(np.argmax(beyond_k))
-    if beyond_k[at] > TOLERANCE_K:
-        above_k = float(beyond_k[at])
-        yield StepDeficit(HIGHEST_TEMPERATURE, above_k, 'K',
-                          f'battery temperature: {above_k:.2f} K above its range at '
-                          f'{trip.time_s[at + 1]:.0f} s')
+    # A battery that is emptiest on arrival has been reported above. The range of temperatures may be relaxed, so
+    # that it has no slack.
+    for constraint, unit, scale, tolerance, excess, end, sentence in (
+            (LOWEST_SOC, '%', 100.0, SLACK_SOC_TOLERANCE, np.where(soc[1:] < soc[-1], short_soc, 0.0), 1,
+             'state of charge: {0:.2f} % below its range at {2:.0f} s'),
+            (DISCHARGE_POWER, 'W', 1.0, TOLERANCE_W, short_w, 0,
+             'discharge power: {1:.2f} kW cannot be delivered at {2:.0f} s'),
+            (HIGHEST_SOC, '%', 100.0, SLACK_SOC_TOLERANCE, above_soc, 1,
+             'state of charge: {0:.2f} % above its range at {2:.0f} s'),
+            (HIGHEST_TEMPERATURE, 'K', 1.0, TOLERANCE_K,
+             found['temperature'][1:] - trip.vehicle.battery.temperature_range_c[1], 1,
+             'battery temperature: {0:.2f} K above its range at {2:.0f} s')):
+        at = int(np.argmax(excess))
+        if excess[at] > tolerance:
+            amount = scale * float(excess[at])
+            yield StepDeficit(constraint, amount, unit, sentence.format(
+                amount, amount / 1e3, trip.time_s[at + end]))
 
 
 def _schedule(trip: Trip, run: Attempt) -> Schedule:

@@ -65,7 +65,12 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
     when the charge runs out the vehicle stands for the rest of the trip.
     """
     states, powers_w, stranded = engine.drive_within_limits(trip, state, wanted, take_surplus)
-    empty_at_s, driven_share = _where_stranded(trip, stranded)
+    empty_at_s, driven_share = None, None
+    if stranded is not None:
+        empty, share = stranded
+        driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
+        driven_share[empty] = share
+        empty_at_s = float(trip.time_s[empty] + share * trip.route.duration_s[empty])
     start_s = switched_on_s(trip, powers_w[0])
     if start_s is not None:
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
@@ -76,17 +81,6 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
         start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w) if heat_w else None, empty_at_s, driven_share,
         heat=make_heat_run(trip.vehicle.heat_path, *under_way, *heat_w) if heat_w else None)
-
-
-def _where_stranded(trip: Trip,
-                    stranded: tuple[int, float] | None) -> tuple[float | None, FloatArray | None]:
-    """Return `empty_at_s` and `driven_share` of a Schedule; `stranded` as in a Course."""
-    if stranded is None:
-        return None, None
-    empty, share = stranded
-    driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
-    driven_share[empty] = share
-    return float(trip.time_s[empty] + share * trip.route.duration_s[empty]), driven_share
 
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:

@@ -24,7 +24,7 @@ from bev_preheat.vehicle.variants import ScaledCurve
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Battery, Vehicle
+    from bev_preheat.vehicle.description import Vehicle
 
 # The assumed fall [K]: wide enough for steps of a session, and above all batteries that are merely warm.
 FALL_K = 5.0
@@ -96,17 +96,13 @@ def charging_of(vehicle: Vehicle) -> Charging:
 
 def session_charging(vehicle: Vehicle) -> Charging:
     """Return a Vehicle's Charging for sessions; a car whose file does not say that it heats there does not."""
-    charging = vehicle.charging or _unstated(vehicle.battery)
+    charging, battery = vehicle.charging, vehicle.battery
+    if charging is None:
+        limit, assumed_fall_c = battery.charge_power_limit, None
+        if isinstance(limit, Table):
+            limit, assumed_fall_c = with_assumed_fall(limit, battery.temperature_range_c[1])
+        charging = Charging(limit, assumed_fall_c=assumed_fall_c)
     return replace(charging, battery_heating=bool(charging.battery_heating))
-
-
-def _unstated(battery: Battery) -> Charging:
-    """Return the Charging of a car without such a block: its charge limit, with the assumed fall if it is hot."""
-    limit = battery.charge_power_limit
-    if not isinstance(limit, Table):
-        return Charging(limit)
-    table, assumed_fall_c = with_assumed_fall(limit, battery.temperature_range_c[1])
-    return Charging(table, assumed_fall_c=assumed_fall_c)
 
 
 def vehicle_at_charger(vehicle: Vehicle) -> Vehicle:

@@ -15,27 +15,11 @@ from contextlib import contextmanager
 from ctypes import c_double, c_int32, c_void_p, CDLL
 from functools import lru_cache, wraps
 import os
+import re
 from typing import Any, ParamSpec, TypeVar
 
+from bev_preheat.vehicle import core_structs
 from bev_preheat.vehicle.core_interface import constants, fields_of, Interface
-from bev_preheat.vehicle.core_structs import (
-    BeliefStruct,
-    BeliefTermsStruct,
-    CurveStruct,
-    DriveStruct,
-    EnergiesStruct,
-    ExpectedDriveStruct,
-    PassedStruct,
-    ReadingStruct,
-    ROOMS,
-    RunOfPowersStruct,
-    StrandingStruct,
-    SwitchPlanStruct,
-    TripStruct,
-    TripTermsStruct,
-    ValueGoalStruct,
-    VehicleStruct,
-)
 
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE, LEFT = range(7)
 # Values of bev_status, then their names in the counter.
@@ -193,15 +177,8 @@ def load_core(path: str) -> tuple[Any, str]:
 
 def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
-    structs = {
-        'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
-        'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
-        'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
-        'bev_passed': PassedStruct,
-        'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
-        'bev_stranding': StrandingStruct,
-        'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,
-        'bev_value_goal': ValueGoalStruct, 'bev_vehicle': VehicleStruct}
-    names = {struct: name for name, struct in structs.items()}
-    return Interface(INTERFACE, {name: fields_of(struct, names) for name, struct in structs.items()},
-                     _SIGNATURES, ROOMS)
+    # BeliefTermsStruct is bev_belief_terms in C.
+    names = {struct: 'bev' + re.sub('[A-Z]', lambda letter: f'_{letter[0].lower()}', name.removesuffix('Struct'))
+             for name, struct in vars(core_structs).items() if name.endswith('Struct')}
+    return Interface(INTERFACE, {name: fields_of(struct, names) for struct, name in names.items()},
+                     _SIGNATURES, core_structs.ROOMS)
