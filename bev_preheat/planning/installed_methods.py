@@ -143,10 +143,6 @@ TAKEN = frozenset({'merit_order', 'nlp', 'optimum', 'planner', 'replanned_paper'
 BROKEN = (Exception, SystemExit)
 
 
-class MethodFailure(PlanningFailure):
-    """An installed method raised an exception or gave an answer that is not allowed; the message names both."""
-
-
 class Found(NamedTuple):
     """The entry points of usable names, and for each other name the sentence on why it is refused."""
 
@@ -201,11 +197,11 @@ class InstalledMethod:
     _asked_again_s: float = field(default=-math.inf, init=False)
     _late: str = field(default='', init=False)
 
-    def _failure(self, reason: str) -> MethodFailure:
-        return MethodFailure(shortened(f'method {self.name} of {self.package}: {reason}', LONGEST_PROBLEM))
+    def _failure(self, reason: str) -> PlanningFailure:
+        return PlanningFailure(shortened(f'method {self.name} of {self.package}: {reason}', LONGEST_PROBLEM))
 
     def answer(self, situation: MethodSituation, notes: dict[str, None]) -> Schedule:
-        """Return the Schedule of the method's powers within the limits; add to `notes`. Raises MethodFailure."""
+        """Return the Schedule of the method's powers within the limits; add to `notes`; raise PlanningFailure."""
         started_s = perf_counter()
         if started_s < self._asked_again_s:
             raise self._failure(self._late)

@@ -18,7 +18,7 @@ from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.heat_run import initial_states
-from bev_preheat.planning.installed_methods import find_methods, installed_method, MethodFailure
+from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
 from bev_preheat.planning.outcome import (
@@ -235,7 +235,7 @@ def plan_case(case: PlanningCase) -> Plan:
     trip = case.trip(obeyed)
     try:
         schedule, outcome = _schedule_case(case, trip, way, notes)
-    except MethodFailure:
+    except PlanningFailure:
         raise
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error

@@ -16,12 +16,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning import installed_methods
-from bev_preheat.planning.installed_methods import (
-    InstalledMethod,
-    limit_answer_time,
-    MethodFailure,
-    MethodSituation,
-)
+from bev_preheat.planning.installed_methods import InstalledMethod, limit_answer_time, MethodSituation
 from bev_preheat.planning.planner import (
     check_method,
     is_method,
@@ -229,7 +224,7 @@ def raising(error):
     (lambda situation: (power_w for power_w in [0.0]), 'generator of object is not allowed'),
 ])
 def test_a_broken_answer_is_refused_with_method_package_and_reason(powers, function, problem):
-    with pytest.raises(MethodFailure) as refused:
+    with pytest.raises(PlanningFailure) as refused:
         planned(powers, function)
     assert str(refused.value).startswith('method given of package own-methods 1.0: ')
     assert problem in str(refused.value)
@@ -258,10 +253,10 @@ def test_a_late_answer_is_refused_and_the_method_rests(powers, monkeypatch):
         clock.now_s += 0.3 if clock.asked == 1 else 0.1
         return np.zeros(len(situation.route))
 
-    with pytest.raises(MethodFailure, match=r'took 0.30 s; at most 0.15 s are allowed'):
+    with pytest.raises(PlanningFailure, match=r'took 0.30 s; at most 0.15 s are allowed'):
         planned(powers, slow)
     clock.now_s += 2.9
-    with pytest.raises(MethodFailure, match=r'took 0.30 s'):
+    with pytest.raises(PlanningFailure, match=r'took 0.30 s'):
         planned(powers, slow)
     assert clock.asked == 1
     clock.now_s += 0.2
