@@ -98,7 +98,10 @@ class PlanningCase(NamedTuple):
         """Return the Trip with all the heat that the heater can give, as commanded."""
         vehicle = self.vehicle
         if self.step_prices is not None:
-            vehicle = _storing_no_hotter(vehicle, max(self.state.temperature_c, self.goal.target_temperature_c))
+            # Cheap heat is stored to BELOW_HIGHEST_K below the highest temperature, or as needed.
+            low_c, high_c = vehicle.battery.temperature_range_c
+            stored_c = max(high_c - BELOW_HIGHEST_K, self.state.temperature_c, self.goal.target_temperature_c)
+            vehicle = replace(vehicle, battery=replace(vehicle.battery, temperature_range_c=(low_c, stored_c)))
         return make_trip(vehicle, self.route, self.heater_share, self.heat_lag_s)
 
     def trip(self, obeyed: Trip) -> Trip:
@@ -127,13 +130,6 @@ def _as_shares(price_per_kwh: FloatArray) -> FloatArray:
     return np.maximum(price_per_kwh / highest, LEAST_PRICE_SHARE) if highest > 0.0 else np.ones(len(price_per_kwh))
 
 
-def _storing_no_hotter(vehicle: Vehicle, needed_c: float) -> Vehicle:
-    """Return the Vehicle that stores cheap heat to BELOW_HIGHEST_K below its highest temperature, or as needed."""
-    low_c, high_c = vehicle.battery.temperature_range_c
-    return replace(vehicle, battery=replace(
-        vehicle.battery, temperature_range_c=(low_c, max(high_c - BELOW_HIGHEST_K, needed_c))))
-
-
 class Way(NamedTuple):
     """
     A method, and its plan with one interval of heating, usually the best one without an active limit; None: none.
@@ -148,12 +144,10 @@ class Way(NamedTuple):
 
     def is_done(self, trip: Trip, goal: Goal, switched: SwitchPlan) -> bool:
         """Return whether a plan with one interval needs no further look, because no limit is active."""
-        if not switched.unheated_keeps_limits or not is_best(trip, goal, switched):
-            return False
-        if not trip.vehicle.heat_path.is_direct and goal.heats_until_arrival:
-            return False
         # A trip without charging is run by Runge-Kutta, whatever the method.
-        return goal.charging_planned or self.method is not plan_paper
+        return (switched.unheated_keeps_limits and is_best(trip, goal, switched)
+                and (trip.vehicle.heat_path.is_direct or not goal.heats_until_arrival)
+                and (goal.charging_planned or self.method is not plan_paper))
 
 
 METHODS = {
@@ -271,9 +265,7 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
 def _told_as_heater(energy_wh: Energies, obeyed: Trip, taken_w: FloatArray,
                     driven_share: FloatArray | None) -> Energies:
     """Move the heater's part of a `heated_throughout` trip, which takes `taken_w` [W], from drive to heater."""
-    hours = obeyed.route.duration_s / JOULES_PER_WH
-    if driven_share is not None:
-        hours = driven_share * hours
+    hours = obeyed.route.duration_s / JOULES_PER_WH * (1.0 if driven_share is None else driven_share)
     heat_wh = obeyed.vehicle.hvch.efficiency * float(hours @ obeyed.heater_limit_w)
     return replace(
         energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh,
