@@ -248,10 +248,7 @@ def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -
     return values
 
 
-def _serialized(message: Any) -> bytes:
-    return bytes(serialize_message(message))
-
-
 def _kind(message_type: Any) -> Kind:
     package, name = message_type.__module__.partition('.')[0], message_type.__name__
-    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', _serialized)
+    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr',
+                lambda message: bytes(serialize_message(message)))

@@ -131,7 +131,9 @@ class HeaterExecution:
             within = Duration(seconds=deadline_s)
             qos = QoSProfile(depth=HEARD_DEPTH, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                              liveliness_lease_duration=within)
-            events = SubscriptionEventCallbacks(deadline=self._on_missed_deadline, liveliness=self._on_liveliness)
+            events = SubscriptionEventCallbacks(
+                deadline=lambda event: self._lose_sender('the command missed its deadline'),
+                liveliness=self._on_liveliness)
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)
 
     def _now(self) -> Instant:
@@ -141,9 +143,6 @@ class HeaterExecution:
         sender = self._senders.sender(info.get('publication_sequence_number'))
         self._controller.take(heater_command(message, sender), self._now())
         self.apply()
-
-    def _on_missed_deadline(self, event: object) -> None:
-        self._lose_sender('the command missed its deadline')
 
     def _on_liveliness(self, event: object) -> None:
         if getattr(event, 'alive_count', 0) == 0:

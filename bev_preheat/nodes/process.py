@@ -94,7 +94,8 @@ class NodeProgram:
               [f'  ros2 param set /{self.name} NAME VALUE']), '', 'parameters:']
         for parameter in self.parameters:
             lines.append(f'  {parameter.name} (default: {parameter.default_text()})')
-            lines += _indented(parameter.help_text())
+            lines += textwrap.wrap(parameter.help_text(), HELP_WIDTH, initial_indent='      ',
+                                   subsequent_indent='      ')
         for title, items in (('subscribes to', self.subscribes), ('publishes', self.publishes),
                              ('services', self.services), ('actions', self.actions)):
             if items:
@@ -106,10 +107,6 @@ class NodeProgram:
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
-
-
-def _indented(text: str) -> list[str]:
-    return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
 
 
 def check_domain_id() -> None:

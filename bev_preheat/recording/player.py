@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.state import State
     from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.estimation.prior import Learned
     from bev_preheat.recording.flight import Flight, Given, Start
     from bev_preheat.vehicle.description import Vehicle
 
@@ -128,7 +127,7 @@ class Player:
             # A recorded Learned is that of another file; a changed vehicle keeps its own learned values.
             vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
             return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
-                                self._learned(learned_of(values['learned'])))
+                                learned_of(values['learned']) if self._changes.has_recorded_vehicle else None)
         if kind not in MESSAGE_KINDS:
             return event_of(values, self._goals)
         message = self._message(given)
@@ -160,7 +159,3 @@ class Player:
     def _settings(self, parameters: Mapping[str, Any]) -> Settings:
         recorded = {name: value for name, value in parameters.items() if name in FIELD_OF_PARAMETER}
         return settings_of({**recorded, **self._changes.parameters})
-
-    def _learned(self, learned: Learned | None) -> Learned | None:
-        """Return the Learned for a vehicle: another vehicle file starts without."""
-        return learned if self._changes.has_recorded_vehicle else None

@@ -115,9 +115,6 @@ class _Drive:
             return self._wire.route(mission)
         return RouteArrived(mission.in_planning_steps(self._settings.planning_step_s))
 
-    def _progress_event(self, progress: Progress) -> Event:
-        return ProgressArrived(progress) if self._wire is None else self._wire.progress(progress)
-
     @property
     def _tick_s(self) -> float:
         # Multiples of the period, because sums would drift from the readings' instants.
@@ -131,7 +128,8 @@ class _Drive:
         if mission is not None:
             events.append((None, self.route_event(mission)))
         if progress is not None:
-            events.append((None, self._progress_event(progress)))
+            events.append((None, ProgressArrived(progress) if self._wire is None
+                           else self._wire.progress(progress)))
         readings = car.readings()
         if readings and self._told_by_heater is not None:
             events += self._heater_events(self._told_by_heater)
