@@ -2,6 +2,7 @@
 """`nlp_checker` in this process: its reports, with a real solver process, ten times as fast as real time."""
 
 from array import array
+from itertools import count
 from math import isnan, nan
 
 from builtin_interfaces.msg import Time
@@ -35,6 +36,7 @@ SHARING = (*PATIENT, '-p', 'solver_niceness:=0', '-p', 'time_limit:=300.0')
 ONLY_ASKED = (*SHARING, '-p', 'check_period:=0.0')
 REPORT_PATIENCE_S = 2400.0
 REAL_S_PER_S = 0.1
+NUMBERS = count()
 # Maximum number of checks requested until the planner's plan arrives in time.
 MOST_CHECKS = 5
 
@@ -147,7 +149,8 @@ def graph(module_rehearsal):
 @pytest.fixture
 def own(graph):
     """Start without nodes, in this process; those of the test end with it."""
-    surroundings = Surroundings(graph, '/own')
+    # Another namespace each time: an earlier route is latched.
+    surroundings = Surroundings(graph, f'/own_{next(NUMBERS)}')
     yield surroundings
     surroundings.end_hanging()
     for process in surroundings.started:
@@ -191,18 +194,18 @@ def of_route(route_id):
 
 # Reports
 
-def test_refuses_a_demand_that_nothing_can_come_of(alone):
-    """The first test with this checker: no route has arrived yet."""
-    response = alone.check()
+def test_refuses_a_demand_that_nothing_can_come_of(own):
+    own.run('nlp_checker', *ONLY_ASKED)
+    response = own.check()
     assert not response.success
     assert response.message == 'No valid route plan has arrived yet.'
-    alone.send_route('over', 30, age_s=60)
-    alone.bench.wait_until(lambda: alone.check().message == 'No valid battery state has arrived yet.',
-                           'a refusal for want of a battery state')
-    with alone.feeding():
-        alone.bench.wait_until(lambda: alone.check().message == 'The route has ended.',
-                               'a refusal because the route has ended')
-    assert not alone.check().success
+    own.send_route('over', 30, age_s=60)
+    own.bench.wait_until(lambda: own.check().message == 'No valid battery state has arrived yet.',
+                         'a refusal for want of a battery state')
+    with own.feeding():
+        own.bench.wait_until(lambda: own.check().message == 'The route has ended.',
+                             'a refusal because the route has ended')
+    assert not own.check().success
 
 
 def test_reports_for_a_new_route_that_its_plan_is_the_optimum(both):
