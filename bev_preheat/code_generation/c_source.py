@@ -226,22 +226,18 @@ def drives() -> str:
     car = _with_given_curves(_vehicle(HeatPath(), Leakage(*leakage)))
     rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: Symbol(
         'bev_mean_magnitude({}, {})', mean, variance))
-    shell = _with_given_curves(_vehicle(HeatPath(
-        shell_share=_field('shell_share'), sensor_rise=_field('sensor_rise'))))
     seen = tuple(field.name for field in fields(DriveInputs))
     functions = [
         _function(name, 'bev_vehicle *vehicle', (*CIRCUIT, 'temperature_c', *FACTORS, *inputs, *LEAKAGE), rates(
             Symbol('temperature_c'), Symbol('soc'), [*map(Symbol, FACTORS)],
             DriveInputs(*map(Symbol, inputs))))
         for name, inputs in (('bev_rates_on_route', ROUTE_DRIVE), ('bev_rates_of_seen_power', seen))]
-    functions += [
-        _function(name, 'bev_vehicle *vehicle',
-                  (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
-                  make_lagging_step(described)(
-                      Lagging(*map(Symbol, LAGGING)),
-                      (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
-                      Symbol('heater_power_w'), Symbol('duration_s')))
-        for name, described in (('bev_lagging_step', car), ('bev_lagging_step_of_shell', shell))]
+    functions.append(_function(
+        'bev_lagging_step', 'bev_vehicle *vehicle',
+        (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heat_capacity', 'duration_s'),
+        make_lagging_step(car)(
+            Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
+            Symbol('heat_capacity'), Symbol('duration_s'))))
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, *_trip_terms(), '#endif', ''])
 

@@ -4,7 +4,7 @@ Belief about the battery: one extended Kalman filter per hypothesis, and the hyp
 
 An interacting multiple-model filter (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8),
 1988). A heater may change from one kind to another, so the heaters' filters are mixed by the transition
-probabilities; the sensor-noise filters run in parallel without mixing. Quantised readings are treated as
+probabilities; those of the sensor's places run in parallel without mixing. Quantised readings are treated as
 intervals (`truncated_moments`).
 """
 
@@ -20,7 +20,6 @@ import numpy as np
 from bev_preheat.estimation.estimate import (
     FACTORS,
     HEAT_LAG,
-    HEATER_RISE,
     JOULE_RISE,
     LOCAL,
     moved_with_slopes,
@@ -30,6 +29,7 @@ from bev_preheat.estimation.estimate import (
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
+    SENSOR_PLACE,
     SIZE,
     SOC,
     TEMPERATURE,
@@ -39,40 +39,40 @@ from bev_preheat.estimation.hypotheses import (
     HEALTHY,
     heater_power_w,
     KEPT_TRANSITIONS,
-    NOISES_K,
+    PLACES,
     prior_weights,
     SHARES,
     transitions,
 )
 from bev_preheat.estimation.prior import (
     described_lags,
+    described_placing,
     FACTOR_BOUNDS,
     FACTOR_DEVIATIONS,
     LAG_BOUNDS,
     LAGS,
+    lags_of_places,
     Learned,
     nothing_learned,
-    RISE_BOUNDS,
-    RISE_DEVIATIONS,
-    RISES,
-    RISES_K_PER_KW,
+    PLACING,
+    PLACING_BOUNDS,
 )
 from bev_preheat.numerics import array_exp, frozen, truncated_moments
 from bev_preheat.tunables import (
     CLIPPED_DEVIATIONS,
+    EXCESS_DEVIATION,
     JOULE_RISE_NOISE_K_PER_KW,
     LEAST_VARIANCE,
     LEAST_WEIGHT,
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
     MOST_APART_K,
-    MOST_APART_OF_SHELL_K,
     MOST_EVIDENCE,
     NOISY_FROM_W,
     NOMINAL_SENSOR_LAG_S,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
-    SHELL_EXCESS_DEVIATION,
+    SIGNAL_NOISE_K,
     SOC_NOISE,
     UNKNOWN_K,
 )
@@ -85,16 +85,18 @@ from bev_preheat.vehicle.variants import with_coolant_in_battery
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from bev_preheat.estimation.prior import Lags
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.core_structs import BeliefTermsStruct
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.variants import DriveInputs
 
-BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
+BOUNDED = slice(FACTORS.start, SENSOR_PLACE + 1)
 LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
-    LAG_BOUNDS, RISE_BOUNDS)).T
+    LAG_BOUNDS, PLACING_BOUNDS)).T
 # Random walk of the true state: standard deviation after an hour. Unmodelled heat moves the temperature
 # (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
@@ -105,24 +107,19 @@ WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
 # The same while the car charges or stands: its factors, lags and rises are not learned.
 HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
-SHAPE = (len(SHARES), len(NOISES_K))
-NOISE_VARIANCES = np.square(NOISES_K)
-SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
+SHAPE = (len(SHARES), len(PLACES))
+NOISE_VARIANCES = np.full(len(PLACES), SIGNAL_NOISE_K**2)
+SOC_NOISE_VARIANCES = np.full(len(PLACES), SOC_NOISE**2)
 READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
 def terms_of(path: HeatPath) -> BeliefTermsStruct:
     """Return the constants that the native core needs for a vehicle with a HeatPath."""
-    most_apart_k = _most_apart_k(path)
     return belief_terms(
         PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-        LEAST_WEIGHT, MOST_EVIDENCE, most_apart_k, most_apart_k, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
+        LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
         JOULE_RISE_NOISE_K_PER_KW)
-
-
-def _most_apart_k(path: HeatPath) -> float:
-    return MOST_APART_OF_SHELL_K if path.is_shell else MOST_APART_K
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
@@ -159,7 +156,7 @@ def interval_of(reading: float, resolution: float) -> tuple[float, float]:
 @dataclass(frozen=True, eq=False)
 class Belief:
     """
-    Weights (heaters, noises), means (…, SIZE) and covariances (…, SIZE, SIZE) of the filters; read-only.
+    Weights (heaters, places), means (…, SIZE) and covariances (…, SIZE, SIZE) of the filters; read-only.
 
     `lags` are those with which a filter begins. `has_stood`: no heat is under way, and the sensor shows the
     battery temperature. `path` is the vehicle's HeatPath.
@@ -183,10 +180,13 @@ class Belief:
         learned = nothing_learned(vehicle.uncertainty) if learned is None else learned
         lags = described_lags(vehicle.heat_path) if learned.lags is None else learned.lags
         mean, covariance = np.zeros((*SHAPE, SIZE)), np.zeros((*SHAPE, SIZE, SIZE))
-        mean[..., FACTORS], mean[..., LAGS], mean[..., RISES] = learned.factors, lags.logs, RISES_K_PER_KW
+        placing, placing_variances = described_placing(vehicle.heat_path)
+        mean[..., FACTORS], mean[..., LAGS], mean[..., PLACING] = learned.factors, lags.logs, placing
+        if learned.lags is None:
+            mean[..., HEAT_LAG] += lags_of_places(vehicle.heat_path)
         covariance[..., FACTORS, FACTORS] = learned.covariance
         covariance[..., LAGS, LAGS] = lags.variances
-        covariance[..., RISES, RISES] = np.square(RISE_DEVIATIONS)
+        covariance[..., PLACING, PLACING] = placing_variances
         return cls(prior_weights(), mean, covariance, lags, path=vehicle.heat_path)
 
     # Events
@@ -199,7 +199,8 @@ class Belief:
         If it has stood, there is no heat under way and the sensor shows the battery temperature. Else both are
         uncertain, and the heater's hypotheses are half as sure, because the heater may have changed.
         """
-        weights = self.weights if self.has_stood else 0.5 * (self.weights + prior_weights())
+        weights = self.weights if self.has_stood else 0.5 * (
+            self.weights + prior_weights(self.weights.sum(axis=0)))
         unknown_k = 0.0 if self.has_stood else UNKNOWN_K
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., MOVING] = temperature_c, soc, 0.0, temperature_c, 0.0
@@ -213,15 +214,16 @@ class Belief:
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
-        if self.path.is_shell and not self.has_stood:
-            # The shell's excess is that of before, without heat since then, within SHELL_EXCESS_DEVIATION of it.
-            rise, excess_k = self.path.sensor_rise, self._excess_after_k(elapsed_s)
-            excess_k2 = (self.path.shell_share * unknown_k)**2 + (SHELL_EXCESS_DEVIATION * excess_k)**2
-            mean[..., UNDER_WAY] = excess_k
-            mean[..., TEMPERATURE] -= rise * excess_k
-            covariance[..., UNDER_WAY, UNDER_WAY] = excess_k2
-            covariance[..., TEMPERATURE, TEMPERATURE] += rise**2 * excess_k2
-            covariance[..., TEMPERATURE, UNDER_WAY] = covariance[..., UNDER_WAY, TEMPERATURE] = -rise * excess_k2
+        if not self.has_stood:
+            # Heat under way is that of before, without heat since then, within EXCESS_DEVIATION of it.
+            left_k, place = self._left_k(elapsed_s), mean[..., SENSOR_PLACE]
+            left_k2 = (unknown_k / np.maximum(place, 1.0))**2 + (EXCESS_DEVIATION * left_k)**2
+            mean[..., UNDER_WAY] = left_k
+            mean[..., TEMPERATURE] -= place * left_k
+            covariance[..., UNDER_WAY, UNDER_WAY] = left_k2
+            covariance[..., TEMPERATURE, TEMPERATURE] += (
+                place**2 * left_k2 + left_k**2 * covariance[..., SENSOR_PLACE, SENSOR_PLACE])
+            covariance[..., TEMPERATURE, UNDER_WAY] = covariance[..., UNDER_WAY, TEMPERATURE] = -place * left_k2
         return replace(self, weights=weights, mean=mean, covariance=covariance, has_stood=False)
 
     def of_healthy_heater(self) -> Belief:
@@ -229,7 +231,7 @@ class Belief:
         likeliest = int(self.weights.sum(axis=1).argmax())
         mean, covariance = (np.repeat(array[likeliest:likeliest + 1], len(SHARES), axis=0)
                             for array in (self.mean, self.covariance))
-        return replace(self, weights=prior_weights(), mean=mean, covariance=covariance)
+        return replace(self, weights=prior_weights(self.weights.sum(axis=0)), mean=mean, covariance=covariance)
 
     def of_another_route(self) -> Belief:
         """Return the Belief with the prior of the propulsion power's factor, which belongs to a route."""
@@ -299,7 +301,7 @@ class Belief:
         step = _unchanged()
         step[..., TEMPERATURE, TEMPERATURE] = sensor_left
         step[..., TEMPERATURE, SENSOR] = 1.0 - sensor_left
-        step[..., TEMPERATURE, UNDER_WAY] = -self.path.sensor_rise * (1.0 - sensor_left)
+        step[..., TEMPERATURE, UNDER_WAY] = -self.mean[..., SENSOR_PLACE] * (1.0 - sensor_left)
         step[..., UNDER_WAY, UNDER_WAY] = heat_left
         step[..., LOCAL, LOCAL] = local_left
         covariance = step @ covariance @ np.swapaxes(step, -1, -2)
@@ -315,7 +317,7 @@ class Belief:
             belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
         return belief
 
-    def _excess_after_k(self, duration_s: float) -> FloatArray:
+    def _left_k(self, duration_s: float) -> FloatArray:
         """Return the heat under way of each filter after `duration_s` [s] without heat [K]."""
         lag_s = nominal_heat_lag_s(self.path) * array_exp(self.mean[..., HEAT_LAG])
         left_k: FloatArray = self.mean[..., UNDER_WAY] * array_exp(-duration_s / lag_s)
@@ -343,13 +345,11 @@ class Belief:
         # The sensor follows the battery.
         for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
             covariance[..., row, column] += wandered[TEMPERATURE]
-        if not self.path.is_shell:
-            return replace(belief, covariance=covariance)
         mean = belief.mean.copy()
-        arriving_k = mean[..., UNDER_WAY] - belief._excess_after_k(duration_s)
+        arriving_k = mean[..., UNDER_WAY] - belief._left_k(duration_s)
         mean[..., UNDER_WAY] -= arriving_k
         mean[..., TEMPERATURE] += arriving_k
-        mean[..., SENSOR] += (1.0 - self.path.sensor_rise) * arriving_k
+        mean[..., SENSOR] += (1.0 - mean[..., SENSOR_PLACE]) * arriving_k
         return replace(belief, mean=mean, covariance=covariance)
 
     def moved(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
@@ -467,21 +467,23 @@ class Belief:
             return self
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., BOUNDED] = np.maximum(np.minimum(mean[..., BOUNDED], HIGHEST), LOWEST)
-        most_k = _most_apart_k(self.path)
-        lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > most_k)
-                | (np.abs(mean[..., UNDER_WAY]) > most_k))
+        lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > MOST_APART_K)
+                | (np.abs(mean[..., UNDER_WAY]) > MOST_APART_K))
         if lost.any():
-            mean[lost], covariance[lost] = self._found_again(mean[lost], covariance[lost])
+            mean[lost], covariance[lost] = self._found_again(mean[lost], covariance[lost], np.nonzero(lost)[-1])
         return replace(self, mean=mean, covariance=covariance)
 
-    def _found_again(self, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Reset the lags and rises of lost filters (lost, SIZE), (lost, SIZE, SIZE), and return both."""
+    def _found_again(self, mean: FloatArray, covariance: FloatArray,
+                     places: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Reset the lags and places of lost filters (lost, SIZE), (lost, SIZE, SIZE), and return both."""
         mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
-        mean[:, LAGS], mean[:, RISES] = self.lags.logs, RISES_K_PER_KW
-        for index in (TEMPERATURE, *LAGS, *RISES, UNDER_WAY):
+        placing, placing_variances = described_placing(self.path)
+        mean[:, LAGS], mean[:, PLACING] = self.lags.logs, placing[places]
+        mean[:, HEAT_LAG] += lags_of_places(self.path)[places]
+        for index in (TEMPERATURE, *LAGS, *PLACING, UNDER_WAY):
             covariance[:, index, :] = covariance[:, :, index] = 0.0
         covariance[:, LAGS, LAGS] = self.lags.variances
-        covariance[:, RISES, RISES] = np.square(RISE_DEVIATIONS)
+        covariance[:, PLACING, PLACING] = placing_variances[places]
         covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_K**2
         covariance[:, TEMPERATURE, TEMPERATURE] = (
             covariance[:, SENSOR, SENSOR] + UNKNOWN_K**2)

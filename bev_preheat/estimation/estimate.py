@@ -6,17 +6,15 @@ Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of fi
 vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the route's propulsion
 power. An Estimate has mean and covariance of these elements. The equations are those of `vehicle.variants`.
 
-Few vehicle files describe the heat path (`vehicle.description`), and a temperature in whole degrees
-hardly distinguishes a lagging heater from coolant that has to warm up. One lag therefore stands for both:
-heat that the heater has produced but that has not arrived, in kelvin of battery warming, arrives with a time
-constant. The sensor follows the battery with another. Both are estimated as logarithms over a nominal lag.
+Few vehicle files describe the heat path (`vehicle.description`) or the battery's shell (`vehicle.heated_step`),
+and readings hardly distinguish a lagging heater, coolant that has to warm up, and a shell. One lag therefore
+stands for all: heat that has not arrived in the core, in kelvin of battery warming, arrives with a time constant.
+The sensor follows its place with another. Both are estimated as logarithms over a nominal lag. The sensor's place
+is warmer than the core by `SENSOR_PLACE` times the heat under way: 0 in the core, 1 at the mean of shell and core,
+and one over the shell's share on the shell.
 
-The sensor sits in one spot: next to cells that Joule heat warms first, or next to the plate that the
-heater warms. Its reading is the sensor's temperature plus a local rise, which follows both heats with a time
-constant of 100 s; the steady rises [K/kW] are estimated.
-
-Of a battery with a shell (`vehicle.heated_step`) the temperature is the core's, heat under way is the shell's
-excess, the heat's lag is that between the two masses, and the sensor follows its place in shell or core.
+Next to cells that Joule heat warms first, the reading is the sensor's temperature plus a local rise, which follows
+that heat with a time constant of 100 s; the steady rise [K/kW] is estimated.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 (TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, HEAT_LAG, SENSOR_LAG,
- JOULE_RISE, HEATER_RISE, UNDER_WAY, SENSOR, LOCAL) = range(14)
+ JOULE_RISE, SENSOR_PLACE, UNDER_WAY, SENSOR, LOCAL) = range(14)
 SIZE = 14
 FACTORS = slice(HEAT_CAPACITY, PROPULSION + 1)
 # The elements that move with time; all others are random walks.
@@ -74,10 +72,9 @@ def moved(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
     lagging = Lagging(
         state[..., TEMPERATURE], state[..., SOC], state[..., UNDER_WAY], state[..., SENSOR], state[..., LOCAL],
         heat_lag_s, sensor_lag_s, array_exp(-duration_s / heat_lag_s), array_exp(-duration_s / sensor_lag_s),
-        math.exp(-duration_s / LOCAL_LAG_S), array_exp(state[..., HEATER] - state[..., HEAT_CAPACITY]),
-        state[..., JOULE_RISE], state[..., HEATER_RISE])
+        math.exp(-duration_s / LOCAL_LAG_S), state[..., JOULE_RISE], state[..., SENSOR_PLACE])
     return np.stack(make_lagging_step(vehicle)(
-        lagging, state_rates(vehicle, state, drive), drive.heater_power_w, duration_s), axis=-1)
+        lagging, state_rates(vehicle, state, drive), array_exp(state[..., HEAT_CAPACITY]), duration_s), axis=-1)
 
 
 def moved_with_slopes(vehicle: Vehicle, state: FloatArray, drive: DriveInputs,
@@ -171,8 +168,9 @@ class Estimate:
 
     @property
     def shell_excess_k(self) -> float:
-        """Temperature of the shell above the core's [K]; 0 without a shell."""
-        return self.mean.item(UNDER_WAY) / self.path.shell_share if self.path.is_shell else 0.0
+        """Temperature of the shell above the core's [K]; of a shell that is not described, that of the sensor."""
+        per_under_way = 1.0 / self.path.shell_share if self.path.is_shell else self.mean.item(SENSOR_PLACE)
+        return per_under_way * self.mean.item(UNDER_WAY)
 
     @property
     def heat_lag_s(self) -> float:

@@ -21,7 +21,14 @@ from bev_preheat.estimation.estimate import (
     UNDER_WAY,
 )
 from bev_preheat.numerics import array_exp
-from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
+from bev_preheat.tunables import (
+    NOISY_FROM_W,
+    POWER_NOISE,
+    POWER_NOISE_LASTS_S,
+    SETTLED_K,
+    UNDESCRIBED_SHARE,
+    UNMODELLED_K,
+)
 from bev_preheat.vehicle.core_calls import arrival_variance as native_variance
 from bev_preheat.vehicle.core_calls import vehicle_in_core
 from bev_preheat.vehicle.core_library import operation
@@ -113,16 +120,18 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     `trip` must be that of the corrected vehicle and route of the plan.
     """
     return math.sqrt(_arrival_variance_k2(trip, plan, estimate) + wandered_k2(trip.route.total_duration_s)
-                     + _shell_variance_k2(trip, plan, estimate))
+                     + _lag_variance_k2(trip, plan, estimate))
 
 
-def _shell_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
-    """Return the variance [K^2] of the core on arrival by the conductance to its shell; 0 without one."""
-    path = trip.vehicle.heat_path
-    if not path.is_shell or plan.heat is None:
-        return 0.0
-    behind_k = path.shell_share * float(plan.heat.coolant_excess_k[-1])
-    return behind_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
+def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+    """Return the variance [K^2] of the temperature on arrival by the lag of the heat that a Plan sends."""
+    car, lag_s = trip.vehicle, estimate.heat_lag_s
+    ages = (trip.route.total_duration_s - trip.route.time_s) / lag_s
+    # Of heat of age x, in lags, (1 + x) e^-x changes with the logarithm of the lag.
+    changing = (1.0 + ages) * array_exp(-ages)
+    slope_k = lag_s * car.hvch.efficiency / car.pack_heat_capacity_j_per_k * float(
+        plan.hvch_battery_power_w @ np.diff(changing))
+    return slope_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
 
 
 def _variance_in_core_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
@@ -154,12 +163,9 @@ def _of_one_mass(vehicle: Vehicle) -> Vehicle:
 
 
 def _arriving_covariance(trip: Driven, estimate: Estimate) -> FloatArray:
-    """Return the covariance of an Estimate, with the heat in a shell as far as it reaches the core in time."""
-    path = trip.vehicle.heat_path
-    if not path.is_shell:
-        return estimate.covariance
+    """Return the covariance of an Estimate, with the heat under way as far as it arrives in time."""
     share = np.ones(SIZE)
-    share[UNDER_WAY] = -math.expm1(-trip.route.total_duration_s / path.coolant_lag_s)
+    share[UNDER_WAY] = -math.expm1(-trip.route.total_duration_s / estimate.heat_lag_s)
     covariance: FloatArray = estimate.covariance * np.outer(share, share)
     return covariance
 
@@ -175,18 +181,21 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
 
     `as_planned_k` [K] is that of the fixed plan. While heating lies ahead, it ends later if the battery
     turns out colder, and earlier if it turns out warmer. The rest is the uncertainty of the temperature, that of
-    the drive after heating ends, errors beyond the heat that can be added or saved, and the model error
-    (UNMODELLED_K).
+    the drive after heating ends, errors beyond the heat that can be added or saved, and the model error. That is
+    UNMODELLED_K, and without `thermal` a share of a shell's excess, and the heat that arrives late.
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
+    unmodelled_k = UNMODELLED_K if estimate.path.is_shell else math.hypot(
+        UNMODELLED_K, UNDESCRIBED_SHARE * estimate.shell_excess_k,
+        math.sqrt(_lag_variance_k2(trip, plan, estimate)))
     if warmer_k <= 0.0:
-        return math.hypot(as_planned_k, UNMODELLED_K)
+        return math.hypot(as_planned_k, unmodelled_k)
     arrival_s = trip.route.total_duration_s
     after = (arrival_s - end_s) / arrival_s
     kept_k2 = min(estimate.settled_deviation_k, SETTLED_K)**2 + wandered_k2(arrival_s - end_s) + after * max(
         0.0, as_planned_k**2 - estimate.settled_deviation_k**2 - wandered_k2(arrival_s))
     beyond_k2 = as_planned_k**2 * (_beyond(colder_k / as_planned_k) + _beyond(warmer_k / as_planned_k))
-    return math.hypot(min(as_planned_k, math.sqrt(kept_k2 + beyond_k2)), UNMODELLED_K)
+    return math.hypot(min(as_planned_k, math.sqrt(kept_k2 + beyond_k2)), unmodelled_k)
 
 
 def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:

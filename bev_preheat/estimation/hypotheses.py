@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heater-fault and sensor-noise hypotheses, run in parallel."""
+"""Hypotheses on faults of the heater and on the place of the sensor, run in parallel."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from bev_preheat.tunables import (
     LEAST_COURSE_S,
     LEAST_RISE,
     NO_CONTRADICTION,
+    NOMINAL_HEAT_LAG_S,
     REPAIR_S,
     SUSPECT_FROM,
     TAKEN_BACK_BELOW,
@@ -46,22 +47,23 @@ class Heater(Enum):
 SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
-# Standard deviation of the temperature signal's noise before it is rounded [K].
-NOISES_K = (0.2,)
-COUNT = len(SHARES) * len(NOISES_K)
+# Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
+# deviation, prior probability, and lag of the heat [s].
+PLACES = (0.0, 4.0, 8.0)
+PLACE_DEVIATIONS = (1.0, 1.2, 2.0)
+PLACE_WEIGHTS = (0.7, 0.2, 0.1)
+PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 150.0, 120.0)
 IDENTITY = np.eye(len(SHARES))
 
 # Battery states arrive at few different intervals, usually one.
 KEPT_TRANSITIONS = 8
 
 
-def prior_weights() -> FloatArray:
-    """Return the prior probability of each hypothesis, shape (heaters, noises)."""
+def prior_weights(of_places: Sequence[float] | FloatArray = PLACE_WEIGHTS) -> FloatArray:
+    """Return the probability of each hypothesis (heaters, places); `of_places` are those of the places."""
     heaters = np.full(len(SHARES), FAULTY / (len(SHARES) - 1))
     heaters[0] = 1.0 - FAULTY
-    noises = np.full(len(NOISES_K), 1.0 / len(NOISES_K))
-    weights: FloatArray = heaters[:, np.newaxis] * noises
-    return weights
+    return np.outer(heaters, of_places)
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)

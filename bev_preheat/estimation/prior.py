@@ -19,18 +19,20 @@ from bev_preheat.estimation.estimate import (
     HEAT_CAPACITY,
     HEAT_LAG,
     HEATER,
-    HEATER_RISE,
     JOULE_RISE,
     LEAKAGE,
     nominal_heat_lag_s,
     PROPULSION,
     RESISTANCE,
     SENSOR_LAG,
+    SENSOR_PLACE,
 )
+from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAGS_S, PLACES
 from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
     DESCRIBED_LAG_DEVIATION,
+    DESCRIBED_PLACE_DEVIATION,
     ELSEWHERE_SHARE,
     ELSEWHERE_WITHIN_K,
     KNOWN_PARKED_DEVIATION_K,
@@ -59,17 +61,29 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
-# Shortest and longest lag [s]: heater up to 90 s and coolant up to 200 s; sensor up to 120 s.
-LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
+# Shortest and longest lag [s]: heater up to 90 s, coolant up to 200 s, shell up to 500 s; sensor up to 120 s.
+LAG_RANGES_S = {HEAT_LAG: (2.0, 600.0), SENSOR_LAG: (2.0, 150.0)}
 # Bounds of the lags' logarithms, in the order of LAGS.
 LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_LAGS_S[:, np.newaxis])
-# Rise of the sensor above its cell [K/kW] by Joule heat and by heater heat: mean, standard deviation
-# and bounds of each. The nine measured drives of an i3 show 0.48 K/kW of Joule heat; a sensor in the middle of
-# a module shows none. A shell of a fifth of the battery, at 1500 W/K, gets 0.5 K/kW warmer than its core.
-RISES = (JOULE_RISE, HEATER_RISE)
-RISES_K_PER_KW = np.array([0.35, 0.0])
-RISE_DEVIATIONS = np.array([0.4, 0.25])
-RISE_BOUNDS = np.array([(0.0, 1.0), (-0.8, 0.8)])
+# The sensor: rise above its cell by Joule heat [K/kW], and its place (`estimate`), which a file may describe.
+# The nine measured drives of an i3 show 0.48 K/kW of Joule heat; a sensor in the middle of a module shows none.
+PLACING = (JOULE_RISE, SENSOR_PLACE)
+PLACING_BOUNDS = np.array([(0.0, 1.0), (-2.0, 12.0)])
+
+
+def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance (places, 2) of the elements in PLACING for a HeatPath."""
+    places, deviations = PLACES, PLACE_DEVIATIONS
+    if path.is_shell:
+        places = (path.sensor_rise,) * len(PLACES)
+        deviations = (DESCRIBED_PLACE_DEVIATION * max(path.sensor_rise - 1.0, 0.0),) * len(PLACES)
+    return (np.array([(0.35, place) for place in places]),
+            np.square([(0.4, deviation) for deviation in deviations]))
+
+
+def lags_of_places(path: HeatPath) -> FloatArray:
+    """Return the logarithms (places,) of the heat's lag at each place over that in `described_lags`."""
+    return np.zeros(len(PLACES)) if path.heat_lag_s > 0.0 else np.log(np.array(PLACE_LAGS_S) / NOMINAL_HEAT_LAG_S)
 
 
 @dataclass(frozen=True, eq=False)

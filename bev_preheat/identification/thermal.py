@@ -24,7 +24,7 @@ from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.vehicle.description import DIRECT, HeatPath, Leakage
+from bev_preheat.vehicle.description import DIRECT, Leakage
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
@@ -181,15 +181,13 @@ class ThermalModel:
         vehicle = replace(self._vehicle, battery=replace(battery, open_circuit_voltage=CorrectedVoltage(
             battery.open_circuit_voltage, *electrical[:VOLTAGES])))
         exp = SYMBOLS.exp
-        capacity, path, heat_lag_s = exp(log_capacity), DIRECT, exp(log_heat_lag)
+        capacity, sensor_place, heat_lag_s = exp(log_capacity), 0.0, exp(log_heat_lag)
         leakage = Leakage(exp(log_leakage), per_speed)
         if self._structure.has_shell:
-            # The step asks only whether there is a shell, and where the sensor is.
-            path = HeatPath(shell_share=0.5, sensor_rise={
-                'core': 0.0, 'mean': 1.0, 'shell': 1.0 / shell_share}[self._structure.sensor])
+            sensor_place = {'core': 0.0, 'mean': 1.0, 'shell': 1.0 / shell_share}[self._structure.sensor]
             heat_lag_s = shell_share * (1.0 - shell_share) * capacity / exp(log_conductance)
         car = replace(
-            vehicle, heat_path=path, hvch=replace(vehicle.hvch, efficiency=efficiency),
+            vehicle, heat_path=DIRECT, hvch=replace(vehicle.hvch, efficiency=efficiency),
             drivetrain=replace(vehicle.drivetrain, heat_recovery_efficiency=drivetrain_heat, efficiency=0.0),
             battery=replace(
                 vehicle.battery, heat_capacity_j_per_k=capacity, leakage=leakage,
@@ -207,6 +205,9 @@ class ThermalModel:
             if self._structure.has_shell:
                 # The air is at the shell.
                 rate = rate - leakage.coefficient_w_per_k(speed_mps) * under_way_k / shell_share / capacity
+            else:
+                # All heat but the heater's arrives at once.
+                joule_w = rate * capacity - efficiency * heater_w
             if self._structure.joule_in_core:
                 joule_w = joule_w / (1.0 - shell_share)
             return rate, soc_rate, joule_w
@@ -217,8 +218,8 @@ class ThermalModel:
         sensor_lag_s = exp(log_sensor_lag)
         lagging = Lagging(
             temperature_c, soc, under_way_k, sensor_c, 0.0, heat_lag_s, sensor_lag_s,
-            casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 1.0, 0.0, 0.0)
-        end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(lagging, now, heater_w, duration_s)
+            casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 0.0, sensor_place)
+        end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(lagging, now, 1.0, duration_s)
         return casadi.vertcat(end_c, under_way_end_k, sensor_end_c)
 
     def course(self, course: Course, theta: FloatArray, start_c: float,

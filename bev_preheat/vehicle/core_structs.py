@@ -64,7 +64,7 @@ class VehicleStruct(Structure):
     _fields_ = [*((name, c_double) for name in (
         'capacity_ah', 'heat_capacity_j_per_k', 'lowest_c', 'highest_c', 'hottest_c',
         'heater_efficiency', 'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
-        'coolant_conductance_w_per_k', 'shell_share', 'sensor_rise')),
+        'coolant_conductance_w_per_k', 'shell_share')),
         *((name, CurveStruct) for name in (
             'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
 
@@ -140,7 +140,7 @@ class BeliefTermsStruct(Structure):
     _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
                 ('highest', c_double * BOUNDED), *((name, c_double) for name in (
                     'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'local_lag_s', 'least_variance', 'least_weight',
-                    'most_evidence', 'most_apart_k', 'most_under_way_k', 'power_noise', 'least_power_w',
+                    'most_evidence', 'most_apart_k', 'power_noise', 'least_power_w',
                     'power_noise_lasts_s', 'joule_rise_noise_k_per_kw'))]
 
 
@@ -194,7 +194,6 @@ class NativeVehicle:
             battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c(vehicle),
             vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
             path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k, path.shell_share,
-            path.sensor_rise,
             *map(self._curve, (battery.open_circuit_voltage, battery.resistance,
                                battery.charge_power_limit, battery.discharge_power_limit)))
         self.address = addressof(self.struct)

@@ -218,8 +218,7 @@ class Lagging:
     Temperature [deg C] and state of charge of the battery, heat under way [K], temperature of the sensor's cell
     [deg C], and the sensor's local rise above its cell [K]; the lags of heat and sensor [s];
     the shares of heat under way, sensor difference and local rise left after the step, exp(-duration / lag); the
-    temperature rise per heater energy, HVCH efficiency over heat capacity; the steady local rise
-    by Joule heat and by heater heat [K/kW].
+    steady local rise by Joule heat [K/kW]; the sensor's place above the core, in units of the heat under way.
     """
 
     temperature_c: AnyNumber
@@ -232,49 +231,40 @@ class Lagging:
     heat_left: AnyNumber
     sensor_left: AnyNumber
     local_left: AnyNumber
-    warming: AnyNumber
     joule_rise_k_per_kw: AnyNumber
-    heater_rise_k_per_kw: AnyNumber
+    sensor_place: AnyNumber
 
 
-# `step(lagging, rates, heater_power_w, duration_s)` -> temperature, charge, heat under way, sensor, local rise.
+# `step(lagging, rates, heat_capacity, duration_s)` -> temperature, charge, heat under way, sensor, local rise.
 LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber, AnyNumber], AnyNumber, AnyNumber],
                        tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
 
 
 def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     """
-    Return `step(lagging, rates, heater_power_w, duration_s)`: the moving part of a Lagging at the step's end.
+    Return `step(lagging, rates, heat_capacity, duration_s)`: the moving part of a Lagging at the step's end.
 
     That is temperature, state of charge, heat under way, sensor and local rise; `rates` are those of
-    `make_drive_rates`, in which heat arrives at once. The lags are solved within the step (equations in
-    vehicle.heat_path), because they may be shorter.
+    `make_drive_rates`, in which heat arrives at once, and `heat_capacity` is the factor on the vehicle's. The lags
+    are solved within the step (equations in vehicle.heated_step), because they may be shorter.
 
-    The temperature of a battery with a shell is the core's, and the heat under way that in the shell: all heat but
-    Joule heat, until it has arrived. `vehicle` has the heat capacity of both.
+    The temperature is the core's: all heat but Joule heat is under way until it has arrived there. `vehicle` has
+    the heat capacity of shell and core.
     """
-    def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heater_power_w: AnyNumber,
+    def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heat_capacity: AnyNumber,
              duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
         temperature_rate, soc_rate, joule_w = rates
         made_k = duration_s * (
-            car.warming * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
-            * heater_power_w)
-        if vehicle.heat_path.is_shell:
-            made_k = duration_s * (temperature_rate - joule_w / vehicle.battery.heat_capacity_j_per_k)
+            temperature_rate - joule_w / (vehicle.battery.heat_capacity_j_per_k * heat_capacity))
         under_way_k = (car.under_way_k * car.heat_left
                        + made_k * car.heat_lag_s / duration_s * (1.0 - car.heat_left))
-        warmer_k = duration_s * temperature_rate - (under_way_k - car.under_way_k)
-        end_c = car.temperature_c + warmer_k
+        end_c = car.temperature_c + duration_s * temperature_rate - (under_way_k - car.under_way_k)
         # The sensor's place, at the start and at the end.
-        start_c, place_c, risen_k = car.temperature_c, end_c, warmer_k
-        if vehicle.heat_path.is_shell:
-            rise = vehicle.heat_path.sensor_rise
-            start_c, place_c = start_c + rise * car.under_way_k, end_c + rise * under_way_k
-            risen_k = place_c - start_c
-        behind_k = risen_k * car.sensor_lag_s / duration_s
+        start_c = car.temperature_c + car.sensor_place * car.under_way_k
+        place_c = end_c + car.sensor_place * under_way_k
+        behind_k = (place_c - start_c) * car.sensor_lag_s / duration_s
         sensor_c = place_c - behind_k + (car.sensor_c - start_c + behind_k) * car.sensor_left
-        steady_k = 1e-3 * (car.joule_rise_k_per_kw * joule_w
-                           + car.heater_rise_k_per_kw * (vehicle.hvch.efficiency * heater_power_w))
+        steady_k = 1e-3 * car.joule_rise_k_per_kw * joule_w
         local_k = steady_k + (car.local_k - steady_k) * car.local_left
         return end_c, car.soc + duration_s * soc_rate, under_way_k, sensor_c, local_k
 

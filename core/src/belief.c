@@ -101,14 +101,13 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
-/* The lags of a state [s], the remainders of lagging values after a step, and the factor on the heater's warming. */
+/* The lags of a state [s], and the remainders of lagging values after a step. */
 typedef struct {
   double heat_s;
   double sensor_s;
   double heat_left;
   double sensor_left;
   double local_left;
-  double warming;
 } lags;
 
 /* Compute the lags that depend on element `moved` of a state; -1: all. */
@@ -124,9 +123,6 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
   }
   if (moved < 0) {
     of->local_left = exp(-duration_s / terms->local_lag_s);
-  }
-  if (moved < 0 || moved == BEV_HEATER || moved == BEV_HEAT_CAPACITY) {
-    of->warming = exp(state[BEV_HEATER] - state[BEV_HEAT_CAPACITY]);
   }
 }
 
@@ -151,6 +147,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
     double own_rates[RATES] = {rates[0], rates[1], rates[2]};
     lags own = lagging;
+    double heat_capacity = factor[0];
     if (along >= 0) {
       x[along] = state[along] + terms->perturbation[along];
     }
@@ -164,16 +161,17 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
           ? bev_circuit_at(vehicle, x[BEV_SOC], x[BEV_TEMPERATURE])
           : here;
       rates_of(vehicle, drive, heater_w, &there, moved, own_rates);
+      heat_capacity = moved[0];
     }
     if (along >= 0) {
       find_lags(terms, x, duration_s, along, &own);
     }
     double end[MOVING];
-    (vehicle->shell_share > 0.0 ? bev_lagging_step_of_shell : bev_lagging_step)(
+    bev_lagging_step(
         vehicle, BEV_AS_ARRAYS, x[BEV_TEMPERATURE], x[BEV_SOC], x[BEV_UNDER_WAY], x[BEV_SENSOR],
-        x[BEV_LOCAL], own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.local_left, own.warming,
-        x[BEV_JOULE_RISE], x[BEV_HEATER_RISE], own_rates[0], own_rates[1], own_rates[2], heater_w, duration_s,
-        end);
+        x[BEV_LOCAL], own.heat_s, own.sensor_s, own.heat_left, own.sensor_left, own.local_left,
+        x[BEV_JOULE_RISE], x[BEV_SENSOR_PLACE], own_rates[0], own_rates[1], own_rates[2], heat_capacity,
+        duration_s, end);
     for (int32_t m = 0; m < MOVING; m++) {
       if (along < 0) {
         after[m] = end[m];
@@ -300,7 +298,7 @@ static int32_t hold(const bev_belief_terms *terms, double *mean) {
     *value = bev_maximum(bev_minimum(*value, terms->highest[n]), terms->lowest[n]);
   }
   return fabs(mean[BEV_TEMPERATURE] - mean[BEV_SENSOR]) > terms->most_apart_k
-      || fabs(mean[BEV_UNDER_WAY]) > terms->most_under_way_k;
+      || fabs(mean[BEV_UNDER_WAY]) > terms->most_apart_k;
 }
 
 /* As bev_preheat.numerics: mean, variance, log of the probability. */

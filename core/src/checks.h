@@ -46,7 +46,7 @@ static inline int bev_is_vehicle(const bev_vehicle *vehicle) {
       && isfinite(vehicle->coolant_conductance_w_per_k)
       && (vehicle->coolant_heat_capacity_j_per_k == 0.0
           || vehicle->coolant_conductance_w_per_k > 0.0)
-      && vehicle->shell_share >= 0.0 && vehicle->shell_share < 1.0 && isfinite(vehicle->sensor_rise)
+      && vehicle->shell_share >= 0.0 && vehicle->shell_share < 1.0
       && bev_is_curve(&vehicle->open_circuit_voltage) && bev_is_curve(&vehicle->resistance)
       && bev_is_curve(&vehicle->charge_power_limit)
       && bev_is_curve(&vehicle->discharge_power_limit);

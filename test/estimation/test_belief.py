@@ -15,22 +15,25 @@ from bev_preheat.estimation.estimate import (
     LOCAL,
     PROPULSION,
     SENSOR,
+    SENSOR_PLACE,
     SOC,
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
+from bev_preheat.estimation.hypotheses import PLACES, SHARES
 from bev_preheat.estimation.prior import (
     FACTOR_BOUNDS,
     Lags,
     Learned,
-    RISES,
+    PLACING,
 )
 from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
+    NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
+    SIGNAL_NOISE_K,
 )
 from bev_preheat.vehicle.description import Uncertainty
 
@@ -59,35 +62,37 @@ def eigenvalues(belief):
 
 
 def test_temperature_is_that_of_a_kalman_filter_written_here():
-    # Factors, lags and rises are known, so only battery, sensor and local rise are left; a continuous sensor.
+    # Factors, lags and rises are known, so only core, heat under way, sensor and local rise are left.
     belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
-    belief = changed(belief, *[[(rise, 0.0) for rise in RISES]] * 2)
+    belief = changed(belief, *[[(element, 0.0) for element in PLACING]] * 2)
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
     # Over 10 s the sensor follows a battery that changes linearly.
-    left = np.exp(-10.0 / NOMINAL_SENSOR_LAG_S)
-    behind = NOMINAL_SENSOR_LAG_S / 10.0 * (1.0 - left)
-    battery = np.array([1.0 - decay, 0.0, 0.0])
-    sensor = np.array([1.0 - left, left, 0.0]) + (1.0 - behind) * (battery - [1.0, 0.0, 0.0])
-    step = np.stack((battery, sensor, [0.0, 0.0, np.exp(-10.0 / LOCAL_LAG_S)]))
-    constant = decay * AMBIENT_C * np.array([1.0, 1.0 - behind, 0.0])
-    mean, covariance = np.array([-5.0, -5.0, 0.0]), np.zeros((3, 3))
-    covariance[:2, :2] = 0.4
+    left, heat_left = (np.exp(-10.0 / lag_s) for lag_s in (NOMINAL_SENSOR_LAG_S, NOMINAL_HEAT_LAG_S))
+    behind, late = NOMINAL_SENSOR_LAG_S / 10.0 * (1.0 - left), NOMINAL_HEAT_LAG_S / 10.0 * (1.0 - heat_left)
+    battery = np.array([1.0 - decay * (1.0 - late), 1.0 - heat_left, 0.0, 0.0])
+    sensor = np.array([1.0 - left, 0.0, left, 0.0]) + (1.0 - behind) * (battery - [1.0, 0.0, 0.0, 0.0])
+    step = np.stack((battery, [-decay * late, heat_left, 0.0, 0.0], sensor,
+                     [0.0, 0.0, 0.0, np.exp(-10.0 / LOCAL_LAG_S)]))
+    constant = decay * AMBIENT_C * np.array([1.0 - late, late, (1.0 - behind) * (1.0 - late), 0.0])
+    mean, covariance = np.array([-5.0, 0.0, -5.0, 0.0]), np.zeros((4, 4))
+    moving = [TEMPERATURE, UNDER_WAY, SENSOR, LOCAL]
+    covariance[np.ix_([0, 2], [0, 2])] = 0.4
     # The reading is the sum of sensor and local rise.
-    read = np.array([0.0, 1.0, 1.0])
+    read = np.array([0.0, 0.0, 1.0, 1.0])
     for reading_c in (-4.2, -5.6, -5.1, -4.9, -6.0):
         mean = step @ mean + constant
         covariance = step @ covariance @ step.T + np.diag(
-            WANDER_IN_AN_HOUR[[TEMPERATURE, SENSOR, LOCAL]]**2 * 10.0 / 3600.0)
-        gain = covariance @ read / (read @ covariance @ read + NOISES_K[0]**2)
+            WANDER_IN_AN_HOUR[moving]**2 * 10.0 / 3600.0)
+        gain = covariance @ read / (read @ covariance @ read + SIGNAL_NOISE_K**2)
         mean = mean + gain * (reading_c - read @ mean)
         covariance = covariance - np.outer(gain, read @ covariance)
         belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
         belief = belief.with_temperature(reading_c, 0.0)
     assert LOCAL_DEVIATION_K**2 == pytest.approx(WANDER_IN_AN_HOUR[LOCAL]**2 / 3600.0 * LOCAL_LAG_S / 2.0)
-    seen = np.ix_([TEMPERATURE, SENSOR, LOCAL], [TEMPERATURE, SENSOR, LOCAL])
+    seen = np.ix_(moving, moving)
     # The other heaters' filters hardly mix in, because heaters fail once in hundreds of hours.
-    assert belief.mean[0, 0, [TEMPERATURE, SENSOR, LOCAL]] == pytest.approx(mean, rel=1e-4)
+    assert belief.mean[0, 0, moving] == pytest.approx(mean, rel=1e-4)
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
 
 
@@ -148,7 +153,7 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
     for index, bound in FACTOR_BOUNDS.items():
         # Mixing may round.
         assert np.abs(belief.mean[..., index]).max() <= bound * (1.0 + 1e-12)
-    assert belief.covariance == pytest.approx(np.swapaxes(belief.covariance, -1, -2), abs=1e-9)
+    assert belief.covariance == pytest.approx(np.swapaxes(belief.covariance, -1, -2), rel=1e-12, abs=1e-9)
     largest = eigenvalues(belief).max()
     assert eigenvalues(belief).min() > -1e-9 * max(largest, 1.0)
 
@@ -177,5 +182,6 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     leaked_k = gamma * 600.0 * (AMBIENT_C - start_c) / VEHICLE.battery.heat_capacity_j_per_k
     gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
-    assert gained_k[0] == pytest.approx(np.ones(len(NOISES_K)), abs=0.05)
-    assert np.abs(behind_k[0]).max() < 0.05
+    assert gained_k[0] == pytest.approx(np.ones(len(PLACES)), abs=0.05)
+    place_k = belief.mean[..., SENSOR_PLACE] * belief.mean[..., UNDER_WAY]
+    assert np.abs((behind_k + place_k)[0]).max() < 0.05

@@ -10,10 +10,9 @@ from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS,
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, TEMPERATURE
+from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, SENSOR, TEMPERATURE
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.prior import RISE_BOUNDS, RISE_DEVIATIONS, RISES_K_PER_KW
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import LOCAL_DEVIATION_K, LONGEST_EXCURSION_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
@@ -43,7 +42,8 @@ def drawn_corrections(seed):
 
 def drawn_rises(seed):
     drawn = np.random.default_rng([7, seed]).standard_normal(2)
-    return tuple(np.clip(RISES_K_PER_KW + RISE_DEVIATIONS * drawn, *RISE_BOUNDS.T))
+    # By Joule heat and by heater heat [K/kW].
+    return tuple(np.clip(np.array([0.35, 0.0]) + [0.4, 0.25] * drawn, [0.0, -0.8], [1.0, 0.8]))
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
     measurement = car.drive(600)
     estimator = observed(estimator, measurement, Course(), car.commands)
     estimate = estimator.estimate
-    assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
+    assert estimate.mean[SENSOR] == pytest.approx(measurement.state.temperature_c, abs=0.01)
     # The hypotheses, which are less certain now, differ slightly.
     assert estimate.mean[HEAT_CAPACITY] == pytest.approx(learned, abs=1e-4)
     assert estimate.resets == 0

@@ -11,14 +11,13 @@ from bev_preheat.estimation.estimate import (
     DriveInputs,
     HEAT_CAPACITY,
     HEAT_LAG,
-    HEATER,
-    HEATER_RISE,
     JOULE_RISE,
     moved,
     MOVING,
     PROPULSION,
     rates_and_slopes,
     SENSOR_LAG,
+    SENSOR_PLACE,
     SIZE,
     state_rates,
 )
@@ -95,8 +94,7 @@ def test_what_moves_is_what_a_fine_integration_moves(duration_s):
     from scipy.integrate import solve_ivp
     vehicle = VEHICLES['reference']
     temperature_rate, soc_rate, joule_w = by_hand(vehicle, STATE, DRIVE)
-    made = (exp(STATE[HEATER] - STATE[HEAT_CAPACITY]) * vehicle.hvch.efficiency
-            * DRIVE.heater_power_w / vehicle.battery.heat_capacity_j_per_k)
+    made = temperature_rate - joule_w / (exp(STATE[HEAT_CAPACITY]) * vehicle.battery.heat_capacity_j_per_k)
     heat_lag_s = NOMINAL_HEAT_LAG_S * exp(STATE[HEAT_LAG])
     sensor_lag_s = NOMINAL_SENSOR_LAG_S * exp(STATE[SENSOR_LAG])
 
@@ -104,10 +102,10 @@ def test_what_moves_is_what_a_fine_integration_moves(duration_s):
         temperature_c, _, under_way_k, sensor_c, local_k = moving
         arrives = under_way_k / heat_lag_s
         return (temperature_rate - made + arrives, soc_rate, made - arrives,
-                (temperature_c - sensor_c) / sensor_lag_s, (steady_k - local_k) / LOCAL_LAG_S)
+                (temperature_c + STATE[SENSOR_PLACE] * under_way_k - sensor_c) / sensor_lag_s,
+                (steady_k - local_k) / LOCAL_LAG_S)
 
-    steady_k = (STATE[JOULE_RISE] * joule_w
-                + STATE[HEATER_RISE] * vehicle.hvch.efficiency * DRIVE.heater_power_w) / 1e3
+    steady_k = STATE[JOULE_RISE] * joule_w / 1e3
     start = STATE[list(MOVING)]
     fine = solve_ivp(rates, (0.0, duration_s), start, rtol=1e-11, atol=1e-12).y[:, -1]
     # Linear warming within a step causes a small error of the sensor.

@@ -29,7 +29,7 @@ int main(void) {
   const bev_curve resistance = {BEV_INVERSE_TEMPERATURE, 0, 0, 0, {3.4, 38.0}, {0.0}, 0, 0, 0};
   const bev_curve charge = {BEV_TABLE, 0, 1, 1, {0.0}, {0.0}, any, any, least_w};
   const bev_curve discharge = {BEV_TABLE, 0, 1, 1, {0.0}, {0.0}, any, any, most_w};
-  const bev_vehicle vehicle = {150.0, 310e3, -30.0, 45.0, 65.0, 0.9, 0.16, 0.0, 0.0, 0.0, 0.0, 0.0,
+  const bev_vehicle vehicle = {150.0, 310e3, -30.0, 45.0, 65.0, 0.9, 0.16, 0.0, 0.0, 0.0, 0.0,
                                voltage, resistance, charge, discharge};
   double time_s[STEPS + 1], duration_s[STEPS], power_w[STEPS], variance_w2[STEPS], heat_w[STEPS];
   double leakage[STEPS], limit_w[STEPS], propulsion_w[STEPS], drivetrain_w[STEPS], ambient_c[STEPS];

@@ -115,9 +115,8 @@ typedef struct {
   double heater_lag_s;
   double coolant_heat_capacity_j_per_k;
   double coolant_conductance_w_per_k;
-  /* Of a battery with a shell in the coolant's place: its share of the heat capacity, else 0; the sensor's place. */
+  /* Of a battery with a shell in the coolant's place: its share of the heat capacity, else 0. */
   double shell_share;
-  double sensor_rise;
   bev_curve open_circuit_voltage;
   bev_curve resistance;
   /* Least and most power of the cells [W]; charging is negative, discharging positive. */

@@ -27,14 +27,14 @@ enum {
   BEV_HEAT_LAG,
   BEV_SENSOR_LAG,
   BEV_JOULE_RISE,
-  BEV_HEATER_RISE,
+  BEV_SENSOR_PLACE,
   BEV_UNDER_WAY,
   BEV_SENSOR,
   BEV_LOCAL,
   BEV_ELEMENTS
 };
 
-/* Number of factors, and of elements with bounds: the factors, the lags and the local rises. */
+/* Number of factors, and of elements with bounds: the factors, the lags, the local rise and the sensor's place. */
 #define BEV_FACTORS 5
 #define BEV_BOUNDED 9
 /* Maximum number of heater hypotheses and of noise hypotheses; the memory of a belief [doubles]. */
@@ -73,7 +73,6 @@ typedef struct {
   double most_evidence;
   /* Maximum difference between battery and sensor, and maximum heat under way [K]. */
   double most_apart_k;
-  double most_under_way_k;
   /* Error of a route's power: its share, the least power to which the share applies [W], and its duration [s]. */
   double power_noise;
   double least_power_w;
