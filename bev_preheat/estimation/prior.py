@@ -73,7 +73,8 @@ PLACING_BOUNDS = np.array([(0.0, 1.0), (-2.0, 12.0)])
 
 def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance (places, 2) of the elements in PLACING for a HeatPath."""
-    places, deviations = PLACES, PLACE_DEVIATIONS
+    places: tuple[float, ...] = PLACES
+    deviations: tuple[float, ...] = PLACE_DEVIATIONS
     if path.is_shell:
         places = (path.sensor_rise,) * len(PLACES)
         deviations = (DESCRIBED_PLACE_DEVIATION * max(path.sensor_rise - 1.0, 0.0),) * len(PLACES)
