@@ -51,7 +51,6 @@ from bev_preheat.estimation.prior import (
     FACTOR_DEVIATIONS,
     LAG_BOUNDS,
     LAGS,
-    lags_of_places,
     Learned,
     nothing_learned,
     PLACING,
@@ -182,8 +181,6 @@ class Belief:
         mean, covariance = np.zeros((*SHAPE, SIZE)), np.zeros((*SHAPE, SIZE, SIZE))
         placing, placing_variances = described_placing(vehicle.heat_path)
         mean[..., FACTORS], mean[..., LAGS], mean[..., PLACING] = learned.factors, lags.logs, placing
-        if learned.lags is None:
-            mean[..., HEAT_LAG] += lags_of_places(vehicle.heat_path)
         covariance[..., FACTORS, FACTORS] = learned.covariance
         covariance[..., LAGS, LAGS] = lags.variances
         covariance[..., PLACING, PLACING] = placing_variances
@@ -479,7 +476,6 @@ class Belief:
         mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
         placing, placing_variances = described_placing(self.path)
         mean[:, LAGS], mean[:, PLACING] = self.lags.logs, placing[places]
-        mean[:, HEAT_LAG] += lags_of_places(self.path)[places]
         for index in (TEMPERATURE, *LAGS, *PLACING, UNDER_WAY):
             covariance[:, index, :] = covariance[:, :, index] = 0.0
         covariance[:, LAGS, LAGS] = self.lags.variances

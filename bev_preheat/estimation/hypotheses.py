@@ -21,7 +21,6 @@ from bev_preheat.tunables import (
     LEAST_COURSE_S,
     LEAST_RISE,
     NO_CONTRADICTION,
-    NOMINAL_HEAT_LAG_S,
     REPAIR_S,
     SUSPECT_FROM,
     TAKEN_BACK_BELOW,
@@ -48,11 +47,10 @@ SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
 # Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
-# deviation, prior probability, and lag of the heat [s].
+# deviation, prior probability.
 PLACES = (0.0, 4.0, 8.0)
 PLACE_DEVIATIONS = (1.0, 1.2, 2.0)
 PLACE_WEIGHTS = (0.7, 0.2, 0.1)
-PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 150.0, 120.0)
 IDENTITY = np.eye(len(SHARES))
 
 # Battery states arrive at few different intervals, usually one.

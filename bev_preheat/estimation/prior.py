@@ -27,7 +27,7 @@ from bev_preheat.estimation.estimate import (
     SENSOR_LAG,
     SENSOR_PLACE,
 )
-from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAGS_S, PLACES
+from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACES
 from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
@@ -80,11 +80,6 @@ def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
         deviations = (DESCRIBED_PLACE_DEVIATION * max(path.sensor_rise - 1.0, 0.0),) * len(PLACES)
     return (np.array([(0.35, place) for place in places]),
             np.square([(0.4, deviation) for deviation in deviations]))
-
-
-def lags_of_places(path: HeatPath) -> FloatArray:
-    """Return the logarithms (places,) of the heat's lag at each place over that in `described_lags`."""
-    return np.zeros(len(PLACES)) if path.heat_lag_s > 0.0 else np.log(np.array(PLACE_LAGS_S) / NOMINAL_HEAT_LAG_S)
 
 
 @dataclass(frozen=True, eq=False)
