@@ -121,13 +121,13 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
         heated_s=task.heated_s)), commanded=commanded)
 
 
-def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
-    """Return the BatteryState of an Estimate for a Vehicle, including the heat under way."""
+def believed_state(vehicle: Vehicle, estimate: Estimate, left_s: float = math.inf) -> BatteryState:
+    """Return the BatteryState of an Estimate for a Vehicle, with the heat arriving within `left_s` [s]."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     if vehicle.heat_path.is_direct:
-        # The heat under way still arrives.
-        return BatteryState(min(max(
-            estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+        arriving_k = estimate.under_way_k * -math.expm1(-left_s / estimate.heat_lag_s)
+        return BatteryState(
+            min(max(estimate.temperature_c + arriving_k, lowest_c), highest_c), estimate.soc)
     if vehicle.heat_path.is_shell:
         excess_k = estimate.shell_excess_k
         return BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
@@ -223,7 +223,8 @@ class _Planning:
 
     def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle, kept: KeptValues) -> None:
         self._task, self._estimate, self._vehicle, self._kept = task, estimate, vehicle, kept
-        self._state, self.share = believed_state(vehicle, estimate), believed_share(estimate.heater)
+        self._state = believed_state(vehicle, estimate, task.starts_in_s + task.route.total_duration_s)
+        self.share = believed_share(estimate.heater)
         # Lag after which heat arrives; a vehicle with a heat path has it in its model.
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)

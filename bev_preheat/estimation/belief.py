@@ -51,6 +51,7 @@ from bev_preheat.estimation.prior import (
     FACTOR_DEVIATIONS,
     LAG_BOUNDS,
     LAGS,
+    lags_of_places,
     Learned,
     nothing_learned,
     PLACING,
@@ -183,6 +184,8 @@ class Belief:
         mean[..., FACTORS], mean[..., LAGS], mean[..., PLACING] = learned.factors, lags.logs, placing
         covariance[..., FACTORS, FACTORS] = learned.covariance
         covariance[..., LAGS, LAGS] = lags.variances
+        if learned.lags is None and vehicle.heat_path.heat_lag_s <= 0.0:
+            mean[..., LAGS], covariance[..., LAGS, LAGS] = lags_of_places()
         covariance[..., PLACING, PLACING] = placing_variances
         return cls(prior_weights(), mean, covariance, lags, path=vehicle.heat_path)
 

@@ -14,6 +14,7 @@ import numpy as np
 from bev_preheat.tunables import (
     FAILURE_S,
     FAULTY,
+    LAG_DEVIATION,
     LEANING,
     LEANING_COURSE_K,
     LEANING_COURSE_S,
@@ -21,6 +22,7 @@ from bev_preheat.tunables import (
     LEAST_COURSE_S,
     LEAST_RISE,
     NO_CONTRADICTION,
+    NOMINAL_HEAT_LAG_S,
     REPAIR_S,
     SUSPECT_FROM,
     TAKEN_BACK_BELOW,
@@ -47,10 +49,12 @@ SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
 # Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
-# deviation, prior probability.
+# deviation, prior probability; lag of the heat [s], and deviation of its logarithm.
 PLACES = (0.0, 4.0, 8.0)
-PLACE_DEVIATIONS = (1.0, 1.2, 2.0)
+PLACE_DEVIATIONS = (0.3, 1.2, 2.0)
 PLACE_WEIGHTS = (0.7, 0.2, 0.1)
+PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 150.0, 100.0)
+PLACE_LAG_DEVIATIONS = (LAG_DEVIATION, 0.7, 0.7)
 IDENTITY = np.eye(len(SHARES))
 
 # Battery states arrive at few different intervals, usually one.

@@ -27,7 +27,7 @@ from bev_preheat.estimation.estimate import (
     SENSOR_LAG,
     SENSOR_PLACE,
 )
-from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACES
+from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAG_DEVIATIONS, PLACE_LAGS_S, PLACES
 from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
@@ -68,7 +68,7 @@ LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_
 # The sensor: rise above its cell by Joule heat [K/kW], and its place (`estimate`), which a file may describe.
 # The nine measured drives of an i3 show 0.48 K/kW of Joule heat; a sensor in the middle of a module shows none.
 PLACING = (JOULE_RISE, SENSOR_PLACE)
-PLACING_BOUNDS = np.array([(0.0, 1.0), (-2.0, 12.0)])
+PLACING_BOUNDS = np.array([(0.0, 1.0), (0.0, 12.0)])
 
 
 def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
@@ -80,6 +80,13 @@ def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
         deviations = (DESCRIBED_PLACE_DEVIATION * max(path.sensor_rise - 1.0, 0.0),) * len(PLACES)
     return (np.array([(0.35, place) for place in places]),
             np.square([(0.4, deviation) for deviation in deviations]))
+
+
+def lags_of_places() -> tuple[FloatArray, FloatArray]:
+    """Return means and variances (places, 2) of the lags of a car whose file has none, as in LAGS."""
+    heat = np.log(np.array(PLACE_LAGS_S) / NOMINAL_HEAT_LAG_S)
+    return (np.stack((heat, np.zeros(len(PLACES))), axis=-1),
+            np.square(np.stack((PLACE_LAG_DEVIATIONS, np.full(len(PLACES), LAG_DEVIATION)), axis=-1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from bev_preheat.estimation.estimate import (
 )
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import MOST_REVEALED_K
@@ -126,7 +126,13 @@ def test_a_long_least_time_on_does_not_leave_the_battery_cold():
 def test_plans_start_from_the_temperature_with_the_heat_that_is_under_way(
         asked, temperature_c, under_way_k, planned_from_c):
     make(make_estimate(temperature_c, under_way=under_way_k))
-    assert asked[-1].state == BatteryState(planned_from_c, 0.8)
+    # All but a thousandth of it arrives on the way.
+    assert asked[-1].state.temperature_c == pytest.approx(planned_from_c, abs=1e-3 * under_way_k)
+
+
+def test_heat_that_arrives_after_the_arrival_is_not_planned_with(asked):
+    make(make_estimate(10.0, under_way=1.5, heat_lag=math.log(10.0)))
+    assert asked[-1].state.temperature_c == pytest.approx(10.0 + 1.5 * (1.0 - math.exp(-1200.0 / 400.0)))
 
 
 def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):

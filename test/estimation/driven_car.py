@@ -67,9 +67,9 @@ class DrivenCar:
     The true car. `heater` maps (second, commanded power) to the heater's power [W].
 
     Traffic varies the power by `traffic_w` (standard deviation, correlated over half a minute). The sensor's
-    place is warmer than the battery by `local_k` (standard deviation, correlated over 100 s), and by
-    `rises_k_per_kw` of Joule heat and heater heat, with a lag of 100 s. Heat lags by `heat_lag_s`, the sensor
-    by `sensor_lag_s`.
+    place is warmer than the battery by `local_k` (standard deviation, correlated over 100 s), by
+    `rise_k_per_kw` of Joule heat, with a lag of 100 s, and by `place` times the warming still under way. Heat lags
+    by `heat_lag_s`, the sensor by `sensor_lag_s`.
     """
 
     corrections: Corrections = Corrections()
@@ -81,7 +81,8 @@ class DrivenCar:
     noise_k: float = 0.2
     step_k: float = 1.0
     local_k: float = 0.0
-    rises_k_per_kw: tuple[float, float] = (0.0, 0.0)
+    rise_k_per_kw: float = 0.0
+    place: float = 0.0
     heat_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
     seed: int = 0
@@ -113,8 +114,10 @@ class DrivenCar:
                 self.soc, self.temperature_c, terminal_w, 0.0, heat_w, gamma)
             self.soc += soc_rate
             self.temperature_c += temperature_rate
-            self._sensor_c += (self.temperature_c - self._sensor_c) / max(1.0, self.sensor_lag_s)
-            steady_k = 1e-3 * np.dot(self.rises_k_per_kw, (joule_w, self._car.hvch.efficiency * heater_w))
+            under_way_k = self.heat_lag_s * self._arriving_w / self._car.pack_heat_capacity_j_per_k
+            self._sensor_c += (self.temperature_c + self.place * under_way_k - self._sensor_c) / max(
+                1.0, self.sensor_lag_s)
+            steady_k = 1e-3 * self.rise_k_per_kw * joule_w
             self._local_k += (steady_k - self._local_k) / 100.0 + self.local_k * np.sqrt(
                 2 / 100.0) * self._drawn_locally.standard_normal()
             self.second += 1

@@ -40,10 +40,14 @@ def drawn_corrections(seed):
                          for spread in (0.1, 0.2, 0.2, 0.05)))
 
 
-def drawn_rises(seed):
-    drawn = np.random.default_rng([7, seed]).standard_normal(2)
-    # By Joule heat and by heater heat [K/kW].
-    return tuple(np.clip(np.array([0.35, 0.0]) + [0.4, 0.25] * drawn, [0.0, -0.8], [1.0, 0.8]))
+def drawn_sensor(seed):
+    """Return rise by Joule heat [K/kW], place and lag of the heat [s] of a sensor in the core or on the shell."""
+    drawn = np.random.default_rng([7, seed])
+    is_on_shell = drawn.random() < 0.3
+    rise = np.clip(0.35 + 0.4 * drawn.standard_normal(), 0.0, 1.0)
+    # A shell is about a quarter of the battery.
+    return (rise, max(2.5, 4.0 + 1.2 * drawn.standard_normal()), 150.0) if is_on_shell else (
+        rise, 0.0, NOMINAL_HEAT_LAG_S)
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,10 @@ class HeatedDrive:
 def heated_drive(seed, each_s=2, local_k=0.0):
     """Drive a car as the estimator expects it, with its own sensor position; cached for all tests."""
     estimator = Estimator.of(VEHICLE)
+    rise, place, heat_lag_s = drawn_sensor(seed)
     car = DrivenCar(
-        drawn_corrections(seed), commands=HEATED, local_k=local_k, rises_k_per_kw=drawn_rises(seed),
-        heat_lag_s=NOMINAL_HEAT_LAG_S, sensor_lag_s=NOMINAL_SENSOR_LAG_S, seed=seed)
+        drawn_corrections(seed), commands=HEATED, local_k=local_k, rise_k_per_kw=rise, place=place,
+        heat_lag_s=heat_lag_s, sensor_lag_s=NOMINAL_SENSOR_LAG_S, seed=seed)
     rows = []
     for _ in range(SECONDS // each_s):
         measurement = car.drive(each_s)
