@@ -215,7 +215,7 @@ class Belief:
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
         if not self.has_stood:
-            # Heat under way is that of before, without heat since then, within EXCESS_DEVIATION of it.
+            # The heat under way has decayed since the last state, with a relative error of EXCESS_DEVIATION.
             left_k, place = self._left_k(elapsed_s), mean[..., SENSOR_PLACE]
             left_k2 = (unknown_k / np.maximum(place, 1.0))**2 + (EXCESS_DEVIATION * left_k)**2
             mean[..., UNDER_WAY] = left_k

@@ -126,7 +126,7 @@ def test_a_long_least_time_on_does_not_leave_the_battery_cold():
 def test_plans_start_from_the_temperature_with_the_heat_that_is_under_way(
         asked, temperature_c, under_way_k, planned_from_c):
     make(make_estimate(temperature_c, under_way=under_way_k))
-    # All but a thousandth of it arrives on the way.
+    # At least 99.9 % arrives on the way.
     assert asked[-1].state.temperature_c == pytest.approx(planned_from_c, abs=1e-3 * under_way_k)
 
 
