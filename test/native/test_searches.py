@@ -134,6 +134,6 @@ def test_a_library_with_other_structs_is_not_used(monkeypatch):
         _fields_ = [('more', ValueGoalStruct)]
 
     path = core_in_words().removeprefix('used: ')
-    monkeypatch.setattr(library_module, 'ValueGoalStruct', Wider)
+    monkeypatch.setattr(library_module.core_structs, 'ValueGoalStruct', Wider)
     assert library_module.load_core(path) == (None, f'{path} is of another version')
     assert byref(Wider())

@@ -102,6 +102,13 @@ def test_it_never_costs_more_than_heating_as_late_as_possible(prices, start_c, t
     assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
 
 
+@pytest.mark.parametrize('target_c', [14.0, 15.0, 16.0])
+def test_heat_that_costs_nothing_ends_at_the_target_all_the_same(target_c):
+    plan = planned([0.0, 1.0, 1.0], 8.0, -4.0, target_c)
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=2e-3)
+    assert not plan.hvch_battery_power_w[12:].any()
+
+
 def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
     # A kelvin at the end costs more by the factor exp(3600 s / tau) if it is heated an hour earlier. Less than two
     # steps of heating are needed.
