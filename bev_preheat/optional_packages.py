@@ -63,7 +63,7 @@ def require_ros() -> None:
 
 
 def require(*modules: str) -> None:
-    """Raise MissingPackage if one of these modules of PACKAGES is not installed."""
+    """Raise MissingPackage unless all these modules of PACKAGES are installed."""
     missing = [module for module in modules if not is_installed(module)]
     if missing:
         raise MissingPackage([advice(module) for module in missing])

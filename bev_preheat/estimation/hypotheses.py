@@ -187,7 +187,7 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     if fault is not Heater.STUCK_ON and supported >= LEANING:
         least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
     if fault is Heater.STUCK_ON:
-        # Without a sign of it in the power, the battery has to warm by more than its drive explains.
+        # Unless the power shows the heater, the battery has to warm by more than driving would.
         needless_k = 0.0 if supported >= LEANING else max(suspicion.explained_k, 0.0)
         if suspicion.rise_k - needless_k < LEAST_RISE * suspicion.uncommanded_k:
             return False

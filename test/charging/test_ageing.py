@@ -35,7 +35,7 @@ def test_the_loss_is_that_of_the_published_model():
     assert storage_factor(np.array(0.5)) == pytest.approx(1.142, rel=1e-2)
     # 3.95 % in the first year.
     assert 2.0 * 8766.0 * lost(0.5, 25.0, 0.0, replace(AGEING, age_years=1.0)) == pytest.approx(0.0395, rel=1e-2)
-    # 500 cycles of 3 Ah with 1 C: 1.55 % by plating; 0.80 % by cycling, of which charging is half.
+    # 500 cycles of 3 Ah with 1 C: 1.55 % by plating; 0.80 % by cycling, half of that while charging.
     cycled = lost(0.5, 25.0, 1.0, replace(AGEING, full_cycles=500.0)) - lost(0.5, 25.0, 0.0)
     assert 2.0 * 500.0 * cycled == pytest.approx(0.01553 + 0.5 * 0.00797, rel=1e-3)
     # At 0 degC plating is e^2.05 times that at 25 degC; e^8.60 times above 82 %, less e^(7.84 · 0.7) with 0.3 C.

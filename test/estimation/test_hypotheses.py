@@ -114,8 +114,8 @@ def test_uncommanded_heat_needs_a_reading_that_rises():
     assert not told('stuck_on', changed(LONG_OFF, rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
 
 
-def test_warming_that_the_drive_explains_needs_the_power_beside_it():
-    # 5.0 K of 6.1 K, of which a drive without the fault gives all but 2.4 K.
+def test_warming_by_driving_is_no_fault_unless_the_power_shows_the_heater():
+    # The reading rises by 5.0 K, and by all but 2.3 K without a fault; 40 % of 6.1 K are 2.4 K.
     explained = changed(LONG_OFF, explained_k=5.0 - 0.95 * LEAST_RISE * LONG_OFF.uncommanded_k)
     assert not told('stuck_on', explained, None) and not told('stuck_on', explained, 0.9 * LEANING)
     assert told('stuck_on', explained, 1.1 * LEANING)
