@@ -161,7 +161,7 @@ class SolverProcess:
             self._start()
 
     def ask(self, question: Question, time_limit_s: float) -> None:
-        """Ask a Question, to be answered `time_limit_s` [s] after the start; drop a question that is being solved."""
+        """Ask a Question, to be answered `time_limit_s` [s] after the start; drop the question being solved."""
         if self._solves or (self._process is not None and self._process.poll() is not None):
             self._kill()
         self._question, self._time_limit_s = question, time_limit_s
