@@ -235,14 +235,14 @@ def by_the_clock(plan: Plan, trip: Trip, until_s: float = math.inf) -> FloatArra
 
     It is that of the plan at the same instants, 0 after the plan's end and from `until_s` [s] on.
     """
-    energy_j = np.concatenate(([0.0], np.cumsum(plan.hvch_battery_power_w * np.diff(plan.time_s))))
+    energy_j = np.concatenate(([0.0], np.cumsum(plan.command_w * np.diff(plan.time_s))))
     knots_s = plan.time_s
     for instant_s, side in ((plan.heating_start_s, 'right'), (plan.heating_end_s, 'left')):
         if instant_s is not None and plan.time_s[0] < instant_s < plan.time_s[-1]:
             # In the step of a switching the heater is off before its start, or after its end.
             step = int(np.searchsorted(plan.time_s, instant_s, side='right')) - 1
             at = int(np.searchsorted(knots_s, instant_s, side='right'))
-            cumulated_j = float(np.sum(plan.hvch_battery_power_w[:step + (side == 'left')]
+            cumulated_j = float(np.sum(plan.command_w[:step + (side == 'left')]
                                        * np.diff(plan.time_s)[:step + (side == 'left')]))
             knots_s, energy_j = np.insert(knots_s, at, instant_s), np.insert(energy_j, at, cumulated_j)
     taken_j = np.interp(np.minimum(trip.time_s, until_s), knots_s, energy_j)

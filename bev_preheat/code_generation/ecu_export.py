@@ -38,6 +38,9 @@ EXPORT_WIDTH = 100
 
 def vehicle_source(vehicle: Vehicle) -> str:
     """Return vehicle.c of a Vehicle; raises InvalidInput if the core does not have a kind of curve."""
+    if vehicle.heat_sources:
+        raise InvalidInput(f'vehicle {vehicle.name}: cannot be exported: the core does not mix heat_sources; the '
+                           'export needs a file with the HVCH alone')
     try:
         native = NativeVehicle(vehicle)
     except NotDescribed as error:

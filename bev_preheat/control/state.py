@@ -13,6 +13,7 @@ from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge, Learning
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
+from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import AdmittedInputs, Command
@@ -84,6 +85,8 @@ class State(NamedTuple):
     def begun(cls, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
               last_seen: LastSeen | None = None, choices: DriverChoices = NO_CHOICES) -> State:
         """Return the State without input, but with the knowledge from before a restart; None: unknown."""
+        # There is no command for other heat sources yet.
+        vehicle = hvch_alone(vehicle)
         return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(),
                    Learning.begun(vehicle, learned, last_seen), last_seen)
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle import Vehicle
+    from bev_preheat.vehicle.description import HeatSource
     from bev_preheat.vehicle.variants import Corrections
 
 # Values of each row: one number for all its elements, or one for each, in SI units.
@@ -92,8 +93,15 @@ ENERGY_SCALE_J = 1e6
 
 # Margins to the power limits (9i) at the start and at the end of a step.
 RESERVES = ('discharge', 'charge', 'discharge_at_end', 'charge_at_end')
-# Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K].
+# Duration [s], idle power [W], power variance [W^2], idle heat [W], leakage [W/K]; with heat sources beside the
+# HVCH also ambient temperature [deg C] and cabin heating [W].
 ROUTE_INPUTS = 5
+WEATHER_INPUTS = 2
+
+
+def power_row(source: HeatSource) -> str:
+    """Return the name of the variables of a heat source's power; that of its margins begins with `room_`."""
+    return f'power_of_{source.name}'
 
 
 class Quantity(NamedTuple):
@@ -105,11 +113,16 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveSteps:
-    """Steps of a drive, their scaled `energy`, and parameters: ROUTE_INPUTS of each step, then FACTORS."""
+    """Steps of a drive, their scaled `energy`, and parameters: `route_inputs` of each step, then FACTORS."""
 
     vehicle: Vehicle
     parameters: casadi.MX
     energy: casadi.MX
+
+
+def route_inputs(vehicle: Vehicle) -> int:
+    """Return how many inputs the route gives to each step."""
+    return ROUTE_INPUTS + (WEATHER_INPUTS if vehicle.heat_sources else 0)
 
 
 def drive_states(vehicle: Vehicle) -> tuple[Quantity, ...]:
@@ -128,10 +141,10 @@ def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Bloc
     """Add a drive's steps, with defects and limits, to a program; `deficit_w` may be missing (scaled)."""
     states = drive_states(vehicle)
     rows = [variables.variable(state.name, steps + 1, state.scale) for state in states]
-    controls = [variables.variable(control.name, steps, control.scale) for control in _controls(limited)]
-    route = casadi.MX.sym('route', ROUTE_INPUTS, steps)
+    controls = [variables.variable(control.name, steps, control.scale) for control in _controls(vehicle, limited)]
+    route = casadi.MX.sym('route', route_inputs(vehicle), steps)
     corrections = casadi.MX.sym('corrections', len(FACTORS))
-    ends, energy, reserves = along_rows(_drive_step(vehicle, limited), [
+    ends, energy, reserves, room = along_rows(_drive_step(vehicle, limited), [
         casadi.vertcat(*(row[:-1] for row in rows), *controls), route, corrections], steps)
     energy = casadi.sum2(energy)
     for number, (state, row) in enumerate(zip(states, rows)):
@@ -143,6 +156,8 @@ def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Bloc
             margin = reserves[number, :]
             constraints.add(reserve, margin + deficit_w if reserve.startswith('discharge') else margin,
                             POWER_SCALE_W)
+    for number, source in enumerate(vehicle.heat_sources):
+        constraints.add(f'room_{power_row(source)}', room[number, :], POWER_SCALE_W)
     return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections), energy)
 
 
@@ -150,7 +165,9 @@ def drive_parameters(trip: Trip, corrections: Corrections) -> FloatArray:
     """Return the values of `DriveSteps.parameters` for the trip of a car with corrections."""
     return np.concatenate([
         np.vstack([trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2,
-                   trip.idle_heat_w, trip.leakage_w_per_k]).ravel(order='F'),
+                   trip.idle_heat_w, trip.leakage_w_per_k, *((
+                       trip.route.ambient_temperature_c, trip.route.cabin_heating_power_w)
+                       if trip.vehicle.heat_sources else ())]).ravel(order='F'),
         [getattr(corrections, factor) for factor in FACTORS]])
 
 
@@ -184,35 +201,46 @@ def along_rows(function: casadi.Function, arguments: Sequence[casadi.MX],
         for value in output)) for output in outputs]
 
 
-def _controls(limited: bool) -> tuple[Quantity, ...]:
+def _controls(vehicle: Vehicle, limited: bool) -> tuple[Quantity, ...]:
     """Return the controls of each step; the brake only with power limits, without which it has no effect."""
-    heater, brake = Quantity('heater', POWER_SCALE_W), Quantity('brake', POWER_SCALE_W)
-    return (heater, brake) if limited else (heater,)
+    names = ('heater', *(['brake'] if limited else []), *map(power_row, vehicle.heat_sources))
+    return tuple(Quantity(name, POWER_SCALE_W) for name in names)
 
 
 def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
     """
     Return one step of a drive as a CasADi Function.
 
-    Inputs: states and controls (scaled, one column), the ROUTE_INPUTS of the step, the FACTORS. Outputs: the
-    states at the end; the energy from the cells (scaled); the RESERVES (scaled; only if `limited`).
-    Derivatives: with respect to states and controls only.
+    Inputs: states and controls (scaled, one column), the `route_inputs` of the step, the FACTORS. Outputs: the
+    states at the end; the energy from the cells (scaled); the RESERVES (scaled; only if `limited`); the room of
+    each heat source, whose power is free below its maximum. Derivatives: with respect to states and controls only.
     """
     states = drive_states(vehicle)
-    quantities = (*states, *_controls(limited))
+    quantities = (*states, *_controls(vehicle, limited))
     variables = casadi.SX.sym('variables', len(quantities))
-    route = casadi.SX.sym('route', ROUTE_INPUTS)
+    route = casadi.SX.sym('route', route_inputs(vehicle))
     factors = casadi.SX.sym('corrections', len(FACTORS))
-    duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k = casadi.vertsplit(route)
+    duration_s, idle_power_w, variance_w2, idle_heat_w, leakage_w_per_k, *weather = casadi.vertsplit(route)
     in_si = {quantity.name: quantity.scale * value for quantity, value in zip(
         quantities, casadi.vertsplit(variables))}
     nothing = casadi.SX(0.0)
     soc, temperature_c, brake_w = in_si['soc'], in_si['temperature'], in_si.get('brake', nothing)
     heat_w, ends = heat_with_brake_w(vehicle, idle_heat_w, brake_w), {}
+    room, command_w = [], in_si['heater']
+    for source in vehicle.heat_sources:
+        ambient_c, cabin_w = weather
+        source_w = in_si[power_row(source)]
+        limit_w, hvch_watts = (symbolic_curve(curve)(ambient_c, temperature_c) for curve in (
+            source.maximum_power_w, source.hvch_watts))
+        if source.shares_cabin_limit:
+            limit_w = casadi.fmax(limit_w - cabin_w, 0.0)
+        room.append(limit_w - source_w)
+        # All heat takes the HVCH's path; the power beyond that of the HVCH for it has no heat.
+        command_w, idle_power_w = command_w + hvch_watts * source_w, idle_power_w + (1.0 - hvch_watts) * source_w
     (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,
      drawn_w, _) = symbolic_step(vehicle)(
         soc, temperature_c, in_si.get('heater_power', nothing), in_si.get('coolant_excess', nothing), duration_s,
-        idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, in_si['heater'], *casadi.vertsplit(factors))
+        idle_power_w + brake_w, variance_w2, heat_w, leakage_w_per_k, command_w, *casadi.vertsplit(factors))
     power_w = idle_power_w + brake_w + drawn_w
     reserves = []
     if limited:
@@ -226,6 +254,7 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
     outputs = casadi.cse([
         casadi.vertcat(*(ends[state.name] / state.scale for state in states)),
         duration_s * (power_w + joule_w) / ENERGY_SCALE_J,
-        casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W])
+        casadi.vertcat(casadi.SX(0, 1), *reserves) / POWER_SCALE_W,
+        casadi.vertcat(casadi.SX(0, 1), *room) / POWER_SCALE_W])
     return casadi.Function('drive_step', [variables, route, factors], outputs,
                            {'is_diff_in': [True, False, False]})

@@ -34,14 +34,16 @@ from bev_preheat.nonlinear_program.drive_steps import (
     add_drive_steps,
     Blocks,
     drive_parameters,
+    power_row,
     POWER_SCALE_W,
     SOC_SCALE,
 )
+from bev_preheat.planning.heat_mix import Alone, HVCH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
-from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
@@ -96,7 +98,8 @@ class NonlinearProgram:
     """
     A nonlinear program, its solver, and its variables and constraints.
 
-    Variables: `soc` and `temperature` at each instant, `heater` and, if limited, `brake` in each step;
+    Variables: `soc` and `temperature` at each instant; in each step `heater`, the `power_row` of each further heat
+    source and, if limited, `brake`;
     `heater_power` and `coolant_excess` at each instant, if the vehicle's heat path has them; the slacks:
     `deficit_k` (of the target), `deficit_soc` at each instant, `deficit_w` (of the discharge power) with
     Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`, `temperature_defect`, and one
@@ -204,11 +207,12 @@ def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
                    time_s=sum(run.time_s for run in runs))
 
 
-def driven_start(schedule: Schedule) -> Values:
-    """Return the variables of a Schedule; all deficits are 0."""
-    heat = schedule.heat
-    return {'soc': schedule.soc, 'temperature': schedule.temperature_c,
-            'heater': schedule.heater_power_w, 'brake': schedule.brake_power_w,
+def driven_start(trip: Trip, schedule: Schedule) -> Values:
+    """Return the variables of a Schedule of a Trip; all deficits are 0."""
+    heat, split_w = schedule.heat, trip.mix.split_w(schedule.heater_power_w, schedule.temperature_c[:-1])
+    sources_w = {power_row(source): split_w[source.name] for source in trip.vehicle.heat_sources}
+    return {**sources_w, 'soc': schedule.soc, 'temperature': schedule.temperature_c,
+            'heater': split_w.get(HVCH, schedule.heater_power_w), 'brake': schedule.brake_power_w,
             'heater_power': 0.0 if heat is None else heat.heater_power_w,
             'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
             'deficit_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
@@ -217,12 +221,12 @@ def driven_start(schedule: Schedule) -> Values:
 
 def unheated_start(problem: Problem) -> Values:
     """Return the variables of the trip without heating, ignoring limits."""
-    return driven_start(plan_without_heating(problem.trip, problem.state))
+    return driven_start(problem.trip, plan_without_heating(problem.trip, problem.state))
 
 
 def heated_start(problem: Problem) -> Values:
     """Return the variables of the trip heated throughout, as far as the limits allow."""
-    return driven_start(drive_as_planned(
+    return driven_start(problem.trip, drive_as_planned(
         problem.trip, problem.state, problem.trip.heater_limit_w))
 
 
@@ -276,7 +280,14 @@ def state_bounds(trip: Trip, state: BatteryState, soc_range: tuple[float, float]
 
     low, high = (from_start(soc_range[end], temperature_range_c[end], others) for end, others in (
         (0, -np.inf), (1, np.inf)))
-    return low, {**high, 'heater': trip.heater_limit_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
+    stands = trip.route.speed_mps < STANDING_MPS
+    is_open = {'driving': ~stands, 'standing': stands}
+    if trip.vehicle.heating_gates.only_while_standing:
+        is_open = {'': stands, 'driving': stands & ~stands, 'standing': stands}
+    limits_w = {power_row(source): np.where(is_open.get(source.only_while, True), np.inf, 0.0)
+                for source in trip.vehicle.heat_sources}
+    limits_w['heater'] = trip.heater_limit_w if isinstance(trip.mix, Alone) else trip.mix.hvch_limit_w
+    return low, {**high, **limits_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
 
 
 def _constraint_bounds(problem: Problem, program: NonlinearProgram) -> tuple[FloatArray, FloatArray]:

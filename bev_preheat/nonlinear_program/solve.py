@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J
+from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
 from bev_preheat.nonlinear_program.program import (
     Attempt,
     attempt,
@@ -21,7 +21,7 @@ from bev_preheat.nonlinear_program.program import (
     unheated_start,
 )
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.outcome import is_described
@@ -135,11 +135,14 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     problem, runs = Problem(vehicle, corrections, trip, state, goal), []
     # An optimum may lie at a corner of a map, where IPOPT does not converge.
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
+    # At a temperature from which a heat source works, it usually does.
+    problem = rounded if vehicle.heat_sources else problem
+    starts = [unheated_start(problem), *([heated_start(problem)] if limited or vehicle.heat_sources else [])]
     if limited and limits_hold(trip, unheated):
-        run = attempt(problem, limited=False)
+        # Heat sources that begin at a temperature make several optima, too.
+        run = attempt(problem, limited=False, starts=starts if vehicle.heat_sources else ())
         if run.status == SUCCESS and limits_hold(trip, _schedule(trip, run)):
             return _optimum(trip, goal, [run], (), started)
-    starts = [unheated_start(problem), *([heated_start(problem)] if limited else [])]
     for give in Give:
         # Elastic programs only determine the deficits; one start is enough.
         run = attempt(problem, limited, give, starts[:1] if give else starts)
@@ -254,7 +257,19 @@ def _schedule(trip: Trip, run: Attempt) -> Schedule:
     found = run.values
     # After scaling back, a power at its bound may exceed the bound by the last bit.
     heater_w = np.clip(found['heater'], 0.0, trip.heater_limit_w)
+    drawn_w = heater_w
+    for source in trip.vehicle.heat_sources:
+        source_w = found[power_row(source)]
+        drawn_w = drawn_w + source_w
+        heater_w = heater_w + source_w * source.hvch_watts.function(ARRAYS)(
+            trip.route.ambient_temperature_c, found['temperature'][:-1])
     brake_w = np.clip(found['brake'], 0.0, np.maximum(-trip.route.propulsion_power_w, 0.0))
+    if trip.vehicle.heat_sources:
+        # The program's own mix, not that of plans.
+        states = found['soc'], found['temperature'], np.append(0.0, heater_w), found['coolant_excess']
+        mixed = along_states(trip, states, heater_w, brake_w, switched_on_s(trip, heater_w))
+        assert mixed.heat is not None
+        return replace(mixed, heat=replace(mixed.heat, drawn_power_w=drawn_w))
     if not trip.vehicle.heat_path.is_direct:
         states = found['soc'], found['temperature'], found['heater_power'], found['coolant_excess']
         return along_states(trip, states, heater_w, brake_w, switched_on_s(trip, heater_w))

@@ -145,7 +145,11 @@ def smoothed(vehicle: Vehicle) -> Vehicle:
 def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with minimally rounded corners in the maps of its drives."""
     widths, battery = (DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K), vehicle.battery
-    return replace(vehicle, battery=replace(
+    over_weather = DRIVE_TEMPERATURE_WIDTH_K, DRIVE_TEMPERATURE_WIDTH_K
+    sources = tuple(replace(source, maximum_power_w=_smooth(source.maximum_power_w, *over_weather),
+                            hvch_watts=_smooth(source.hvch_watts, *over_weather))
+                    for source in vehicle.heat_sources)
+    return replace(vehicle, heat_sources=sources, battery=replace(
         battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
         resistance=_smooth(battery.resistance, *widths),
         discharge_power_limit=_smooth(battery.discharge_power_limit, *widths),

@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
+from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import is_driven_as_planned, SwitchPlan
@@ -65,6 +66,8 @@ def trip_in_core(trip: Trip) -> NativeTrip:
 
 
 def _both(trip: Trip) -> tuple[NativeVehicle, NativeTrip]:
+    if trip.mix is not ALONE:
+        raise Declined
     return vehicle_in_core(trip.vehicle), trip_in_core(trip)
 
 

@@ -6,9 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TYPE_CHECKING
 
+import numpy as np
+
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.schedule import HeldBack, Reason
 from bev_preheat.planning.status import Status
-from bev_preheat.tunables import LEAST_TOLD_S
+from bev_preheat.tunables import LEAST_HEATING_W, LEAST_TOLD_S, MOST_PHASES
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -52,7 +55,26 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
               if starts_in_s >= LEAST_TOLD_S else '')
     note = f' {plan.note}' if plan.note else ''
     too_cold_because = too_cold_because or (NOT_POSSIBLE if plan.note else NO_POWER)
-    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + note
+    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + (
+        _sources_in_words(plan) + note)
+
+
+def _sources_in_words(plan: Plan) -> str:
+    """Return a sentence on the heat sources in the order of their use; '' for the HVCH alone, or without heat."""
+    phases: list[tuple[list[str], float]] = []
+    for k, start_c in enumerate(plan.battery_temperature_c[:-1].tolist()):
+        names = [name for name, power_w in plan.source_power_w.items() if power_w[k] > LEAST_HEATING_W]
+        if names and (not phases or phases[-1][0] != names):
+            phases.append((names, start_c))
+    if not phases:
+        return ''
+    if len(phases) > MOST_PHASES:
+        sums_wh = ((name, float(power_w @ np.diff(plan.time_s)) / JOULES_PER_WH)
+                   for name, power_w in plan.source_power_w.items())
+        return f' Sources: {", ".join(f"{name} {sum_wh:.0f} Wh" for name, sum_wh in sums_wh if sum_wh >= 1.0)}.'
+    texts = [' and '.join(names) for names, _ in phases]
+    return f' Sources: {texts[0]}' + ''.join(
+        f' until {start_c:.1f} degC, then {text}' for text, (_, start_c) in zip(texts[1:], phases[1:])) + '.'
 
 
 def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,

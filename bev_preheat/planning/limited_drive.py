@@ -22,6 +22,7 @@ import numpy as np
 
 from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
+from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
     heated_step_of_floats,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# Command, friction brake, heater power, and heat into the battery, means of a step [W].
+# Command, friction brake, electrical power of the heat sources, and heat into the battery, means of a step [W].
 Powers = tuple[float, float, float, float]
 # States at the end of a step, and its powers.
 Driven = tuple[States, Powers]
@@ -64,8 +65,8 @@ class Course(NamedTuple):
     """
     A run within limits: `states` (S, N + 1) and `powers_w` (P, N) [W].
 
-    Charge and temperature, command and friction brake; with a heat path all four States, and Powers. `stranded`:
-    the step in which the charge runs out and its driven share, or None.
+    Charge and temperature, command and friction brake; with a heat path, or several heat sources, all four States,
+    and Powers. `stranded`: the step in which the charge runs out and its driven share, or None.
     """
 
     states: FloatArray
@@ -75,7 +76,7 @@ class Course(NamedTuple):
 
 def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
     """Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`."""
-    rows, steps = 2 if trip.vehicle.heat_path.is_direct else 4, len(trip.route)
+    rows, steps = 2 if trip.vehicle.heat_path.is_direct and trip.mix is ALONE else 4, len(trip.route)
     states, powers_w, stranded = np.empty((4, steps + 1)), np.empty((4, steps)), None
     states[:, 0] = here = initial_states(state)
     drive = make_limited_drive(trip, take_surplus)
@@ -113,26 +114,34 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
         duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w, left = columns[k]
         may_overcharge = propulsion_w < 0.0
         soc, temperature_c, heater_w, excess_k = states
+        merit = trip.mix.at(k, temperature_c)
+
+        def drawn_under_w(command_w: float) -> float:
+            drawn_w: float = merit.electric_w(left * heater_w + (1.0 - left) * command_w)
+            return drawn_w
 
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
+            other_w = 0.0 if merit is ALONE else drawn_under_w(command_w) - command_w
             ends: tuple[float, ...] = step(
-                soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w, variance_w2,
+                soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w + other_w, variance_w2,
                 heat_with_brake_w(vehicle, heat_w, brake_w), leakage_w_per_k, command_w)
             return ends
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
         warmest_c = max(settled_c, temperature_c + excess_k) if path.is_shell else settled_c
-        asked_w = wanted_w if settled_c < below_c and warmest_c < highest_c else 0.0
+        asked_w = merit.capped_w(wanted_w) if settled_c < below_c and warmest_c < highest_c else 0.0
+        cap_w = merit.capped_w(cap_w)
         if warmest_c >= highest_c:
             cap_w = 0.0
 
         def between(least_w: float, most_w: float) -> Driven:
             # The command whose mean over the step is the most power.
-            command_w = max(0.0, min(asked_w, (most_w - power_w - left * heater_w) / (1.0 - left)))
+            command_w = max(0.0, min(asked_w, (
+                merit.heat_w(most_w - power_w) - left * heater_w) / (1.0 - left)))
             paid_w = command_w
             if may_overcharge and take_surplus:
                 # As a steady command: a command that compensates the lag would swing from step to step.
-                surplus_w = least_w - power_w
+                surplus_w = merit.heat_w(least_w - power_w)
                 if foresight is not None and surplus_w > 0.0:
                     surplus_w = min(surplus_w, foresight.lasting_surplus_w(k, soc, temperature_c))
                 free_w = min(cap_w, surplus_w)
@@ -144,8 +153,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
             while True:
                 brake_w = 0.0
                 if may_overcharge:
-                    drawn_w = left * heater_w + (1.0 - left) * command_w
-                    brake_w = min(max(0.0, least_w - power_w - drawn_w), -propulsion_w)
+                    brake_w = min(max(0.0, least_w - power_w - drawn_under_w(command_w)), -propulsion_w)
                 ends = end_of(command_w, brake_w)
                 # Paid heat ends at the highest temperature; surplus goes to the brake from BELOW_HIGHEST_K below.
                 least_command_w, end_c = (paid_w, highest_c - BELOW_HIGHEST_K) if command_w > paid_w else (
@@ -162,7 +170,8 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
                 brake_w = halve(max(0.0, -propulsion_w), brake_w,
                                 lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
                 ends = end_of(command_w, brake_w)
-            return ((min(ends[0], 1.0), ends[1], ends[2], ends[3]), (command_w, brake_w, ends[6], ends[7]))
+            return ((min(ends[0], 1.0), ends[1], ends[2], ends[3]), (
+                command_w, brake_w, ends[6] if merit is ALONE else drawn_under_w(command_w), ends[7]))
 
         (soc_end, end_c, *under_way), powers_w = _drive_to_end(
             limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w, between)
@@ -281,14 +290,16 @@ def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> 
     """
     step = heated_step_of_floats(trip.vehicle, True)
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
-    command_w, brake_w, _, _ = powers_w[:, empty].tolist()
+    command_w, brake_w, drawn_w, _ = powers_w[:, empty].tolist()
+    # Of heat sources that draw another power than the HVCH for the same heat.
+    other_w = 0.0 if trip.mix is ALONE else drawn_w - command_w
 
     def drive_step(driven: Trip, k: int, start: States) -> tuple[float, ...]:
         soc, temperature_c, heater_w, excess_k = start
         share = float(driven_share[k])
         ends: tuple[float, ...] = step(
             soc, temperature_c, share * heater_w, excess_k, float(trip.route.duration_s[k]),
-            float(driven.idle_power_w[k]) + share * brake_w, float(driven.power_variance_w2[k]),
+            float(driven.idle_power_w[k]) + share * (brake_w + other_w), float(driven.power_variance_w2[k]),
             heat_with_brake_w(trip.vehicle, float(driven.idle_heat_w[k]), share * brake_w),
             float(trip.leakage_w_per_k[k]), share * command_w)
         return ends
@@ -303,5 +314,6 @@ def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> 
         ends = drive_step(driven, k, here)
         here = 0.0, min(ends[1], hottest_c(trip.vehicle)), 0.0, ends[3]
         states[:, k + 1] = here
-        powers_w[:, k] = driven_share[k] * command_w, driven_share[k] * brake_w, ends[6], ends[7]
+        powers_w[:, k] = driven_share[k] * command_w, driven_share[k] * brake_w, ends[6] + driven_share[
+            k] * other_w, ends[7]
     return float(driven_share[empty])

@@ -40,7 +40,7 @@ def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> boo
     least_w, most_w = engine.limits_of_steps_w(
         trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
     may_overcharge = (trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)
-    return bool(may_overcharge.any() or (trip.idle_power_w + trip.heater_limit_w > most_w).any())
+    return bool(may_overcharge.any() or (trip.idle_power_w + trip.drawing_limit_w > most_w).any())
 
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:

@@ -7,8 +7,8 @@ beyond the target counts as waste.
 """
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TYPE_CHECKING
 
@@ -45,7 +45,8 @@ class Plan:
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
     `hvch_battery_power_w` is the command and `heat` (planning.schedule.HeatRun) its outcome; else None.
-    `note` is a remark on an installed method's powers, '' without one.
+    `note` is a remark on an installed method's powers, '' without one. `source_power_w` has the electrical power
+    (N,) [W] of each heat source, the HVCH included; it is empty for a vehicle with the HVCH alone.
     """
 
     status: Status
@@ -70,6 +71,7 @@ class Plan:
     stranding: Stranding | None = None
     heat: HeatRun | None = None
     note: str = ''
+    source_power_w: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @cached_property
     def explanation(self) -> str:
@@ -78,8 +80,14 @@ class Plan:
 
     @property
     def drawn_power_w(self) -> FloatArray:
-        """The mean power of the heater in each step [W], shape (N,)."""
+        """The mean power of the heater, or of all heat sources, in each step [W], shape (N,)."""
         return self.hvch_battery_power_w if self.heat is None else self.heat.drawn_power_w
+
+    @property
+    def command_w(self) -> FloatArray:
+        """The heat of all heat sources as HVCH power [W], shape (N,): the control of `Schedule`."""
+        return (self.heat.heater_power_w[1:] if self.source_power_w and self.heat is not None else
+                self.hvch_battery_power_w)
 
     @property
     def start_state(self) -> BatteryState:
@@ -92,8 +100,9 @@ class Plan:
         return self._state_at(-1)
 
     def _state_at(self, at: int) -> BatteryState:
+        heater = 0.0 if self.source_power_w else 1.0
         under_way = () if self.heat is None else (
-            float(self.heat.heater_power_w[at]), float(self.heat.coolant_excess_k[at]))
+            heater * float(self.heat.heater_power_w[at]), float(self.heat.coolant_excess_k[at]))
         return BatteryState(float(self.battery_temperature_c[at]), float(self.soc[at]), *under_way)
 
     @property
@@ -160,6 +169,8 @@ class Plan:
             'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
             'friction_brake_power_w': self.friction_brake_power_w.tolist(),
             **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
+            **({'heat_source_power_w': {name: power_w.tolist() for name, power_w in self.source_power_w.items()}}
+               if self.source_power_w else {}),
         }
 
 
@@ -219,7 +230,7 @@ def cost_of(plan: Plan, step_prices: StepPrices) -> float:
 def accounts_of(trip: Trip, plan: Plan) -> Accounts:
     """Return the Accounts of a plan for this trip: energies [Wh], and powers in each of the N steps [W]."""
     return keep_accounts(trip, Schedule(
-        plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
+        plan.heating_start_s, plan.command_w, plan.friction_brake_power_w,
         plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
         driven_share=driven_share(trip, plan), heat=plan.heat))
 

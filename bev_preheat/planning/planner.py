@@ -17,6 +17,7 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import heat_until_arrival
+from bev_preheat.planning.heat_mix import ALONE, HVCH
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
@@ -43,6 +44,7 @@ from bev_preheat.tunables import (
     SOC_TOLERANCE,
 )
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,7 +98,9 @@ class PlanningCase(NamedTuple):
 
     def trip_that_obeys(self) -> Trip:
         """Return the Trip with all the heat that the heater can give, as commanded."""
-        vehicle = self.vehicle
+        # Only `value_function` mixes heat sources, and a heater that heats throughout is the HVCH.
+        is_alone = self.heats_throughout or self.method in ('optimal_switch', 'paper')
+        vehicle = hvch_alone(self.vehicle) if is_alone else self.vehicle
         if self.step_prices is not None:
             # Cheap heat is stored to BELOW_HIGHEST_K below the highest temperature, or as needed.
             low_c, high_c = vehicle.battery.temperature_range_c
@@ -221,8 +225,7 @@ def plan_case(case: PlanningCase) -> Plan:
     """
     notes: dict[str, None] = {}
     method = case.method
-    way = METHODS.get(method) or Way(
-        installed_method(method, METHODS).proposing(notes), is_installed=True)
+    way = METHODS.get(method) or Way(installed_method(method, METHODS).proposing(notes), is_installed=True)
     started = perf_counter()
     check_situation(case.vehicle, case.route, case.state, case.goal, case.uncertainty)
     obeyed = case.trip_that_obeys()
@@ -234,9 +237,7 @@ def plan_case(case: PlanningCase) -> Plan:
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
     plan = finish_plan(trip, case.goal, schedule, method, started, outcome, ' '.join(notes))
-    if not case.heats_throughout:
-        return plan
-    return replace(plan, energy_wh=_told_as_heater(
+    return plan if not case.heats_throughout else replace(plan, energy_wh=_told_as_heater(
         plan.energy_wh, obeyed, case.uncommanded_w(obeyed), schedule.driven_share))
 
 
@@ -244,8 +245,8 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
                    notes: dict[str, None]) -> tuple[Schedule, ScheduleOutcome | None]:
     """Return the Schedule for a case within its vehicle's gates, and the ScheduleOutcome if it is known."""
     options, outcome = case.method_options(trip, case.method == DEFAULT_METHOD), None
-    switched = (way.in_one_interval(trip, case.state, case.aim_c)
-                if way.in_one_interval is not None and case.no_regret and not options else None)
+    is_quick = case.no_regret and not options and trip.mix is ALONE
+    switched = way.in_one_interval(trip, case.state, case.aim_c) if way.in_one_interval and is_quick else None
     if switched is not None and way.is_done(trip, case.goal, switched):
         first, outcome = switched.schedule, switched.outcome
     else:
@@ -268,8 +269,7 @@ def _told_as_heater(energy_wh: Energies, obeyed: Trip, taken_w: FloatArray,
     hours = obeyed.route.duration_s / JOULES_PER_WH * (1.0 if driven_share is None else driven_share)
     heat_wh = obeyed.vehicle.hvch.efficiency * float(hours @ obeyed.heater_limit_w)
     return replace(
-        energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh,
-        hvch_heat=energy_wh.hvch_heat + heat_wh,
+        energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh, hvch_heat=energy_wh.hvch_heat + heat_wh,
         hvch_electric=energy_wh.hvch_electric + float(hours @ taken_w))
 
 
@@ -285,7 +285,7 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
         goal = case.aimed_at(case.aim_c)
-    is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
+    is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct and trip.mix is ALONE
     # Other built-in methods do not know the battery's limits.
     knows_limits = way.keeps_reserve or way.is_installed or not case.no_regret
 
@@ -310,23 +310,21 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
 
 def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
     """Return the Schedule if the model describes its run, else as executed within the limits."""
-    if is_described(trip, schedule):
-        return schedule
-    return drive_as_planned(trip, state, schedule.heater_power_w)
+    return schedule if is_described(trip, schedule) else drive_as_planned(trip, state, schedule.heater_power_w)
 
 
 def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
     """Return a plan as executed: unchanged if it keeps (9i), else within the limits."""
-    trip = make_trip(vehicle, route)
-    driven = drive_as_planned(trip, state, plan.hvch_battery_power_w)
-    moved_w = max(np.abs(driven.heater_power_w - plan.hvch_battery_power_w).max(),
+    # Methods that do not mix heat sources have no powers of any.
+    trip = make_trip(vehicle if plan.source_power_w else hvch_alone(vehicle), route)
+    driven = drive_as_planned(trip, state, plan.command_w)
+    moved_w = max(np.abs(driven.heater_power_w - plan.command_w).max(),
                   np.abs(driven.brake_power_w - plan.friction_brake_power_w).max())
     # Once the charge has run out the vehicle stands; the powers of that step are shares.
     is_same = moved_w < SAME_POWER_W or plan.stranding is not None
     if is_same and np.abs(driven.soc - plan.soc).max() < SAME_SOC:
         return plan
-    return finish_plan(trip, goal, replace(driven, held_back=plan.held_back),
-                       f'{plan.method}, driven',
+    return finish_plan(trip, goal, replace(driven, held_back=plan.held_back), f'{plan.method}, driven',
                        perf_counter() - plan.planning_time_s, note=plan.note)
 
 
@@ -356,6 +354,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     outcome = outcome or find_outcome(
         trip, schedule, goal.target_temperature_c if goal.heating_pays else -math.inf)
     reserve = reserve_soc(trip.vehicle, goal)
+    sources_w = trip.mix.split_w(schedule.heater_power_w, schedule.temperature_c[:-1])
     shortfall_k, soc_shortfall = max(0.0, target_c - arrival_c), max(0.0, reserve - arrival_soc)
     return Plan(
         status=_status(goal, schedule, outcome, shortfall_k, soc_shortfall),
@@ -366,7 +365,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         time_s=trip.time_s,
         battery_temperature_c=schedule.temperature_c,
         soc=schedule.soc,
-        hvch_battery_power_w=schedule.heater_power_w,
+        hvch_battery_power_w=sources_w.get(HVCH, schedule.heater_power_w),
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=outcome.energy_wh,
         shortfall_k=shortfall_k,
@@ -379,7 +378,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         held_back=schedule.held_back,
         stranding=outcome.stranding,
         heat=schedule.heat,
-        note=note)
+        note=note,
+        source_power_w=sources_w)
 
 
 def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_k: float,

@@ -33,7 +33,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.model import heat_under_w, hottest_c, make_rates, make_runge_kutta_4, make_terminal_limits
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
+    from bev_preheat.numerics import AnyNumber, BoolArray, FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
 
@@ -42,13 +42,14 @@ class StepEnds(NamedTuple):
     Ends (E) of a step from temperatures (P), in the order of their heat.
 
     Battery energy with the price of a power deficit [J], temperature with the heat under way [deg C], heater
-    command [W] and charge, each (E, P); the command that was asked for [W] (E,); whether the battery is empty then
-    (P,).
+    command and electrical power of the heat sources [W], charge, and the command that was asked for [W], each
+    (E, P); whether the battery is empty then (P,).
     """
 
     cost_j: FloatArray
     settled_c: FloatArray
     command_w: FloatArray
+    drawn_w: FloatArray
     soc: FloatArray
     wanted_w: FloatArray
     is_empty: BoolArray
@@ -109,27 +110,27 @@ class StepsAhead:
         """
         Return the StepEnds from charges and temperatures (P,): off, with the surplus, at full power.
 
-        `settled_c` includes the heat under way; `watched`: the charge and the discharge limit may matter;
+        With several heat sources the best one, the two best and so on take the place of full power. `settled_c`
+        includes the heat under way; `watched`: the charge and the discharge limit may matter;
         `lack_price`: the cost of a joule that the battery cannot deliver.
         """
         full_w = float(self._trip.heater_limit_w[k])
-        kinds = [(0.0, False), *([(0.0, True)] if watched[0] else []),
-                 *([(full_w, True)] if full_w > LEAST_HEATING_W else [])]
+        commands_w = self._trip.mix.at(k, settled_c - under_way_k).ends_w or [full_w]
+        kinds: list[tuple[AnyNumber, bool]] = [(0.0, False), *([(0.0, True)] if watched[0] else []), *(
+            [(command_w, True) for command_w in commands_w] if full_w > LEAST_HEATING_W else [])]
         found = [self.end(k, soc, settled_c, under_way_k, watched, lack_price, *kinds[0])]
         for wanted_w, takes_surplus in kinds[1:]:
             end = self.end(k, soc, settled_c, under_way_k, watched, lack_price, wanted_w, takes_surplus)
             # A step that empties the battery, or is the same as the one before, is left out.
             is_other = (end.command_w[0] > found[-1].command_w[0] + ROUNDING_W) & ~end.is_empty
             if is_other.any():
-                cost_j, ahead_c, command_w, end_soc = (
-                    np.where(is_other, new, old) for new, old in zip(end[:4], found[-1][:4]))
-                found.append(StepEnds(cost_j, ahead_c, command_w, end_soc, end.wanted_w, found[0].is_empty))
-        cost_j, ahead_c, command_w, end_soc, asked_w = (
-            np.concatenate(rows) for rows in zip(*(each[:5] for each in found)))
-        return StepEnds(cost_j, ahead_c, command_w, end_soc, asked_w, found[0].is_empty)
+                found.append(StepEnds._make([
+                    *(np.where(is_other, new, old) for new, old in zip(end[:5], found[-1][:5])), end.wanted_w,
+                    found[0].is_empty]))
+        return StepEnds._make([*map(np.concatenate, zip(*(each[:6] for each in found))), found[0].is_empty])
 
     def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: FloatArray | float,
-            watched: tuple[bool, bool], lack_price: float, wanted_w: float, takes_surplus: bool) -> StepEnds:
+            watched: tuple[bool, bool], lack_price: float, wanted_w: AnyNumber, takes_surplus: bool) -> StepEnds:
         """Return the one end (E = 1) under a wanted heater power [W], with surplus or without."""
         trip, vehicle = self._trip, self._vehicle
         (duration_s, idle_w, variance_w2, idle_heat_w, leakage_w_per_k, full_w, propulsion_w) = (
@@ -138,8 +139,9 @@ class StepsAhead:
                 trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w))
         start_c = settled_c - under_way_k
         may_overcharge = watched[0]
-        is_cold = start_c < self._highest_c
-        asked_w, cap_w = np.where(is_cold, wanted_w, 0.0), np.where(is_cold, full_w, 0.0)
+        is_cold, merit = start_c < self._highest_c, trip.mix.at(k, start_c)
+        asked_w, cap_w = (merit.capped_w(np.where(is_cold, power_w, 0.0)) for power_w in (
+            np.minimum(wanted_w, full_w), full_w))
         foresight, in_time_w, lasting_w = self._foresight, None, None
         if foresight is not None:
             in_time_w = foresight.off_in_time_w(k, soc, start_c, 0.0)
@@ -150,15 +152,17 @@ class StepsAhead:
 
         def driven(command_w: FloatArray, brake_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             end_soc, end_c, _, joule_w = self._step(
-                soc, start_c, all_w + duration_s, idle_w + command_w + brake_w, all_w + variance_w2,
+                soc, start_c, all_w + duration_s, idle_w + merit.electric_w(command_w) + brake_w,
+                all_w + variance_w2,
                 heat_under_w(vehicle, idle_heat_w, command_w, brake_w), all_w + leakage_w_per_k)
             return end_soc, end_c, joule_w
 
         for _ in range(MOST_TRIALS):
-            command_w = np.clip(asked_w, 0.0, np.maximum(most_w - idle_w, 0.0)) if any(watched) else asked_w
+            command_w = asked_w if not any(watched) else np.clip(
+                asked_w, 0.0, merit.heat_w(np.maximum(most_w - idle_w, 0.0)))
             paid_w = command_w
             if may_overcharge and takes_surplus:
-                surplus_w = least_w - idle_w
+                surplus_w = merit.heat_w(least_w - idle_w)
                 if lasting_w is not None:
                     surplus_w = np.where(surplus_w > 0.0, np.minimum(surplus_w, lasting_w), surplus_w)
                 free_w = np.minimum(cap_w, surplus_w)
@@ -167,7 +171,7 @@ class StepsAhead:
             if in_time_w is not None:
                 command_w = np.clip(command_w, 0.0, np.maximum(in_time_w, 0.0))
             command_w = np.minimum(command_w, coolest_w)
-            brake_w = (np.clip(least_w - idle_w - command_w, 0.0, max(-propulsion_w, 0.0))
+            brake_w = (np.clip(least_w - idle_w - merit.electric_w(command_w), 0.0, max(-propulsion_w, 0.0))
                        if may_overcharge else all_w)
             end_soc, end_c, joule_w = driven(command_w, brake_w)
             # Near the highest temperature surplus goes to the brake.
@@ -189,7 +193,8 @@ class StepsAhead:
             brake_w = self._brake_when_full_w(brake_w, max(-propulsion_w, 0.0), end_soc > 1.0,
                                               lambda braked_w: driven(command_w, braked_w)[0])
             end_soc, end_c, joule_w = driven(command_w, brake_w)
-        terminal_w = idle_w + command_w + brake_w
+        drawn_w = merit.electric_w(command_w)
+        terminal_w = idle_w + drawn_w + brake_w
         is_empty = ~(end_soc > 0.0)
         end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
         price = float(self._price[k])
@@ -204,8 +209,8 @@ class StepsAhead:
         heater_k = vehicle.hvch.efficiency * duration_s / self._battery_j_per_k * command_w
         ahead_c = (settled_c + self._kept_share[k] * (end_c - start_c - heater_k)
                    + self._arriving_share[k] * heater_k)
-        return StepEnds(cost_j[None], ahead_c[None], command_w[None], end_soc[None], np.array([wanted_w]),
-                        is_empty)
+        return StepEnds(cost_j[None], ahead_c[None], command_w[None], drawn_w[None], end_soc[None],
+                        (wanted_w + all_w)[None], is_empty)
 
     @staticmethod
     def _brake_when_full_w(brake_w: FloatArray, most_w: float, is_full: BoolArray,
@@ -274,7 +279,7 @@ class Choice(NamedTuple):
         if self.share > 0.0:
             low_w, high_w = ends.command_w[self.end, 0], ends.command_w[self.end + 1, 0]
             return float(low_w + self.share * (high_w - low_w))
-        return float(ends.wanted_w[self.end])
+        return float(ends.wanted_w[self.end, 0])
 
 
 class Best(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 
 from bev_preheat.numerics import FloatArray
 from bev_preheat.planning import engine
+from bev_preheat.planning.heat_mix import ALONE, Alone, HeatMix
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w, TripColumns
@@ -37,6 +38,7 @@ class Trip:
     vehicle: Vehicle
     route: Route
     columns: TripColumns
+    mix: HeatMix | Alone = ALONE
 
     time_s = _Column()
     # P_t without battery heating [W], and mean square minus squared mean of the propulsion power [W^2].
@@ -46,8 +48,15 @@ class Trip:
     idle_heat_w = _Column()
     drivetrain_heat_w = _Column()
     leakage_w_per_k = _Column()
-    # The HVCH power beyond the cabin's share (9g) [W].
+    # The HVCH power beyond the cabin's share (9g) [W]; with further heat sources the most heat, as HVCH power.
     heater_limit_w = _Column()
+
+    @property
+    def drawing_limit_w(self) -> FloatArray:
+        """The most electrical power of all heat sources [W] (N,)."""
+        mix = self.mix
+        return self.heater_limit_w if isinstance(mix, Alone) else np.where(
+            self.heater_limit_w > 0.0, mix.most_power_w, 0.0)
 
     def changed(self, **columns: FloatArray) -> Trip:
         """Return the Trip with other columns, by name."""
@@ -109,9 +118,9 @@ def _kept_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
 
 def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     """Return the same Trip as `make_trip`, without the cache."""
-    trip = Trip(vehicle, *engine.model_inputs(vehicle, route, heater_share, heat_lag_s))
+    trip = _with_sources(Trip(vehicle, *engine.model_inputs(vehicle, route, heater_share, heat_lag_s)), heat_lag_s)
     gates = vehicle.heating_gates
-    if not (gates.only_while_standing or gates.power_steps_w):
+    if vehicle.heat_sources or not (gates.only_while_standing or gates.power_steps_w):
         return trip
     # The heater's steps are those of its command, whatever share arrives.
     limit_w = gates.steps_below_w(np.maximum(
@@ -120,6 +129,19 @@ def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_
     if gates.only_while_standing:
         is_open &= trip.route.speed_mps < STANDING_MPS
     return trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
+
+
+def _with_sources(trip: Trip, heat_lag_s: float) -> Trip:
+    """Return the Trip with all heat sources of its vehicle."""
+    vehicle, route = trip.vehicle, trip.route
+    if not vehicle.heat_sources:
+        return trip
+    is_open = trip.time_s[-1] - trip.time_s[1:] + 0.5 * route.duration_s > heat_lag_s
+    hvch_w = trip.heater_limit_w
+    if vehicle.heating_gates.only_while_standing:
+        hvch_w = np.where(route.speed_mps < STANDING_MPS, hvch_w, 0.0)
+    mix = HeatMix(vehicle, route, hvch_w)
+    return replace(trip.changed(heater_limit_w=is_open * mix.most_heat_w), mix=mix)
 
 
 def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:

@@ -83,7 +83,8 @@ class ValuePath:
         cost_j = cost_j + ahead.due_share[k] * (heater_j * self._due_price[k + 1] - (cost_j - cost_j[0]))
         late_k = ahead.late_share[k] * heater_j * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
         return ends._replace(cost_j=cost_j + self.late_price_j[k + 1] * late_k
-                             + HEATING_PRICE * self._run.price[k] * heater_j)
+                             + HEATING_PRICE * self._run.price[k]
+                             * (ends.drawn_w * float(self._trip.route.duration_s[k])))
 
     def forget_prices(self) -> None:
         """Price neither charge nor heat under way."""
@@ -110,7 +111,7 @@ class ValuePath:
         _, most_w = self._ahead.limits_w(k, np.maximum(soc - WATCHED_SOC, 0.0), ends_c)
         least_w, _ = self._ahead.limits_w(k, np.minimum(soc + WATCHED_SOC, 1.0), ends_c)
         self._watched[k] = (bool(trip.route.propulsion_power_w[k] < 0.0 and not (idle_w >= least_w).all()),
-                            not (idle_w + float(trip.heater_limit_w[k]) <= most_w).all())
+                            not (idle_w + float(trip.drawing_limit_w[k]) <= most_w).all())
 
     def _ends_beside(self, k: int, following: Layer, soc: FloatArray, moved_k: FloatArray | float,
                      lack_price: float) -> StepEnds | None:

@@ -229,6 +229,23 @@ class Hvch:
 
 
 @dataclass(frozen=True)
+class HeatSource:
+    """
+    A source of battery heat beside the HVCH; `vehicle.heat_sources` makes and uses it.
+
+    Curves over (ambient temperature, battery temperature) [deg C]: `maximum_power_w`, electrical, and
+    `hvch_watts`, the HVCH power with the heat of one watt of this source. `only_while` is 'driving', 'standing' or
+    '' for both; with `shares_cabin_limit` cabin heating comes first.
+    """
+
+    name: str
+    maximum_power_w: Curve
+    hvch_watts: Curve
+    only_while: str = ''
+    shares_cabin_limit: bool = False
+
+
+@dataclass(frozen=True)
 class RoadLoad:
     """Road load: mass, air and tyres (coefficients without a unit)."""
 
@@ -346,7 +363,7 @@ class Vehicle:
     DIRECT if the file has none; if the file has `thermal`, `battery` is the core. `charging` describes the car
     at a fast charger, None if the file has no such block. `assumed` are the keys of the file whose values were not
     measured or stated for this car. `uncertainty` is that of the file's values. `heating_gates` are the
-    car's own conditions for heating; NO_GATES if the file has none.
+    car's own conditions for heating; NO_GATES if the file has none. `heat_sources` are those beside the HVCH.
     """
 
     name: str
@@ -360,6 +377,7 @@ class Vehicle:
     charging: Charging | None = None
     uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY
     heating_gates: HeatingGates = NO_GATES
+    heat_sources: tuple[HeatSource, ...] = ()
 
     @property
     def pack_heat_capacity_j_per_k(self) -> float:

@@ -33,6 +33,7 @@ from bev_preheat.vehicle.description import (
     Uncertainty,
     Vehicle,
 )
+from bev_preheat.vehicle.heat_sources import heat_source_problems, read_heat_source, read_table
 from bev_preheat.vehicle.variants import with_shell
 
 if TYPE_CHECKING:
@@ -94,6 +95,9 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         problems += thermal_problems(contents['thermal'], battery['heat_capacity_j_per_k'], path_of_heat)
     gates = _heating_gates(contents.get('heating_gates', {}))
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
+    heat_sources = tuple(read_heat_source(name, node, float(contents['hvch']['efficiency']), problems)
+                         for name, node in contents.get('heat_sources', {}).items())
+    problems += heat_source_problems(heat_sources, path_of_heat, gates)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
     if time_constant_s < LEAST_TIME_CONSTANT_S:
@@ -107,14 +111,14 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         node = battery[key]
         if 'formula' in node:
             return formula(**node['formula'])
-        return _table(f'battery.{key}.table', node['table'], problems)
+        return read_table(f'battery.{key}.table', node['table'], problems)
 
     limits = battery['power_limits']
     open_circuit_voltage = curve('open_circuit_voltage', _polynomial_voltage)
     connection_ohm = float(battery.get('connection_resistance_ohm', 0.0))
     resistance = with_connections(curve('resistance', InverseTemperatureResistance), connection_ohm)
-    discharge = _table('battery.power_limits.discharge', limits['discharge'], problems)
-    charge = _table('battery.power_limits.charge', limits['charge'], problems)
+    discharge = read_table('battery.power_limits.discharge', limits['discharge'], problems)
+    charge = read_table('battery.power_limits.charge', limits['charge'], problems)
     charging = _charging(contents, charge, problems)
     if not problems:
         curves = [('battery.open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
@@ -151,7 +155,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         heat_path=path_of_heat,
         charging=charging,
         uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))),
-        heating_gates=gates)
+        heating_gates=gates,
+        heat_sources=heat_sources)
     return with_shell(vehicle, **contents['thermal']) if 'thermal' in contents else vehicle
 
 
@@ -171,7 +176,7 @@ def _charging(contents: dict[str, FileData], charge: Table, problems: list[str])
     if has_own_limit:
         table = node.pop('power_limit')
         problems += _no_cold('charging.power_limit', table)
-        limit = _table('charging.power_limit', table, problems)
+        limit = read_table('charging.power_limit', table, problems)
     else:
         problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
                              contents['battery']['power_limits']['charge'])
@@ -293,30 +298,6 @@ def _floats(node: dict[str, FileData]) -> dict[str, float]:
 
 def _polynomial_voltage(polynomial_v: Iterable[float], log_soc_v: float = 0.0) -> PolynomialVoltage:
     return PolynomialVoltage(tuple(map(float, polynomial_v)), float(log_soc_v))
-
-
-def _table(key: str, node: dict[str, FileData], problems: list[str]) -> Table:
-    """Return the Table of a checked node; add problems with its axes and shape to `problems`."""
-    axes = {}
-    for axis in ('soc', 'temperature_c'):
-        points = tuple(map(float, node.get(axis, (0.0,))))
-        if any(not low < high for low, high in zip(points, points[1:])):
-            problems.append(f'{key}.{axis}: {list(points)} must rise from point to point')
-        axes[axis] = points
-    rows = node['values']
-    if 'soc' not in node:
-        rows = [rows]
-    elif 'temperature_c' not in node:
-        rows = [[value] for value in rows]
-    shape = (len(axes['soc']), len(axes['temperature_c']))
-    if any(not isinstance(row, list) or len(row) != shape[1]
-           or any(isinstance(value, list) for value in row) for row in rows) \
-            or len(rows) != shape[0]:
-        problems.append(f'{key}.values: must have {" x ".join(str(n) for n in shape if n > 1)} values, '
-                        'one for each point of its axes')
-        rows = np.zeros(shape).tolist()
-    return Table(soc=axes['soc'], temperature_c=axes['temperature_c'],
-                 values=tuple(tuple(map(float, row)) for row in rows))
 
 
 def _grid(battery: dict[str, FileData], curve: Curve) -> tuple[FloatArray, FloatArray]:

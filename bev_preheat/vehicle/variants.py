@@ -69,6 +69,12 @@ def without_heat_path(vehicle: Vehicle) -> Vehicle:
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
+def hvch_alone(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle without heat sources beside the HVCH; the same object for the same vehicle."""
+    return replace(vehicle, heat_sources=()) if vehicle.heat_sources else vehicle
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
 def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant, or its shell."""
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k

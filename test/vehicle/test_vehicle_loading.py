@@ -144,8 +144,8 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('hvch.eficiency', 0.9, "hvch: unknown key 'eficiency'; did you mean 'efficiency'? "
      'known keys: maximum_power_w, efficiency'),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, heating_gates, heat_path, thermal, charging, defaults, '
-     'road_load, uncertainty, assumed'),
+     'known keys: name, battery, drivetrain, hvch, heat_sources, heating_gates, heat_path, thermal, charging, '
+     'defaults, road_load, uncertainty, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is not a key of this "

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The cheapest mix of a car's heat sources in each step of a trip.
+
+A plan's control is one number, the heat wanted of the battery, as the HVCH power that gives it; with the HVCH
+alone, heat and electrical power are the same number. Other sources give the same heat for another electrical
+power, which depends on the air and on the battery at the start of the step. Sources serve in the order of their
+merit: the electrical power is then a convex, piecewise linear function of the heat, and no other mix takes less.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.numerics import ARRAYS
+from bev_preheat.tunables import FIRST_STEP_K, LEAST_SOURCE_W
+from bev_preheat.vehicle.description import STANDING_MPS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+HVCH = 'hvch'
+
+
+class Merit(Protocol):
+    """The sources at one instant; heat and electrical power in watts, floats or arrays of the temperatures."""
+
+    @property
+    def ends_w(self) -> Sequence[AnyNumber]:
+        """The heat of the best source, of the two best, and so on."""
+
+    def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
+        """Return the least electrical power of a heat; heat beyond that of all sources is left out."""
+
+    def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
+        """Return the most heat of an electrical power."""
+
+    def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
+        """Return the part of a heat that the sources give."""
+
+
+class Alone:
+    """The HVCH alone, at all instants: its heat is its power, which the trip limits."""
+
+    ends_w: tuple[AnyNumber, ...] = ()
+
+    def at(self, k: int, temperature_c: AnyNumber) -> Merit:
+        """Return the Merit in step k at battery temperatures [deg C]."""
+        return self
+
+    def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
+        """Return the heat."""
+        return heat_w
+
+    heat_w = capped_w = electric_w
+
+    def split_w(self, heat_w: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
+        """Return nothing: there is nothing to split."""
+        return {}
+
+
+ALONE = Alone()
+
+
+class Sources(NamedTuple):
+    """Heat and electrical power [W] of the sources in the order of their merit, (S,) or (S, P)."""
+
+    heats_w: list[AnyNumber]
+    powers_w: list[AnyNumber]
+
+    @property
+    def ends_w(self) -> list[AnyNumber]:
+        """See Merit."""
+        return list(np.cumsum(self.heats_w, axis=0))
+
+    def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
+        """See Merit."""
+        return _along(heat_w, self.heats_w, self.powers_w)
+
+    def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
+        """See Merit."""
+        return _along(electric_w, self.powers_w, self.heats_w)
+
+    def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
+        """See Merit; a source that would heat with next to nothing is left out."""
+        return sum((part * (part >= LEAST_SOURCE_W) for part, _ in _parts(heat_w, self.heats_w)), 0.0)
+
+
+def _parts(value: AnyNumber, widths: list[AnyNumber]) -> Iterator[tuple[AnyNumber, AnyNumber]]:
+    """Yield the part of a value in each width, filled one after the other, and its share of the width."""
+    is_float = not isinstance(value, np.ndarray)
+    for width in widths:
+        part = max(min(value, width), 0.0) if is_float else np.maximum(np.minimum(value, width), 0.0)
+        yield part, (part / max(width, 1e-9) if is_float else part / np.maximum(width, 1e-9))
+        value = value - part
+
+
+def _along(value: AnyNumber, widths: list[AnyNumber], others: list[AnyNumber]) -> AnyNumber:
+    total: AnyNumber = 0.0
+    for (_, share), other in zip(_parts(value, widths), others):
+        total = total + share * other
+    return total
+
+
+class HeatMix:
+    """
+    The sources of a vehicle along a route, the HVCH first: `names`.
+
+    `most_heat_w` and `most_power_w` (N,) are the most heat and electrical power of all at any temperature [W],
+    `hvch_limit_w` (N,) is the power of the HVCH.
+    """
+
+    def __init__(self, vehicle: Vehicle, route: Route, hvch_limit_w: FloatArray) -> None:
+        """Take a car and the steps of its trip."""
+        self.names = (HVCH, *(source.name for source in vehicle.heat_sources))
+        self.hvch_limit_w = hvch_limit_w
+        self._ambient_c = route.ambient_temperature_c
+        stands = route.speed_mps < STANDING_MPS
+        moves = ~stands if not vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
+        self._sources = []
+        for source in vehicle.heat_sources:
+            is_open = {'driving': moves, 'standing': stands}.get(source.only_while, stands | moves)
+            taken_w = route.cabin_heating_power_w if source.shares_cabin_limit else np.zeros(len(route))
+            self._sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
+                                  source.hvch_watts.function(ARRAYS)))
+        grid_c = np.arange(*vehicle.battery.temperature_range_c, FIRST_STEP_K)
+        heats_w, powers_w = self._each(np.repeat(np.arange(len(route)), len(grid_c)), np.tile(grid_c, len(route)))
+        self.most_heat_w, self.most_power_w = (
+            rows_w.sum(axis=0).reshape(len(route), -1).max(axis=1) for rows_w in (heats_w, powers_w))
+
+    def _each(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return most heat and electrical power [W] (S, P) of the sources in steps and at temperatures (P,)."""
+        shape = temperature_c.shape
+        powers_w, hvch_watts = [np.broadcast_to(self.hvch_limit_w[k], shape)], [np.ones(shape)]
+        for is_open, taken_w, most_w, watts in self._sources:
+            power_w = is_open[k] * np.maximum(most_w(self._ambient_c[k], temperature_c) - taken_w[k], 0.0)
+            powers_w.append(np.broadcast_to(power_w, shape))
+            hvch_watts.append(np.broadcast_to(watts(self._ambient_c[k], temperature_c), shape))
+        return np.array(powers_w) * np.array(hvch_watts), np.array(powers_w)
+
+    def _ordered(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return heat and power of `_each` in the order of merit, and that order, (S, P) each."""
+        heats_w, powers_w = self._each(k, temperature_c)
+        order = np.argsort(-heats_w / np.maximum(powers_w, 1e-9), axis=0, kind='stable')
+        return np.take_along_axis(heats_w, order, 0), np.take_along_axis(powers_w, order, 0), order
+
+    def at(self, k: int, temperature_c: AnyNumber) -> Merit:
+        """Return the Merit in step k at battery temperatures [deg C]: a float, or an array (P,)."""
+        if not isinstance(temperature_c, np.ndarray):
+            heats_w, powers_w, _ = self._ordered(k, np.array([float(temperature_c)]))
+            return Sources(heats_w[:, 0].tolist(), powers_w[:, 0].tolist())
+        heats_w, powers_w, _ = self._ordered(k, temperature_c)
+        return Sources(list(heats_w), list(powers_w))
+
+    def split_w(self, heat_w: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
+        """Return the electrical power (N,) of each source for heat (N,) at the temperatures of the starts (N,)."""
+        heats_w, powers_w, order = self._ordered(np.arange(len(heat_w)), temperature_c)
+        split_w = np.zeros(powers_w.shape)
+        np.put_along_axis(split_w, order, np.array([
+            share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]), 0)
+        return dict(zip(self.names, split_w))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the tables of a vehicle file, and the heat sources beside the HVCH that consist of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure, quoted
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import HeatSource
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.vehicle.description import HeatingGates, HeatPath
+
+SOURCE_RANGE_W = (0.0, 50e3)
+# Below the low end a source heats by waste; above the high end no heat pump works.
+HEAT_PER_WATT_RANGE = (0.05, 10.0)
+
+
+def read_table(key: str, node: dict[str, FileData], problems: list[str], rows_over: str = 'soc') -> Table:
+    """Return the Table of a checked node; add problems with its axes and shape to `problems`."""
+    axes = {}
+    for axis in (rows_over, 'temperature_c'):
+        points = tuple(map(float, node.get(axis, (0.0,))))
+        if any(not low < high for low, high in zip(points, points[1:])):
+            problems.append(f'{key}.{axis}: {list(points)} must rise from point to point')
+        axes[axis] = points
+    rows = node['values']
+    if rows_over not in node:
+        rows = [rows]
+    elif 'temperature_c' not in node:
+        rows = [[value] for value in rows]
+    shape = (len(axes[rows_over]), len(axes['temperature_c']))
+    if any(not isinstance(row, list) or len(row) != shape[1]
+           or any(isinstance(value, list) for value in row) for row in rows) \
+            or len(rows) != shape[0]:
+        problems.append(f'{key}.values: must have {" x ".join(str(n) for n in shape if n > 1)} values, '
+                        'one for each point of its axes')
+        rows = np.zeros(shape).tolist()
+    return Table(soc=axes[rows_over], temperature_c=axes['temperature_c'],
+                 values=tuple(tuple(map(float, row)) for row in rows))
+
+
+def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, problems: list[str]) -> HeatSource:
+    """Return the HeatSource of a checked node, beside an HVCH of an efficiency; add problems to `problems`."""
+    curves = []
+    for key, (low, high), unit in (('maximum_power_w', SOURCE_RANGE_W, ' W'),
+                                   ('heat_per_watt', HEAT_PER_WATT_RANGE, '')):
+        value, place = node[key], f'heat_sources.{name}.{key}'
+        table = (read_table(place, value, problems, 'ambient_c') if isinstance(value, dict) else
+                 Table((0.0,), (0.0,), ((float(value),),)))
+        bad = [number for row in table.values for number in row if not low <= number <= high]
+        problems += [f'{place}: {figure(number)} is not allowed; it must be {low:g} ... {high:g}{unit}'
+                     for number in bad[:1]]
+        curves.append(table)
+    power, heat = curves
+    hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
+        tuple(value / efficiency for value in row) for row in heat.values))
+    return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False))
+
+
+def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath, gates: HeatingGates) -> Iterator[str]:
+    """Yield a sentence for each implausible HeatSource of a file, beside a HeatPath and HeatingGates."""
+    for source in sources:
+        if source.name == 'hvch' or not source.name.isidentifier() or not source.name.islower():
+            yield (f'heat_sources: {quoted(source.name)} is no name for a source beside hvch; lower-case letters, '
+                   'digits and _ are allowed')
+    if sources and path.heater_lag_s > 0.0:
+        yield (f'heat_path.heater_lag_s: {path.heater_lag_s:g} s is not allowed beside heat_sources, whose lag is '
+               'not described; it must be 0')
+    if sources and gates.power_steps_w:
+        yield ('heating_gates.power_steps_w: is not allowed beside heat_sources, which have no steps yet')

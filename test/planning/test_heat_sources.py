@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans of cars with several heat sources, in a plant and a mix of their own."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from own_plant import OwnPlant, table
+import pytest
+import yaml
+
+from bev_preheat.code_generation.ecu_export import vehicle_source
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.input_files import find_configuration
+from bev_preheat.nonlinear_program.solve import solve_optimum
+from bev_preheat.planning.heat_mix import HeatMix
+from bev_preheat.planning.plan import energy_gap_wh
+from bev_preheat.planning.planner import as_driven, plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route import load_route
+from bev_preheat.vehicle.loading import load_vehicle, vehicle_of_text
+
+REFERENCE = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text(encoding='utf-8'))
+MOTOR = {'maximum_power_w': 2300, 'heat_per_watt': 0.7, 'only_while': 'driving'}
+PUMP = {
+    'maximum_power_w': {'temperature_c': [-12, -8], 'values': [0, 2600]},
+    'heat_per_watt': {'ambient_c': [-25, -5, 10], 'temperature_c': [-20, 5, 30],
+                      'values': [[1.4, 1.2, 1.0], [2.3, 1.9, 1.5], [3.3, 2.8, 2.2]]}}
+SOURCES = {'motor': MOTOR, 'heat_pump': PUMP}
+GOAL = Goal(25.0)
+NO_NAME = 'is no name for a source beside hvch; lower-case letters, digits and _ are allowed'
+
+
+def vehicle_with(sources, **changes):
+    contents = {**REFERENCE, **changes, 'heat_sources': sources}
+    return vehicle_of_text(yaml.safe_dump(contents, sort_keys=False), 'the file')
+
+
+VEHICLE = vehicle_with(SOURCES)
+ROUTE = load_route('reference', VEHICLE.defaults)
+ALONE = load_vehicle('reference')
+
+
+def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.9, **how):
+    return plan_preheating(vehicle, route, BatteryState(temperature_c, soc), goal, **how)
+
+
+def as_curve(value):
+    """Return f(ambient_c, temperature_c) of a number or a table, by the tests' own interpolation."""
+    if not isinstance(value, dict):
+        return lambda ambient_c, temperature_c: value
+    return table({('soc' if name == 'ambient_c' else name): axis for name, axis in value.items()})
+
+
+def heat_of(plan, route=ROUTE, sources=SOURCES):
+    """Return the heat of a plan's electrical powers [W] (N,), as the file describes the sources."""
+    heat_w = REFERENCE['hvch']['efficiency'] * plan.source_power_w['hvch']
+    for name, source in sources.items():
+        heat_w = heat_w + plan.source_power_w[name] * [
+            as_curve(source['heat_per_watt'])(*at) for at in zip(
+                route.ambient_temperature_c.tolist(), plan.battery_temperature_c[:-1].tolist())]
+    return heat_w
+
+
+@pytest.mark.parametrize(('sources', 'changes', 'problem'), [
+    ({'hvch': MOTOR}, {}, f"heat_sources: 'hvch' {NO_NAME}"),
+    ({'Heat pump': PUMP}, {}, f"heat_sources: 'Heat pump' {NO_NAME}"),
+    ({'motor': {**MOTOR, 'heat_per_watt': 0}}, {},
+     'heat_sources.motor.heat_per_watt: 0 is not allowed; it must be 0.05 ... 10'),
+    ({'pump': {**PUMP, 'maximum_power_w': {'temperature_c': [0, 10], 'values': [0, 60000]}}}, {},
+     'heat_sources.pump.maximum_power_w: 60000 is not allowed; it must be 0 ... 50000 W'),
+    ({'pump': {**PUMP, 'heat_per_watt': {'ambient_c': [5, -5], 'values': [2, 1]}}}, {},
+     'heat_sources.pump.heat_per_watt.ambient_c: [5.0, -5.0] must rise from point to point'),
+    ({'pump': {**PUMP, 'heat_per_watt': {'ambient_c': [-5, 5], 'temperature_c': [0, 9], 'values': [2, 1]}}}, {},
+     'heat_sources.pump.heat_per_watt.values: must have 2 x 2 values, one for each point of its axes'),
+    (SOURCES, {'heat_path': {'heater_lag_s': 30}}, 'heat_path.heater_lag_s: 30 s is not allowed beside '
+     'heat_sources, whose lag is not described; it must be 0'),
+    (SOURCES, {'heating_gates': {'power_steps_w': [3000]}}, 'heating_gates.power_steps_w: is not allowed beside '
+     'heat_sources, which have no steps yet')])
+def test_refused_in_words(sources, changes, problem):
+    with pytest.raises(InvalidInput) as refusal:
+        vehicle_with(sources, **changes)
+    assert f'the file: {problem}' in refusal.value.problems
+
+
+def test_the_mix_takes_the_least_power_of_all_mixes():
+    random = np.random.default_rng(5)
+    mix = HeatMix(VEHICLE, ROUTE, np.full(len(ROUTE), 4000.0))
+    sources = [(lambda *at: 4000.0, lambda *at: 1.0)] + [
+        (as_curve(source['maximum_power_w']), as_curve(source['heat_per_watt'])) for source in SOURCES.values()]
+    for k in random.integers(0, len(ROUTE), 12).tolist():
+        at = float(ROUTE.ambient_temperature_c[k]), float(random.uniform(-20.0, 30.0))
+        merit = mix.at(k, at[1])
+        limits_w, watts = np.array([[most(*at), heat(*at) / REFERENCE['hvch']['efficiency']]
+                                    for most, heat in sources]).T
+        watts[0] = 1.0
+        most_w = float(limits_w @ watts)
+        assert merit.capped_w(1e6) == pytest.approx(most_w)
+        wanted_w = float(random.uniform(0.0, most_w))
+        # Of all vertices of the linear program: all sources but one at an end.
+        least_w = min(
+            float(np.delete(limits_w, free) @ np.delete(np.array(full, dtype=float), free)) + rest_w
+            for free in range(3) for full in product((0, 1), repeat=3)
+            if 0.0 <= (rest_w := (wanted_w - sum(limits_w[i] * watts[i] * full[i] for i in range(3) if i != free)
+                                  ) / watts[free]) <= limits_w[free] + 1e-9)
+        assert merit.electric_w(wanted_w) == pytest.approx(least_w)
+        assert merit.heat_w(merit.electric_w(wanted_w)) == pytest.approx(wanted_w)
+        split_w = mix.split_w(np.full(len(ROUTE), wanted_w), np.full(len(ROUTE), at[1]))
+        assert [power_w[k] for power_w in split_w.values()] @ watts == pytest.approx(wanted_w)
+
+
+@pytest.mark.parametrize('temperature_c', [-20.0, -11.0, 2.0])
+def test_the_battery_arrives_as_planned_in_another_plant(temperature_c):
+    plan = planned(temperature_c=temperature_c)
+    assert plan.status is Status.WAITING
+    as_hvch_w = heat_of(plan) / REFERENCE['hvch']['efficiency']
+    drawn_w = sum(plan.source_power_w.values())
+    # What the sources draw beyond an HVCH with the same heat.
+    route = replace(ROUTE, auxiliary_power_w=ROUTE.auxiliary_power_w + drawn_w - as_hvch_w)
+    driven = OwnPlant('reference').drive(route, BatteryState(temperature_c, 0.9), as_hvch_w)
+    assert driven.temperature_c == pytest.approx(25.0, abs=0.03)
+    assert driven.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
+    assert plan.energy_wh.hvch_heat == pytest.approx(heat_of(plan) @ ROUTE.duration_s / 3600.0, rel=1e-6)
+    assert plan.energy_wh.hvch_electric == pytest.approx(drawn_w @ ROUTE.duration_s / 3600.0)
+
+
+def test_two_sources_like_the_hvch_are_one_larger_hvch():
+    hvch = REFERENCE['hvch']
+    second = {'maximum_power_w': hvch['maximum_power_w'] - 3000.0, 'heat_per_watt': hvch['efficiency']}
+    one, two = planned(ALONE), planned(vehicle_with({'second': second}, hvch={**hvch, 'maximum_power_w': 3000.0}))
+    # One switches on within a step, the other heats whole steps.
+    assert energy_gap_wh(two, one) == pytest.approx(0.0, abs=0.3)
+    assert two.arrival_temperature_c == pytest.approx(one.arrival_temperature_c, abs=1e-3)
+
+
+@pytest.mark.parametrize('temperature_c', [-25.0, -14.0, 5.0])
+def test_close_to_the_program_and_cheaper_than_the_hvch(temperature_c):
+    plan = planned(temperature_c=temperature_c)
+    optimum = solve_optimum(VEHICLE, ROUTE, BatteryState(temperature_c, 0.9), GOAL)
+    assert optimum.solver_status == 'Solve_Succeeded'
+    assert -1.5 < energy_gap_wh(plan, optimum.plan) < 0.5
+    assert plan.energy_wh.battery_total < planned(ALONE, temperature_c).energy_wh.battery_total - 100.0
+
+
+def test_sources_are_named_in_the_order_of_their_use():
+    cold = planned(temperature_c=-25.0, soc=0.95)
+    assert ' Sources: hvch' in cold.explanation and 'degC, then heat_pump' in cold.explanation
+    assert planned(temperature_c=5.0).explanation.endswith(' Sources: heat_pump.')
+    assert 'Sources' not in planned(temperature_c=30.0).explanation
+    assert list(cold.as_dictionary()['heat_source_power_w']) == ['hvch', 'motor', 'heat_pump']
+    assert cold.as_dictionary()['hvch_battery_power_w'] == cold.as_dictionary()['heat_source_power_w']['hvch']
+
+
+def test_a_source_heats_only_when_it_may():
+    stops = ROUTE.with_propulsion(np.where(np.arange(len(ROUTE)) % 4 == 0, 0.0, 1.0))
+    stops = replace(stops, speed_mps=np.where(stops.propulsion_power_w == 0.0, 0.0, stops.speed_mps))
+    stands = stops.speed_mps == 0.0
+
+    def motor_w(**entries):
+        plan = planned(vehicle_with({'motor': {**MOTOR, **entries}}), -25.0, stops, Goal(55.0))
+        return plan.source_power_w['motor']
+
+    driving_w, standing_w = motor_w(), motor_w(only_while='standing')
+    assert driving_w[~stands].max() == pytest.approx(2300.0) and not driving_w[stands].any()
+    assert standing_w[stands].max() == pytest.approx(2300.0) and not standing_w[~stands].any()
+    left_w = 2300.0 - ROUTE.cabin_heating_power_w.max()
+    assert motor_w(shares_cabin_limit=True).max() == pytest.approx(left_w)
+
+
+def test_limits_hold_with_all_sources():
+    route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-18.0, 0.97)
+    plan = planned(temperature_c=-18.0, route=route, soc=0.97)
+    assert plan.undeliverable_power_w == 0.0 and plan.friction_brake_power_w.any()
+    as_hvch_w = heat_of(plan, route) / REFERENCE['hvch']['efficiency']
+    more_w = sum(plan.source_power_w.values()) - as_hvch_w
+    driven = OwnPlant('reference').drive(replace(route, auxiliary_power_w=route.auxiliary_power_w + more_w), state,
+                                         as_hvch_w, plan.friction_brake_power_w)
+    assert driven.beyond_w.max() < 100.0
+    assert driven.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.05)
+    again = as_driven(plan, VEHICLE, route, state, GOAL)
+    assert again.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, abs=0.1)
+
+
+@pytest.mark.parametrize('method', ['optimal_switch', 'paper'])
+def test_other_methods_heat_with_the_hvch_alone(method):
+    assert planned(method=method).energy_wh == planned(ALONE, method=method).energy_wh
+    assert planned(method=method).source_power_w == {}
+
+
+def test_what_does_not_know_the_sources_uses_the_hvch_alone():
+    trip = make_trip(VEHICLE, ROUTE)
+    assert (trip.heater_limit_w > trip.mix.hvch_limit_w).all()
+    assert Supervisor(VEHICLE, Settings()).state.vehicle.heat_sources == ()
+    with pytest.raises(InvalidInput, match='heat_sources; the export needs a file with the HVCH alone'):
+        vehicle_source(VEHICLE)
