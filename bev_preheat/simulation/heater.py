@@ -2,8 +2,8 @@
 """The simulated car's heater: the lease on its power, its faults, and its controller with the car's own gates."""
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 import math
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HeaterLease:
-    """Permission to use `power_w` [W] until `until_s` [s after the start of the route], then 0 W."""
+    """
+    Permission to use `power_w` [W] until `until_s` [s after the start of the route], then 0 W.
+
+    `sources_w` has the powers of heat sources beside the HVCH, by name.
+    """
 
     power_w: float
     until_s: float
+    sources_w: Mapping[str, float] = field(default_factory=dict)
 
 
 NO_LEASE = HeaterLease(0.0, -math.inf)

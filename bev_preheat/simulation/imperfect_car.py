@@ -26,7 +26,7 @@ from bev_preheat.simulation.traffic import (
 )
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, ScaledCurve
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
@@ -40,16 +40,17 @@ class Mismatch:
     """
     The true car and drive, as multiples of the values in vehicle and route file.
 
-    `heater` is a factor on the efficiency of the HVCH, `propulsion_power_variability` the standard
-    deviation of the logarithm of a factor that varies about 1 from segment to segment. With
-    `visible_variation` the power variation within a segment takes place over seconds,
-    so that the sensors see it; without, it is a ripple too fast for them.
+    `heater` is a factor on the efficiency of the HVCH, `sources` on the heat of others;
+    `propulsion_power_variability` is the standard deviation of the logarithm of a factor that varies about 1 from
+    segment to segment. With `visible_variation` the power variation within a segment takes place over seconds, so
+    that the sensors see it; without, it is a ripple too fast for them.
     """
 
     heat_capacity: float = 1.0
     leakage: float = 1.0
     resistance: float = 1.0
     heater: float = 1.0
+    sources: float = 1.0
     propulsion_power: float = 1.0
     propulsion_power_variability: float = 0.0
     visible_variation: bool = False
@@ -60,6 +61,10 @@ def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | Non
     factors = (mismatch.heat_capacity, mismatch.leakage, mismatch.resistance, mismatch.heater)
     if factors != (1.0,) * 4:
         vehicle = corrected_vehicle(vehicle, Corrections(*factors))
+    if mismatch.sources != mismatch.heater:
+        # All heat has the heater's factor.
+        vehicle = replace(vehicle, heat_sources=tuple(replace(source, hvch_watts=ScaledCurve(
+            source.hvch_watts, mismatch.sources / mismatch.heater)) for source in vehicle.heat_sources))
     if heat_path is None or heat_path == vehicle.heat_path:
         return vehicle
     return replace(vehicle, heat_path=heat_path)
@@ -334,8 +339,8 @@ class ImperfectCar:
             elif own_w > 0.0:
                 plant.advance(until_s, (1.0 if fault is None else fault.share) * own_w)
             else:
-                plant.advance_under(lease if fault is None else HeaterLease(
-                    fault.share * lease.power_w, lease.until_s), until_s)
+                plant.advance_under(lease if fault is None else replace(
+                    lease, power_w=fault.share * lease.power_w), until_s)
 
     def _send(self, letter: _Letter, start_ns: int) -> Mission:
         """Return the Mission of a letter; its route begins at the car's position or at the planned start."""

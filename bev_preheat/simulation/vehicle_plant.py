@@ -10,6 +10,7 @@ from bev_preheat.numerics import FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.simulation.heat_sources import SimulatedSources
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
 from bev_preheat.vehicle.model import (
     heat_under_w,
@@ -22,6 +23,7 @@ from bev_preheat.vehicle.model import (
     Step,
     TerminalLimits,
 )
+from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from bev_preheat.charging.equations import CoolingPowers
@@ -65,14 +67,13 @@ class VehiclePlant:
     time goes on, state and sums stay. Cabin and battery have priority: the heater gets the remaining power,
     and regeneration beyond the battery's limit goes into the friction brake.
 
-    `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W], `coolant_c` and
-    `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
-    if the vehicle has a `heat_path` (else that of the battery); with a shell, `coolant_c` is the shell's and
-    `temperature_c` the core's. `terminal_voltage_v` and `current_a` the
-    mean values at the battery's terminals (positive = discharging, 0 while the vehicle stands),
-    `undeliverable_power_w` is the largest power deficit of the battery so far [W], `empty_at_s` the instant at
-    which it ran empty [s], None if it did not, and `without_lease_s` the driving time without a valid
-    command [s].
+    `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W]; `sources` (SimulatedSources)
+    heat beside the HVCH. `coolant_c` and `sensor_c` are the temperatures [deg C] of the coolant between heater and
+    battery and of the sensor, if the vehicle has a `heat_path` (else that of the battery); with a shell,
+    `coolant_c` is the shell's and `temperature_c` the core's. `terminal_voltage_v` and `current_a` are the mean
+    values at the battery's terminals (positive = discharging, 0 while the vehicle stands), `undeliverable_power_w`
+    is the largest power deficit of the battery so far [W], `empty_at_s` the instant at which it ran empty [s], None
+    if it did not, and `without_lease_s` the driving time without a valid command [s].
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0,
@@ -80,7 +81,7 @@ class VehiclePlant:
         """Put a vehicle at the start of a route at an instant [s]; `cooling`: of a car at a charger."""
         self.vehicle, self.start_s = vehicle, start_s
         # The trip divides segments that are too long for one step.
-        trip = make_trip(vehicle, route)
+        trip = make_trip(hvch_alone(vehicle), route)
         self.route = trip.route
         self.time_s = start_s
         # The native core counts from the start of the route.
@@ -90,7 +91,7 @@ class VehiclePlant:
         self.coolant_c = state.temperature_c + state.coolant_excess_k
         self.sensor_c = self._sensed_c()
         self.heater_power_w = self.cooling_power_w = self._cooled_w = 0.0
-        self._cooling = cooling
+        self._cooling, self.sources = cooling, SimulatedSources(vehicle)
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
         # Cached, because building a step costs more than running it. The second one is for a power deficit.
         self._is_direct, self._has_coolant = vehicle.heat_path.is_direct, vehicle.heat_path.has_coolant
@@ -162,14 +163,16 @@ class VehiclePlant:
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
             self.cooling_power_w = self._cooled_w = 0.0
+            self.sources.off()
         self._elapsed_s, self.time_s = until_s, to_s
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] with the power of a HeaterLease, and 0 W after its end."""
+        self.sources.commands_w = lease.sources_w
         if self.time_s < lease.until_s:
             self.advance(min(to_s, lease.until_s), lease.power_w)
         if self.time_s < to_s:
-            since_s = self.time_s
+            since_s, self.sources.commands_w = self.time_s, {}
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
 
@@ -201,22 +204,27 @@ class VehiclePlant:
         is_shell = self.vehicle.heat_path.is_shell
         if (max(self.temperature_c, self.coolant_c) if is_shell else self.temperature_c) >= self._highest_c:
             self._command_w = 0.0
+            most_w = idle_w
         # The power of a lagging heater cannot be changed at once.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
+        if self.sources:
+            self.sources.heat(
+                segment.ambient_c, self.temperature_c, self.speed_mps,
+                float(self.route.cabin_heating_power_w[self._segment]), most_w - idle_w - self._command_w)
         if self._cooling is not None:
             self.cooling_power_w, self._cooled_w = self._cooling(
                 self.temperature_c, max(0.0, -idle_w - self.heater_power_w))
         regenerated_w = max(0.0, -segment.propulsion_power_w)
-        self.brake_power_w = min(
-            regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w - self.cooling_power_w))
+        drawn_w = self.heater_power_w + self.sources.drawn_w + self.cooling_power_w
+        self.brake_power_w = min(regenerated_w, max(0.0, least_w - idle_w - drawn_w))
 
     def _inputs(self, heater_power_w: float) -> tuple[float, float, float, float]:
         """Return power, power variance, heat and leakage of a step under a heater power [W]; as Trip.inputs."""
         segment = self._segments[self._segment]
-        return (segment.idle_power_w + heater_power_w + self.brake_power_w + self.cooling_power_w,
-                segment.variance_w2,
-                heat_under_w(self.vehicle, segment.idle_heat_w - self._cooled_w, heater_power_w,
-                             self.brake_power_w),
+        power_w = segment.idle_power_w + heater_power_w + self.brake_power_w + self.cooling_power_w
+        return (power_w + self.sources.drawn_w, segment.variance_w2,
+                heat_under_w(self.vehicle, segment.idle_heat_w - self._cooled_w,
+                             heater_power_w + self.sources.heat_w, self.brake_power_w),
                 segment.leakage_w_per_k)
 
     def _sensed_c(self) -> float:
@@ -260,11 +268,13 @@ class VehiclePlant:
         if self._is_direct:
             return self._steps[saturating](
                 self.soc, self.temperature_c, step_s, *self._inputs(self.heater_power_w))
+        # The heat of all sources takes the path of the HVCH's.
+        others_w = self.sources.heat_w
         soc, temperature_c, end_w, excess_k, mean_temperature_c, joule_w, drawn_w, _ = (
             self._heated_steps[saturating](
                 self.soc, self.temperature_c, self._power_at_end_w,
-                self.coolant_c - self.temperature_c, step_s, *self._inputs(0.0), self._command_w))
-        self.heater_power_w, self._power_at_end_w = drawn_w, end_w
+                self.coolant_c - self.temperature_c, step_s, *self._inputs(-others_w), self._command_w + others_w))
+        self.heater_power_w, self._power_at_end_w = drawn_w - others_w, end_w
         self.coolant_c = temperature_c + excess_k
         return soc, temperature_c, mean_temperature_c, joule_w
 
@@ -297,6 +307,7 @@ class VehiclePlant:
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
+        self.sources.count(step_s)
         self._leakage_j += (
             step_s * segment.leakage_w_per_k * (segment.ambient_c - mean_temperature_c)
             - step_s * self._cooled_w - cooled_j)
@@ -320,9 +331,9 @@ class VehiclePlant:
         return Energies(
             joule=self._joule_j / JOULES_PER_WH,
             drivetrain_heat=self._drivetrain_j / JOULES_PER_WH,
-            hvch_heat=self.vehicle.hvch.efficiency * self._heater_j / JOULES_PER_WH,
+            hvch_heat=self.vehicle.hvch.efficiency * (self._heater_j + self.sources.heat_j) / JOULES_PER_WH,
             leakage=self._leakage_j / JOULES_PER_WH,
-            hvch_electric=self._heater_j / JOULES_PER_WH,
+            hvch_electric=self._heater_j / JOULES_PER_WH + sum(self.sources.energy_wh.values()),
             battery_total=self._battery_j / JOULES_PER_WH)
 
     @property

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated cars with several heat sources: balances of their own, and plans made again on the way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route, make_route
+from bev_preheat.simulation.heater import HeaterLease
+from bev_preheat.simulation.imperfect_car import Mismatch, true_vehicle
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import HeatPath
+
+CAR = load_vehicle('heat_pump_car')
+COMMANDS_W = {'motor': 1700.0, 'heat_pump': 900.0}
+# Motor 0.75; heat pump in air of -10 degC, battery at 0 and at 25 degC: 2.0 and 1.6.
+MINUTE_S = 60.0
+
+
+def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s=60.0, shares=None, **columns):
+    route = make_route({'duration_s': [seconds], 'speed_mps': [speed_mps], 'propulsion_power_w': [9e3],
+                        'ambient_temperature_c': [-10.0], 'cabin_heating_power_w': [800.0], **columns},
+                       vehicle.defaults)
+    plant = VehiclePlant(vehicle, route, BatteryState(temperature_c, 0.8))
+    plant.sources.shares.update(shares or {})
+    plant.advance_under(HeaterLease(0.0, until_s, COMMANDS_W), seconds)
+    return plant
+
+
+def test_heat_and_power_of_the_sources():
+    with_sources, without = driven(), driven(replace(CAR, heat_sources=()))
+    heat_j = MINUTE_S * (1700.0 * 0.75 + 900.0 * (2.0 - 0.4 * 5.0 / 25.0))
+    warmer_k = with_sources.temperature_c - without.temperature_c
+    assert warmer_k * CAR.battery.heat_capacity_j_per_k == pytest.approx(heat_j, rel=0.02)
+    assert with_sources.sources.energy_wh == pytest.approx({'motor': 1700.0 / 60.0, 'heat_pump': 15.0})
+    energies = with_sources.energy_wh
+    assert energies.hvch_electric == pytest.approx(2600.0 / 60.0)
+    assert energies.hvch_heat == pytest.approx(heat_j / 3600.0, rel=2e-3)
+    more_wh = energies.battery_total - without.energy_wh.battery_total
+    assert more_wh == pytest.approx(2600.0 / 60.0 + energies.joule - without.energy_wh.joule, abs=0.01)
+
+
+def test_heat_of_the_sources_takes_the_way_of_the_coolant():
+    late = replace(CAR, heat_path=HeatPath(0.0, 20e3, 300.0))
+    plant = driven(late)
+    assert plant.coolant_c > plant.temperature_c + 3.0
+    assert plant.energy_wh.hvch_electric == pytest.approx(2600.0 / 60.0)
+
+
+@pytest.mark.parametrize(('changes', 'motor_wh', 'pump_wh'), [
+    ({'speed_mps': 0.0}, 0.0, 15.0),
+    ({'until_s': 30.0}, 1700.0 / 120.0, 7.5),
+    ({'shares': {'heat_pump': 0.0, 'motor': 0.5}}, 1700.0 / 120.0, 0.0),
+    ({'ambient_temperature_c': [-26.0]}, 1700.0 / 60.0, 0.0),
+    ({'ambient_temperature_c': [-24.0]}, 1700.0 / 60.0, 500.0 / 60.0)])
+def test_a_source_heats_as_far_as_it_may(changes, motor_wh, pump_wh):
+    assert driven(**changes).sources.energy_wh == pytest.approx({'motor': motor_wh, 'heat_pump': pump_wh})
+
+
+@pytest.mark.parametrize(('mismatch', 'temperature_c'), [
+    (Mismatch(), -12.0), (Mismatch(heat_capacity=1.1, leakage=1.2, sources=0.85), -12.0),
+    (Mismatch(heat_capacity=0.9, leakage=0.8, heater=1.05, sources=1.15), 0.0)])
+def test_a_plan_made_again_on_the_way_brings_a_car_that_differs_to_its_target(mismatch, temperature_c):
+    route = load_route('reference', CAR.defaults).divided(60.0)
+    plant = VehiclePlant(true_vehicle(CAR, mismatch, None), route, BatteryState(temperature_c, 0.9))
+    for step in range(0, len(route), 5):
+        plan = plan_preheating(CAR, route.segments(step, len(route)), BatteryState(
+            plant.temperature_c, plant.soc), Goal(22.0))
+        for k in range(min(5, len(route) - step)):
+            powers_w = {name: float(power_w[k]) for name, power_w in plan.source_power_w.items()}
+            plant.advance_under(HeaterLease(powers_w.pop('hvch'), np.inf, powers_w),
+                                float(route.time_s[step + k + 1]))
+    assert plant.has_arrived
+    # Full power that comes too late cannot catch up.
+    assert plant.temperature_c == pytest.approx(22.0, abs=0.1 if mismatch == Mismatch() else 1.0)
