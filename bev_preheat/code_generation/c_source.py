@@ -235,7 +235,7 @@ def drives() -> str:
     functions.append(_function(
         'bev_lagging_step', 'bev_vehicle *vehicle',
         (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heat_capacity', 'duration_s'),
-        make_lagging_step(car)(
+        make_lagging_step(replace(car, heat_path=HeatPath(shell_share=_field('shell_share'))))(
             Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
             Symbol('heat_capacity'), Symbol('duration_s'))))
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.electrical import fit_electrical
-from bev_preheat.identification.parameters import ALL_STRUCTURES, ALWAYS, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.parameters import ALWAYS, NAMES, parameters_of, STRUCTURES
 from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 
@@ -143,7 +143,7 @@ class Fitter:
     def free_names(self, structure: str, kept: Sequence[int] | None = None) -> list[str]:
         """Return the names of the free thermal parameters of a structure for the kept trips."""
         heating = any(self.has_heating[at] for at in self._kept(kept))
-        own = ALL_STRUCTURES[structure]
+        own = STRUCTURES[structure]
         return [name for name in NAMES if name in ALWAYS or name in own.names
                 or (heating and not own.has_shell and name == 'heat_lag')]
 
@@ -222,7 +222,7 @@ class Fitter:
     def model(self, structure: str) -> ThermalModel:
         """Return the ThermalModel of a structure."""
         if structure not in self._models:
-            own = ALL_STRUCTURES[structure]
+            own = STRUCTURES[structure]
             self._models[structure] = ThermalModel(
                 self.vehicle, (*ALWAYS, *own.names, *(() if own.has_shell else ('heat_lag',))), own)
         return self._models[structure]

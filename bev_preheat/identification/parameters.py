@@ -62,7 +62,6 @@ class Structure(NamedTuple):
 
     names: tuple[str, ...] = ()
     sensor: str = ''
-    joule_in_core: bool = False
 
     @property
     def has_shell(self) -> bool:
@@ -77,10 +76,6 @@ STRUCTURES = {
     'one mass, sensor lag': Structure(('sensor_lag',)),
     **{f'two masses, sensor {place}': Structure(NAMES[6:], sensor) for place, sensor in (
         ('on the shell', 'shell'), ('in the core', 'core'), ('at their mean', 'mean'))}}
-# The model has Joule heat in both masses; intervals also contain the values of a car that has it in the core.
-IN_CORE = ', Joule heat in the core'
-ALL_STRUCTURES = {**STRUCTURES, **{name + IN_CORE: structure._replace(joule_in_core=True)
-                                   for name, structure in STRUCTURES.items() if structure.has_shell}}
 
 
 def structures_of(vehicle: Vehicle, has_heating: bool) -> list[str]:

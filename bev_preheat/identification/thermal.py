@@ -3,10 +3,7 @@
 The temperature sensor's course over a trip, and its derivatives by every parameter.
 
 The equations are those of the project: `vehicle.variants` (rates of a drive, lags of heat and sensor),
-evaluated with CasADi symbols and differentiated by CasADi. Only the second mass of the structures with a
-shell is added here: the core has the heat sources and the sensor, the shell has the leakage,
-
-    C (1 - f) T' = heat - G (T - S),    C f S' = G (T - S) + gamma (T_amb - S).
+evaluated with CasADi symbols and differentiated by CasADi.
 """
 
 from __future__ import annotations
@@ -24,7 +21,7 @@ from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.vehicle.description import DIRECT, Leakage
+from bev_preheat.vehicle.description import DIRECT, HeatPath, Leakage
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
@@ -208,8 +205,6 @@ class ThermalModel:
             else:
                 # All heat but the heater's arrives at once.
                 joule_w = rate * capacity - efficiency * heater_w
-            if self._structure.joule_in_core:
-                joule_w = joule_w / (1.0 - shell_share)
             return rate, soc_rate, joule_w
 
         # Midpoint rule: the lags are solved within the step.
@@ -219,6 +214,7 @@ class ThermalModel:
         lagging = Lagging(
             temperature_c, soc, under_way_k, sensor_c, 0.0, heat_lag_s, sensor_lag_s,
             casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s), 0.0, 0.0, sensor_place)
+        car = replace(car, heat_path=HeatPath(shell_share=shell_share if self._structure.has_shell else 0.0))
         end_c, _, under_way_end_k, sensor_end_c, _ = make_lagging_step(car)(lagging, now, 1.0, duration_s)
         return casadi.vertcat(end_c, under_way_end_k, sensor_end_c)
 

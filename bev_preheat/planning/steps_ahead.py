@@ -74,8 +74,10 @@ class StepsAhead:
         self._joules_per_k = battery_j_per_k / vehicle.hvch.efficiency
         duration_s = trip.route.duration_s
         self._left_s = float(trip.time_s[-1]) - trip.time_s
-        # The share of a step's heat in the battery, and of its heat from the heater, in the battery at the end.
+        # The share of a step's heat in the battery, and of its heat from the heater, in the battery at the end; of
+        # heat that enters a shell, how much less.
         self._kept_share, self._arriving_share = np.ones(len(duration_s)), np.ones(len(duration_s))
+        self._drained_share = np.zeros(len(duration_s))
         # Of its heat from the heater, the share that is still under way at its end and arrives; of the heater's
         # energy, the share that it draws later.
         self.late_share, self.due_share = np.zeros(len(duration_s)), mean_share_left(path, duration_s)
@@ -89,9 +91,9 @@ class StepsAhead:
             self.late_share = battery_j_per_k / both_j_per_k * mean_left * -np.expm1(
                 -self._left_s[1:] / self._lag_s)
         if path.is_shell:
-            # All heat enters the shell, and leaks more than from the core.
+            # All heat but Joule heat enters the shell, and leaks more than from the core.
             held = 1.0 / (1.0 + trip.leakage_w_per_k * (1.0 - path.shell_share) / path.coolant_conductance_w_per_k)
-            self._kept_share = held * (self._kept_share - np.exp(
+            self._drained_share = self._kept_share - held * (self._kept_share - np.exp(
                 -(self._left_s[1:] + 0.5 * duration_s) / self._coolant_lag_s))
             self._arriving_share *= held
 
@@ -207,8 +209,9 @@ class StepsAhead:
             lacking_w = terminal_w - np.minimum(first_w[1], end_most_w)
             cost_j = cost_j + lack_price * duration_s * np.where(lacking_w > LACK_TOLERANCE_W, lacking_w, 0.0)
         heater_k = vehicle.hvch.efficiency * duration_s / self._battery_j_per_k * command_w
+        outer_k = duration_s / self._battery_j_per_k * (idle_heat_w - leakage_w_per_k * start_c)
         ahead_c = (settled_c + self._kept_share[k] * (end_c - start_c - heater_k)
-                   + self._arriving_share[k] * heater_k)
+                   - self._drained_share[k] * outer_k + self._arriving_share[k] * heater_k)
         return StepEnds(cost_j[None], ahead_c[None], command_w[None], drawn_w[None], end_soc[None],
                         (wanted_w + all_w)[None], is_empty)
 

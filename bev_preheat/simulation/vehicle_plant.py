@@ -236,8 +236,7 @@ class VehiclePlant:
     def _two_masses_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
         """Return `_model_step` for core and shell: midpoint steps, as a check of `vehicle.heated_step`."""
         path, core_j_per_k = self.vehicle.heat_path, self.vehicle.battery.heat_capacity_j_per_k
-        shell_j_per_k, conductance, share = (
-            path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k, path.shell_share)
+        shell_j_per_k, conductance = path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k
         parts = ceil(step_s * conductance * (1.0 / shell_j_per_k + 1.0 / core_j_per_k) / LONGEST_SHELL_STEP)
         part_s = step_s / parts
         heater_left = exp(-part_s / path.heater_lag_s) if path.heater_lag_s > 0.0 else 0.0
@@ -253,8 +252,8 @@ class VehiclePlant:
                 rate, _, joule_w = self._circuits[saturating](
                     soc + ahead_s * rate, core_now_c, power_w, variance_w2, 0.0, 0.0)
                 passed_w = conductance * (shell_now_c - core_now_c)
-                core_rate = (passed_w + (1.0 - share) * joule_w) / core_j_per_k
-                shell_rate = (heat_w - leakage_w_per_k * shell_now_c - passed_w + share * joule_w) / shell_j_per_k
+                core_rate = (passed_w + joule_w) / core_j_per_k
+                shell_rate = (heat_w - leakage_w_per_k * shell_now_c - passed_w) / shell_j_per_k
             soc, core_c, shell_c = soc + part_s * rate, core_c + part_s * core_rate, shell_c + part_s * shell_rate
             drawn_w += 0.5 * (heater_w + heater_end_w) / parts
             shell_sum_c, joule_sum_w, heater_w = shell_sum_c + shell_now_c, joule_sum_w + joule_w, heater_end_w

@@ -11,14 +11,14 @@ heater and battery has to warm up first, and the sensor sits on a cell that warm
     lag_s T_s' = T_b - T_s                                   sensor temperature T_s
 
 A battery of two masses has a shell in the coolant's place, with a share s of the heat capacity C of both.
-Drivetrain heat and leakage act on the shell, Joule heat on both by their heat capacities:
+Heater, drivetrain and air are at the shell; the cells, and so all Joule heat, are the core:
 
-    s C T_c' = eta P - G (T_c - T_b) + gamma (T_amb - T_c) + Q_ed + s R I^2     shell
-    (1 - s) C T_b' = G (T_c - T_b) + (1 - s) R I^2                              core
+    s C T_c' = eta P - G (T_c - T_b) + gamma (T_amb - T_c) + Q_ed      shell
+    (1 - s) C T_b' = G (T_c - T_b) + R I^2                            core
 
-So all heat warms the mean of both, as it warms a battery of one mass. The shell's excess D = T_c - T_b follows
-D' = (eta P + gamma (T_amb - T_c) + Q_ed) / (s C) - D / tau with tau = s (1 - s) C / G; under a steady heat Q that
-is (1 - s) Q / G, with the shell (1 - s) D above the mean and the core s D below it. For G -> infinity D is 0.
+So all heat warms the mean of both, as it warms a battery of one mass. The shell's excess D = T_c - T_b decays with
+tau = s (1 - s) C / G; under steady heats Q_c of the shell and Q_b of the core it is ((1 - s) Q_c - s Q_b) / G. The
+shell is (1 - s) D above the mean and the core s D below it. For G -> infinity D is 0.
 
 The coolant's time constant may be a few seconds, far below a plan's steps. Heater and coolant are
 therefore solved rather than integrated: within a step the command and all other
@@ -107,9 +107,8 @@ def make_heat_step(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> HeatStep
         made_w, core_w = efficiency * command_w, other_heat_w
         if path.is_shell:
             outer_w = heat_w - leakage_w_per_k * temperature_c
-            joule_w = other_heat_w - outer_w
-            shell_w = outer_w - leakage_w_per_k * excess_k + path.shell_share * joule_w
-            made_w, core_w = made_w + shell_w, (1.0 - path.shell_share) * joule_w
+            shell_w = outer_w - leakage_w_per_k * excess_k
+            made_w, core_w = made_w + shell_w, other_heat_w - outer_w
         # Steady difference under the command, and the step's number of time constants.
         settled_k = (made_w / coolant_j_per_k - core_w / battery_j_per_k) / rate_per_s
         decays = duration_s * rate_per_s

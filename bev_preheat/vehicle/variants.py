@@ -260,8 +260,9 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
     def step(car: Lagging, rates: tuple[AnyNumber, AnyNumber, AnyNumber], heat_capacity: AnyNumber,
              duration_s: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]:
         temperature_rate, soc_rate, joule_w = rates
+        core_j_per_k = vehicle.battery.heat_capacity_j_per_k * (1.0 - vehicle.heat_path.shell_share)
         made_k = duration_s * (
-            temperature_rate - joule_w / (vehicle.battery.heat_capacity_j_per_k * heat_capacity))
+            temperature_rate - joule_w / (core_j_per_k * heat_capacity))
         under_way_k = (car.under_way_k * car.heat_left
                        + made_k * car.heat_lag_s / duration_s * (1.0 - car.heat_left))
         end_c = car.temperature_c + duration_s * temperature_rate - (under_way_k - car.under_way_k)

@@ -191,7 +191,8 @@ static void divide_memory(recursion *of, int32_t kept_steps, uint8_t *flags, dou
   of->late_price_j = &of->price_j[steps + 1u];
   of->due_price = &of->late_price_j[steps + 1u];
   of->kept_share = &of->due_price[steps + 1u];
-  of->arriving_share = &of->kept_share[steps];
+  of->drained_share = &of->kept_share[steps];
+  of->arriving_share = &of->drained_share[steps];
   of->late_share = &of->arriving_share[steps];
   of->due_share = &of->late_share[steps];
   of->commands_w = &of->due_share[steps];
@@ -227,6 +228,7 @@ static void prepare(recursion *of) {
     of->due_share[k] = bev_mean_share_left(vehicle->heater_lag_s, duration_s);
     of->left_s[k] = after_s + duration_s;
     of->kept_share[k] = 1.0;
+    of->drained_share[k] = 0.0;
     of->arriving_share[k] = 1.0;
     if (of->coolant_lag_s > 0.0) {
       of->kept_share[k] += of->driven[0].share_of_excess
@@ -240,11 +242,11 @@ static void prepare(recursion *of) {
           battery_j_per_k / both_j_per_k * -expm1(-after_s / of->lag_s) * mean_left;
     }
     if (vehicle->shell_share > 0.0) {
-      /* All heat enters the shell, and leaks more than from the core. */
+      /* All heat but Joule heat enters the shell, and leaks more than from the core. */
       const double held = 1.0
           / (1.0 + trip->leakage_w_per_k[k] * (1.0 - vehicle->shell_share)
                  / vehicle->coolant_conductance_w_per_k);
-      of->kept_share[k] = held
+      of->drained_share[k] = of->kept_share[k] - held
           * (of->kept_share[k] - exp(-(after_s + 0.5 * duration_s) / of->coolant_lag_s));
       of->arriving_share[k] *= held;
     }

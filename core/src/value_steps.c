@@ -70,10 +70,12 @@ bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
 
 double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
                            const double start[4], const step_end *end) {
-  const double heater_k = of->vehicle->heater_efficiency * of->trip->duration_s[k]
-      / of->vehicle->heat_capacity_j_per_k * end->powers_w[0];
+  const double k_per_w = of->trip->duration_s[k] / of->vehicle->heat_capacity_j_per_k;
+  const double heater_k = of->vehicle->heater_efficiency * k_per_w * end->powers_w[0];
+  const double outer_k =
+      k_per_w * (of->trip->idle_heat_w[k] - of->trip->leakage_w_per_k[k] * start[1]);
   return settled_c + of->kept_share[k] * ((end->states[1] - start[1]) - heater_k)
-      + of->arriving_share[k] * heater_k;
+      - of->drained_share[k] * outer_k + of->arriving_share[k] * heater_k;
 }
 
 bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4],

@@ -76,9 +76,13 @@ typedef struct {
   double joules_per_k;
   double lag_s;
   double coolant_lag_s;
-  /* Time to go [s]; of a step's heat in the battery, and of its heat from the heater, the share there at the end. */
+  /*
+   * Time to go [s]; of a step's heat in the battery the share there at the end, how much less of heat that enters a
+   * shell, and the share of the heater's.
+   */
   double *left_s;
   double *kept_share;
+  double *drained_share;
   double *arriving_share;
   /* Of a step's heat from the heater, the share still under way at its end, and how that decays over a step. */
   double *late_share;

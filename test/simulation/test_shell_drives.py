@@ -8,8 +8,11 @@ import pytest
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.steps_ahead import StepsAhead
+from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import make_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.phases import DrivePhase
@@ -17,7 +20,8 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, Leakage
+from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.variants import with_shell
 
 REFERENCE = load_vehicle('reference')
@@ -51,6 +55,23 @@ def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
     assert plant.temperature_c == pytest.approx(TARGET_C, abs=0.02)
     assert plan.energy_wh.leakage == pytest.approx(energies.leakage, rel=0.01)
     assert plan.energy_wh.hvch_heat == pytest.approx(energies.hvch_heat, rel=0.01)
+
+
+@pytest.mark.parametrize('idle_s, command_w', [(60.0, 0.0), (60.0, 5e3), (900.0, 0.0), (900.0, 5e3)])
+def test_a_plan_knows_how_much_of_a_steps_heat_the_core_has_on_arrival(idle_s, command_w):
+    tight = replace(REFERENCE, battery=replace(REFERENCE.battery, leakage=Leakage(1.0, 0.0)))
+    car = with_shell(tight, 0.22, 45.0, 'core')
+    # Much Joule heat, and heat from the drivetrain; then core and shell only exchange heat.
+    trip = make_trip(car, make_route({
+        'duration_s': [300.0, idle_s], 'speed_mps': [22.0, 0.0], 'propulsion_power_w': [6e4, 0.0],
+        'ambient_temperature_c': [-25.0, START.temperature_c], 'cabin_heating_power_w': [0.0, 0.0],
+        'auxiliary_power_w': [0.0, 0.0]}, car.defaults))
+    step, states = make_heated_step(car, FLOATS), (START.soc, START.temperature_c, 0.0, 0.0)
+    for k in range(len(trip.route)):
+        states = step(*states, *(column.item(k) for column in trip.inputs()), 0.0 if k else command_w)[:4]
+    end = StepsAhead(trip, np.ones(len(trip.route))).end(
+        0, np.array([START.soc]), np.array([START.temperature_c]), 0.0, (False, False), 0.0, command_w, False)
+    assert end.settled_c.item() - START.temperature_c == pytest.approx(states[1] - START.temperature_c, rel=0.08)
 
 
 @pytest.mark.parametrize('sensor, silent_s', [

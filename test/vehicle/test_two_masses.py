@@ -65,9 +65,9 @@ def test_a_step_is_that_of_the_equations_of_both_masses(heater_lag_s):
         joule_w, passed_w = ohm * current_a**2, CONDUCTANCE * (shell_c - core_c)
         outer_w = EFFICIENCY * drawn_w + heat_w - leakage_w_per_k * shell_c
         return (-current_a / battery.capacity_as,
-                (passed_w + (1.0 - SHARE) * joule_w) / (1.0 - SHARE) / PACK_J_PER_K,
+                (passed_w + joule_w) / (1.0 - SHARE) / PACK_J_PER_K,
                 (command_w - heater_w) / heater_lag_s if heater_lag_s else 0.0,
-                (outer_w - passed_w + SHARE * joule_w) / SHARE / PACK_J_PER_K)
+                (outer_w - passed_w) / SHARE / PACK_J_PER_K)
 
     inputs = command_w, power_w, heat_w, leakage_w_per_k
     fine = solve_ivp(rates, (0.0, 900.0), (0.8, -6.0, 500.0, -3.0), rtol=1e-10, atol=1e-10).y[:, -1]
