@@ -66,7 +66,7 @@ def example_source(columns: Sequence[Sequence[float]], situation: Iterable[float
     arrays = [_array(name, column) for name, column in zip(TRIP_COLUMNS, columns, strict=True)]
     return '\n'.join([
         HEAD, *arrays,
-        fill(f'const bev_trip bev_ecu_example_trip = {{{len(columns[1])}, {", ".join(TRIP_COLUMNS)}}};',
+        fill(f'const bev_trip bev_ecu_example_trip = {{{len(columns[1])}, {", ".join(TRIP_COLUMNS)}, NULL}};',
              EXPORT_WIDTH, subsequent_indent='    '),
         '', f'const bev_ecu_situation bev_ecu_example = {_braced(situation)};', ''])
 

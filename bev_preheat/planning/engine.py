@@ -60,14 +60,12 @@ def trip_in_core(trip: Trip) -> NativeTrip:
     # Beside the fields, as a cached property is.
     beside = vars(trip.columns)
     if 'in_core' not in beside:
-        beside['in_core'] = NativeTrip(trip.columns)
+        beside['in_core'] = NativeTrip(trip.columns, trip.mix.for_core())
     native: NativeTrip = beside['in_core']
     return native
 
 
 def _both(trip: Trip) -> tuple[NativeVehicle, NativeTrip]:
-    if trip.mix is not ALONE:
-        raise Declined
     return vehicle_in_core(trip.vehicle), trip_in_core(trip)
 
 
@@ -120,7 +118,7 @@ def _roll_heated(trip: Trip, start: States,
 def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted: WantedHeat,
                                  take_surplus: bool) -> Course:
     vehicle, native = _both(trip)
-    rows = 2 if trip.vehicle.heat_path.is_direct else 4
+    rows = 2 if trip.vehicle.heat_path.is_direct and trip.mix is ALONE else 4
     states, powers_w = np.empty((rows, native.steps + 1)), np.empty((rows, native.steps))
     states[:, 0] = initial_states(state)[:rows]
     stranding, flags = StrandingStruct(), np.empty(2 * native.steps, np.uint8)

@@ -64,6 +64,10 @@ class Alone:
         """Return nothing: there is nothing to split."""
         return {}
 
+    def for_core(self) -> tuple[FloatArray, ...]:
+        """Return nothing: the core needs nothing."""
+        return ()
+
 
 ALONE = Alone()
 
@@ -121,6 +125,9 @@ class HeatMix:
         self.names = (HVCH, *(source.name for source in vehicle.heat_sources))
         self.hvch_limit_w = hvch_limit_w
         self._ambient_c = route.ambient_temperature_c
+        # The temperatures between which all curves are straight.
+        self._axis_c = sorted({point_c for source in vehicle.heat_sources for curve in (
+            source.maximum_power_w, source.hvch_watts) for point_c in getattr(curve, 'temperature_c', (0.0,))})
         stands = route.speed_mps < STANDING_MPS
         moves = ~stands if not vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
         self._sources = []
@@ -165,3 +172,17 @@ class HeatMix:
         np.put_along_axis(split_w, order, np.array([
             share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]), 0)
         return dict(zip(self.names, split_w))
+
+    def for_core(self) -> tuple[FloatArray, ...]:
+        """Return the arrays of a `bev_heat_sources`."""
+        axis_c = sorted({*self._axis_c, *(self._axis_c[0] + more_k for more_k in (0.0, 1.0))})
+        temperature_c, steps = np.array(axis_c), len(self.hvch_limit_w)
+        ambient_c = np.repeat(self._ambient_c, len(axis_c))
+        power_w, watts, taken_w = [np.repeat(self.hvch_limit_w, len(axis_c))], [np.ones(len(ambient_c))], [
+            np.zeros(steps)]
+        for is_open, cabin_w, most_w, hvch_watts in self._sources:
+            for rows, curve in (power_w, most_w), (watts, hvch_watts):
+                rows.append(np.broadcast_to(curve(ambient_c, np.tile(temperature_c, steps)), ambient_c.shape))
+            taken_w.append(np.where(is_open, cabin_w, np.inf))
+        by_source = (np.stack(rows, axis=-1).reshape(steps, len(axis_c), -1) for rows in (power_w, watts))
+        return temperature_c, *by_source, np.stack(taken_w, axis=-1), self.most_power_w

@@ -19,8 +19,8 @@ class SimulatedSources:
     Commands and powers of the sources by name [W].
 
     A faulty source delivers a share of its command, in `shares` (0 ... 1). `drawn_w` and `heat_w` are the present
-    sums: electrical power, and the HVCH power with their heat. `energy_wh` is the energy of each so far, `heat_j` the
-    HVCH energy with their heat.
+    sums: electrical power, and the HVCH power with their heat. `energy_wh` is the energy of each so far, `heat_j`
+    the HVCH energy with their heat.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:

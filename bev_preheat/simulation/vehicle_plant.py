@@ -67,13 +67,13 @@ class VehiclePlant:
     time goes on, state and sums stay. Cabin and battery have priority: the heater gets the remaining power,
     and regeneration beyond the battery's limit goes into the friction brake.
 
-    `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W]; `sources` (SimulatedSources)
-    heat beside the HVCH. `coolant_c` and `sensor_c` are the temperatures [deg C] of the coolant between heater and
+    `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W]; `sources` heat beside the
+    HVCH. `coolant_c` and `sensor_c` are the temperatures [deg C] of the coolant between heater and
     battery and of the sensor, if the vehicle has a `heat_path` (else that of the battery); with a shell,
     `coolant_c` is the shell's and `temperature_c` the core's. `terminal_voltage_v` and `current_a` are the mean
     values at the battery's terminals (positive = discharging, 0 while the vehicle stands), `undeliverable_power_w`
-    is the largest power deficit of the battery so far [W], `empty_at_s` the instant at which it ran empty [s], None
-    if it did not, and `without_lease_s` the driving time without a valid command [s].
+    is the largest power deficit of the battery so far [W], `empty_at_s` the instant at which it ran empty [s],
+    None if it did not, and `without_lease_s` the driving time without a valid command [s].
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0,

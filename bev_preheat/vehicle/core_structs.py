@@ -17,6 +17,8 @@ from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS
 from bev_preheat.vehicle.variants import ScaledCurve
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from bev_preheat.numerics import Curve, FloatArray
@@ -72,7 +74,14 @@ class VehicleStruct(Structure):
 class TripStruct(Structure):
     """`bev_trip`."""
 
-    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in TRIP_COLUMNS)]
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (*TRIP_COLUMNS, 'sources'))]
+
+
+class HeatSourcesStruct(Structure):
+    """`bev_heat_sources`."""
+
+    _fields_ = [('count', c_int32), ('temperature_count', c_int32), *((name, c_void_p) for name in (
+        'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'drawing_limit_w'))]
 
 
 class TripTermsStruct(Structure):
@@ -236,13 +245,17 @@ class NativeVehicle:
 class NativeTrip:
     """A `bev_trip`: points to the block of TripColumns, and keeps it alive."""
 
-    def __init__(self, columns: TripColumns) -> None:
-        """Take the columns of a trip."""
+    def __init__(self, columns: TripColumns, sources: Sequence[FloatArray] = ()) -> None:
+        """Take the columns of a trip, and of its heat sources the arrays of a `bev_heat_sources`."""
         self.steps, self._block = columns.steps, columns.block
+        self._kept = [doubles(array) for array in sources]
+        self._sources = HeatSourcesStruct(sources[1].shape[2], len(sources[0]), *map(
+            address_of, self._kept)) if sources else None
         first, width = address_of(columns.block), DOUBLE_BYTES * columns.steps
         after = first + width + DOUBLE_BYTES
         self.struct = TripStruct(
-            columns.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
+            columns.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width),
+            None if self._sources is None else addressof(self._sources))
         self.address = addressof(self.struct)
 
 

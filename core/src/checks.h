@@ -52,13 +52,21 @@ static inline int bev_is_vehicle(const bev_vehicle *vehicle) {
       && bev_is_curve(&vehicle->discharge_power_limit);
 }
 
+static inline int bev_are_sources(const bev_heat_sources *sources) {
+  return sources->count >= 1 && sources->count <= BEV_MOST_SOURCES
+      && sources->temperature_count >= 2 && sources->temperature_count <= BEV_MOST_AXIS
+      && sources->temperature_c != NULL && sources->power_w != NULL && sources->hvch_watts != NULL
+      && sources->taken_w != NULL && sources->drawing_limit_w != NULL;
+}
+
 static inline int bev_is_trip(const bev_trip *trip) {
   return trip->steps >= 0 && trip->steps <= BEV_MOST_STEPS && trip->time_s != NULL
       && trip->duration_s != NULL && trip->idle_power_w != NULL
       && trip->power_variance_w2 != NULL && trip->idle_heat_w != NULL
       && trip->leakage_w_per_k != NULL && trip->heater_limit_w != NULL
       && trip->propulsion_power_w != NULL && trip->drivetrain_heat_w != NULL
-      && trip->ambient_temperature_c != NULL;
+      && trip->ambient_temperature_c != NULL
+      && (trip->sources == NULL || bev_are_sources(trip->sources));
 }
 
 /* BEV_OK if vehicle and trip can be used, and `first` is a step of the trip or its end. */

@@ -13,6 +13,8 @@ typedef struct {
   const bev_limited_run *run;
   double command_w;
   double brake_w;
+  /* Of heat sources that draw another power than the HVCH for the same heat. */
+  double other_w;
 } last_drive;
 
 /* Drive a share of a step: `result` is as of the model's step. */
@@ -28,7 +30,7 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
   inputs.variance_w2 = share * inputs.variance_w2;
   inputs.heat_w = inputs.heat_w - (1.0 - share) * trip->drivetrain_heat_w[k];
   if (drive->run->is_direct != 0) {
-    inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
+    inputs.power_w = inputs.power_w + share * (drive->command_w + drive->other_w + drive->brake_w);
     inputs.heat_w = inputs.heat_w
         + share * bev_heat_under_w(vehicle, 0.0, drive->command_w, drive->brake_w);
     bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, states[0], states[1], &inputs, result);
@@ -36,11 +38,13 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
     result[3] = 0.0;
     result[6] = share * drive->command_w;
     result[7] = bev_heat_with_heater_w(vehicle, 0.0, result[6]);
+    result[6] += share * drive->other_w;
   } else {
     const double started[4] = {states[0], states[1], share * states[2], states[3]};
-    inputs.power_w = inputs.power_w + share * drive->brake_w;
+    inputs.power_w = inputs.power_w + share * (drive->brake_w + drive->other_w);
     inputs.heat_w = inputs.heat_w - share * vehicle->heat_share * drive->brake_w;
     bev_integrate_heated(vehicle, 1, started, &inputs, share * drive->command_w, result);
+    result[6] += share * drive->other_w;
   }
   return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK
       ? BEV_OK
@@ -55,7 +59,9 @@ static bev_status strand(const bev_limited_run *run, int32_t rows, double *const
                          double *const powers_w[4], bev_stranding *stranding) {
   const int32_t steps = run->trip->steps;
   const int32_t empty = stranding->step;
-  const last_drive drive = {run, powers_w[0][empty], powers_w[1][empty]};
+  const double other_w =
+      run->trip->sources == NULL ? 0.0 : powers_w[2][empty] - powers_w[0][empty];
+  const last_drive drive = {run, powers_w[0][empty], powers_w[1][empty], other_w};
   double here[4] = {0.0, 0.0, 0.0, 0.0};
   double result[8];
   for (int32_t n = 0; n < rows; n++) {
@@ -142,7 +148,7 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
   }
   const int32_t steps = trip->steps;
   const int32_t is_direct = bev_is_direct(vehicle);
-  const int32_t rows = is_direct != 0 ? 2 : 4;
+  const int32_t rows = is_direct != 0 && trip->sources == NULL ? 2 : 4;
   double *all_states[4] = {NULL, NULL, NULL, NULL};
   double *all_powers_w[4] = {NULL, NULL, NULL, NULL};
   for (int32_t n = 0; n < rows; n++) {

@@ -8,6 +8,7 @@
 #ifndef BEV_PREHEAT_CORE_LIMITED_RUN_H_
 #define BEV_PREHEAT_CORE_LIMITED_RUN_H_
 
+#include "heat_mix.h"
 #include "steps_of_model.h"
 
 /* Constants of a run. */

@@ -20,6 +20,7 @@ typedef struct {
   const double *states;
   /* Remaining share of the difference between heater and command, mean over the step. */
   double left;
+  bev_merit merit;
 } step_start;
 
 bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
@@ -39,20 +40,24 @@ bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *t
 static bev_status end_of(const bev_limited_run *run, const step_start *start, double command_w,
                          double brake_w, double result[8]) {
   const bev_vehicle *vehicle = run->vehicle;
+  const double drawn_w = bev_electric_w(&start->merit, command_w);
   bev_inputs inputs = start->idle;
   if (run->is_direct != 0) {
-    inputs.power_w = start->idle.power_w + command_w + brake_w;
+    inputs.power_w = start->idle.power_w + drawn_w + brake_w;
     inputs.heat_w = bev_heat_under_w(vehicle, start->idle.heat_w, command_w, brake_w);
     bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, start->states[0], start->states[1], &inputs,
                   result);
-    result[2] = 0.0;
+    /* Of several sources the command is known from the heat at the end of the step. */
+    result[2] = start->merit.count == 0 ? 0.0 : command_w;
     result[3] = 0.0;
-    result[6] = command_w;
+    result[6] = drawn_w;
     result[7] = bev_heat_with_heater_w(vehicle, 0.0, command_w);
   } else {
-    inputs.power_w = start->idle.power_w + brake_w;
+    const double other_w = start->merit.count == 0 ? 0.0 : drawn_w - command_w;
+    inputs.power_w = start->idle.power_w + brake_w + other_w;
     inputs.heat_w = bev_heat_with_brake_w(vehicle, start->idle.heat_w, brake_w);
     bev_integrate_heated(vehicle, 1, start->states, &inputs, command_w, result);
+    result[6] += other_w;
   }
   return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK
       ? BEV_OK
@@ -137,20 +142,21 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   const double power_w = start->idle.power_w;
   const double heater_w = start->states[2];
   const bool may_overcharge = run->may_overcharge[k] != 0u;
-  double cap_w = run->trip->heater_limit_w[k];
-  double wanted_w = *command_w;
+  double cap_w = bev_capped_w(&start->merit, run->trip->heater_limit_w[k]);
+  double wanted_w = bev_capped_w(&start->merit, *command_w);
   if (bev_warmest_c(run, start->states) >= run->vehicle->highest_c) {
     cap_w = 0.0;
     wanted_w = 0.0;
   }
   if (may_overcharge || run->may_overdraw[k] != 0u) {
     const double room_w =
-        ((limits_w[1] - power_w) - start->left * heater_w) / (1.0 - start->left);
+        (bev_heat_of_w(&start->merit, limits_w[1] - power_w) - start->left * heater_w)
+        / (1.0 - start->left);
     wanted_w = bev_maximum(0.0, bev_minimum(wanted_w, room_w));
   }
   *paid_w = wanted_w;
   if (may_overcharge && run->takes_surplus != 0) {
-    double surplus_w = limits_w[0] - power_w;
+    double surplus_w = bev_heat_of_w(&start->merit, limits_w[0] - power_w);
     if (run->lag_s > 0.0 && surplus_w > 0.0) {
       surplus_w = bev_minimum(surplus_w, lasting_surplus_w(run, k, start->states));
     }
@@ -207,7 +213,8 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   for (int32_t round = 0; status == BEV_OK && round < MOST_HEATING_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
     if (may_overcharge) {
-      const double drawn_w = start->left * start->states[2] + (1.0 - start->left) * *command_w;
+      const double drawn_w = bev_electric_w(
+          &start->merit, start->left * start->states[2] + (1.0 - start->left) * *command_w);
       *brake_w = bev_minimum(
           bev_maximum(0.0, limits_w[0] - start->idle.power_w - drawn_w), -propulsion_w);
     }
@@ -336,6 +343,7 @@ bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const 
   start.k = k;
   start.idle = bev_inputs_of(run->vehicle, trip, k, NULL, NULL);
   start.states = states;
+  bev_merit_at(trip, k, states[1], &start.merit);
   start.left =
       run->is_direct != 0 ? 0.0 : bev_mean_share_left(run->lag_s, trip->duration_s[k]);
   if (!bev_are_finite(&start.idle) || !isfinite(trip->propulsion_power_w[k])

@@ -25,7 +25,7 @@ static int are_alike(const step_ends *one, const step_ends *other) {
   int alike = one->count == other->count && one->count > 0;
   for (int32_t n = 0; n < one->count && alike; n++) {
     alike = one->ends[n].regime == other->ends[n].regime
-        && one->ends[n].wanted_w == other->ends[n].wanted_w;
+        && one->ends[n].kind == other->ends[n].kind;
   }
   return alike;
 }

@@ -143,7 +143,7 @@ void bev_watch_step(const recursion *of, int32_t k, const layer layers[2]) {
     if (overdraw == 0u) {
       bev_terminal_limits(of->vehicle, 0, bev_maximum(soc - BEV_WATCHED_SOC, 0.0), temperature_c,
                           variance_w2, limits_w);
-      overdraw = idle_w + trip->heater_limit_w[k] <= limits_w[1] ? overdraw : 1u;
+      overdraw = idle_w + bev_drawing_limit_w(trip, k) <= limits_w[1] ? overdraw : 1u;
     }
     if (may_charge != 0 && overcharge == 0u) {
       bev_terminal_limits(of->vehicle, 0, bev_minimum(soc + BEV_WATCHED_SOC, 1.0), temperature_c,

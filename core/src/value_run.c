@@ -128,13 +128,12 @@ static bev_status arrive_exactly(const recursion *of, double *states, double *po
 double bev_most_lack_w(const recursion *of, const double *states, const double *powers_w) {
   double most_w = 0.0;
   const int32_t steps = of->trip->steps;
-  const int32_t drawn = of->driven[0].is_direct != 0 ? 0 : 2;
   for (int32_t k = 0; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], 0.0, 0.0};
     const step_end end = {
-        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0u};
+        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0, 0u};
     const double terminal_w =
-        of->trip->idle_power_w[k] + powers_w[drawn * steps + k] + powers_w[steps + k];
+        of->trip->idle_power_w[k] + powers_w[2 * steps + k] + powers_w[steps + k];
     most_w = bev_maximum(most_w, bev_lacking_w(of, k, start, &end, terminal_w));
   }
   return most_w;
@@ -143,21 +142,21 @@ double bev_most_lack_w(const recursion *of, const double *states, const double *
 double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w,
                           double aim_c) {
   const int32_t steps = of->trip->steps;
-  const int32_t drawn = of->driven[0].is_direct != 0 ? 0 : 2;
   int32_t was_on = of->goal->is_heating;
   double cost_j = 0.0;
   double voltage = voltage_v(of, states[0], states[steps + 1]);
   for (int32_t k = 0; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], 0.0, 0.0};
     const step_end end = {
-        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0u};
+        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0, 0u};
     const double next_voltage = voltage_v(of, end.states[0], end.states[1]);
     const double terminal_w =
-        of->trip->idle_power_w[k] + powers_w[drawn * steps + k] + powers_w[steps + k];
+        of->trip->idle_power_w[k] + powers_w[2 * steps + k] + powers_w[steps + k];
     const int32_t is_on = powers_w[k] > BEV_LEAST_HEATING_W ? 1 : 0;
     cost_j += price_in(of, k) * joules_of_charge(of, 0.5 * (voltage + next_voltage))
             * (start[0] - end.states[0])
-        + BEV_HEATING_PRICE * price_in(of, k) * of->trip->duration_s[k] * powers_w[k]
+        + BEV_HEATING_PRICE * price_in(of, k) * of->trip->duration_s[k]
+            * powers_w[(of->trip->sources == NULL ? 0 : 2) * steps + k]
         + of->lack_price * of->trip->duration_s[k] * bev_lacking_w(of, k, start, &end, terminal_w)
         + (is_on != 0 && was_on == 0 ? of->switch_on_j : 0.0);
     was_on = is_on;

@@ -22,9 +22,13 @@ static int is_free_step(const recursion *of, int32_t k, const double start[4], s
     return 0;
   }
   double result[4];
+  bev_merit merit;
+  bev_merit_at(of->trip, k, start[1], &merit);
+  const double command_w = bev_capped_w(&merit, end->wanted_w);
+  const double drawn_w = bev_electric_w(&merit, command_w);
   bev_inputs inputs = bev_inputs_of(of->vehicle, of->trip, k, NULL, NULL);
-  inputs.power_w = inputs.power_w + end->wanted_w;
-  inputs.heat_w = bev_heat_with_heater_w(of->vehicle, inputs.heat_w, end->wanted_w);
+  inputs.power_w = inputs.power_w + drawn_w;
+  inputs.heat_w = bev_heat_with_heater_w(of->vehicle, inputs.heat_w, command_w);
   bev_integrate(of->vehicle, BEV_RUNGE_KUTTA_4, 1, start[0], start[1], &inputs, result);
   if (!(result[0] > 0.0 && result[0] <= 1.0)
       || (end->wanted_w > 0.0 && !(result[1] <= of->vehicle->highest_c))) {
@@ -32,7 +36,8 @@ static int is_free_step(const recursion *of, int32_t k, const double start[4], s
   }
   end->states[0] = result[0];
   end->states[1] = result[1];
-  end->powers_w[0] = end->wanted_w;
+  end->powers_w[0] = command_w;
+  end->powers_w[2] = drawn_w;
   end->cost_j = price_in(of, k) * (inputs.power_w + result[3]) * inputs.duration_s;
   return 1;
 }
@@ -53,12 +58,14 @@ bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
   if (status != BEV_OK) {
     return status;
   }
-  const double drawn_w = end->powers_w[run->is_direct != 0 ? 0 : 2];
-  const double terminal_w = of->trip->idle_power_w[k] + drawn_w + end->powers_w[1];
+  const double terminal_w = of->trip->idle_power_w[k] + end->powers_w[2] + end->powers_w[1];
   const double voltage = 0.5
       * (voltage_v(of, start[0], start[1]) + voltage_v(of, end->states[0], end->states[1]));
   end->cost_j = price_in(of, k) * joules_of_charge(of, voltage) * (start[0] - end->states[0]);
-  end->regime |= end->powers_w[0] != end->wanted_w ? LIMITED_COMMAND : 0u;
+  const int32_t is_cut = of->trip->sources == NULL
+      ? (end->powers_w[0] != end->wanted_w ? 1 : 0)
+      : (fabs(end->powers_w[0] - end->wanted_w) > BEV_END_TOLERANCE_W ? 1 : 0);
+  end->regime |= is_cut != 0 ? LIMITED_COMMAND : 0u;
   end->regime |= end->powers_w[1] > 0.0 ? BRAKED : 0u;
   if (run->may_overdraw[k] != 0u && of->lack_price > 0.0) {
     const double lack_w = bev_lacking_w(of, k, start, end, terminal_w);
@@ -81,15 +88,24 @@ double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
 bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4],
                                double settled_c, step_end ends[MOST_ENDS], int32_t *count) {
   const double full_w = of->trip->heater_limit_w[k];
+  bev_merit merit;
+  bev_merit_at(of->trip, k, start[1], &merit);
+  const int32_t kinds = merit.count == 0 ? 3 : 2 + merit.count;
+  double heat_w = 0.0;
   int32_t found = 0;
   *count = 0;
-  for (int32_t kind = 0; kind < MOST_ENDS; kind++) {
+  for (int32_t kind = 0; kind < kinds; kind++) {
     step_end *end = &ends[found];
     if ((kind == 1 && (of->layers_overcharge[k] == 0u || !(ends[0].powers_w[1] > 0.0)))
-        || (kind == 2 && !(full_w > BEV_LEAST_HEATING_W))) {
+        || (kind >= 2 && !(full_w > BEV_LEAST_HEATING_W))) {
       continue;
     }
-    end->wanted_w = kind == 2 ? full_w : 0.0;
+    if (kind >= 2) {
+      /* The best source, the two best, and so on. */
+      heat_w = merit.count == 0 ? full_w : bev_minimum(heat_w + merit.heats_w[kind - 2], full_w);
+    }
+    end->wanted_w = heat_w;
+    end->kind = kind;
     end->takes_surplus = kind == 0 ? 0 : 1;
     const bev_status status = bev_drive_step(of, k, start, 1, end);
     if (status == BEV_EMPTY && kind > 0) {
@@ -113,7 +129,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
             * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[0].cost_j))
         + of->late_price_j[k + 1] * of->late_share[k] * heater_j
             * of->vehicle->heater_efficiency / of->vehicle->heat_capacity_j_per_k
-        + BEV_HEATING_PRICE * price_in(of, k) * heater_j;
+        + BEV_HEATING_PRICE * price_in(of, k) * (ends[n].powers_w[2] * of->trip->duration_s[k]);
   }
   return BEV_OK;
 }

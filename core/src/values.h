@@ -11,8 +11,8 @@
 #include "checks.h"
 #include "limited_run.h"
 
-/* The ends of a step: heater off, with the surplus, at full power. */
-#define MOST_ENDS 3
+/* The ends of a step: heater off, with the surplus, at full power, or with the best sources. */
+#define MOST_ENDS (2 + BEV_MOST_SOURCES)
 
 /* Limits that act in a step. */
 #define LIMITED_COMMAND 1u
@@ -36,6 +36,7 @@ typedef struct {
   /* The temperature that the battery comes to from the heat already in heater and coolant. */
   double settled_c;
   double wanted_w;
+  int32_t kind;
   int32_t takes_surplus;
   /* The limits that act: command, brake, missing power. */
   uint32_t regime;

@@ -151,7 +151,7 @@ static int plan_one(void) {
   change_vehicle(&vehicle);
   fill_columns(columns, steps);
   bev_trip trip = {steps,      columns[0], columns[1], columns[2], columns[3], columns[4],
-                   columns[5], columns[6], columns[7], columns[8], columns[9]};
+                   columns[5], columns[6], columns[7], columns[8], columns[9], NULL};
   const bev_ecu_situation situation = {
       mostly(uniform(0.3, 0.9)), mostly(uniform(0.0, 10.0)), mostly(0.0), mostly(0.0),
       mostly(uniform(0.0, 20.0)), mostly(0.1), mostly(0.05)};

@@ -49,7 +49,7 @@ int main(void) {
     limit_w[k] = 6000.0 - 1200.0;
   }
   const bev_trip trip = {STEPS, time_s, duration_s, power_w, variance_w2, heat_w, leakage, limit_w,
-                         propulsion_w, drivetrain_w, ambient_c};
+                         propulsion_w, drivetrain_w, ambient_c, NULL};
   const bev_status checked = bev_check_vehicle(&vehicle);
   const bev_status status = bev_plan_switch(&vehicle, &trip, 0.83, -5.0, 16.0, 1, memory,
                                             soc, temperature_c, heater_w, &plan);

@@ -16,12 +16,14 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.planning.heat_mix import HeatMix
+from bev_preheat.planning.methods import KeptValues
 from bev_preheat.planning.plan import energy_gap_wh
 from bev_preheat.planning.planner import as_driven, plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_of_text
 
 REFERENCE = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text(encoding='utf-8'))
@@ -183,6 +185,31 @@ def test_limits_hold_with_all_sources():
     assert driven.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.05)
     again = as_driven(plan, VEHICLE, route, state, GOAL)
     assert again.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, abs=0.1)
+
+
+@pytest.mark.parametrize(('route', 'temperature_c', 'soc'), [
+    ('winter_commute', -16.0, 0.8), ('alpine_pass', -11.0, 0.97), ('reference', -15.0, 0.3)])
+def test_the_core_plans_as_python_does(route, temperature_c, soc):
+    situation = {'route': load_route(route, VEHICLE.defaults), 'temperature_c': temperature_c, 'soc': soc}
+    native = planned(**situation)
+    with without_core():
+        python = planned(**situation)
+    assert native.status is python.status
+    assert native.energy_wh.battery_total == pytest.approx(python.energy_wh.battery_total, abs=0.05)
+    assert native.arrival_temperature_c == pytest.approx(python.arrival_temperature_c, abs=0.005)
+
+
+def test_values_are_followed_with_several_sources():
+    kept, uncertainty = KeptValues(), Uncertainty(1.5)
+    first = planned(uncertainty=uncertainty, kept=kept)
+    rest = ROUTE.segments(1, len(ROUTE))
+    state = BatteryState(float(first.battery_temperature_c[1]), float(first.soc[1]))
+    left_k = 1.5 * rest.total_duration_s / ROUTE.total_duration_s
+    before = kept.latest
+    followed = plan_preheating(VEHICLE, rest, state, GOAL, uncertainty=Uncertainty(left_k), kept=kept)
+    assert kept.latest == before
+    again = plan_preheating(VEHICLE, rest, state, GOAL, uncertainty=Uncertainty(left_k))
+    assert followed.energy_wh.battery_total == pytest.approx(again.energy_wh.battery_total, abs=5.0)
 
 
 @pytest.mark.parametrize('method', ['optimal_switch', 'paper'])

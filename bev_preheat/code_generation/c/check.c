@@ -168,7 +168,7 @@ static int compare(const vector *from, int method, const bev_ecu_plan *plan, lon
 static int plan_and_compare(const vector *from, int method, long number, int is_told,
                             double worst[EXPECTED_NUMBERS], double *worst_searched_wh) {
   const bev_trip trip = {from->steps, columns[0], columns[1], columns[2], columns[3], columns[4],
-                         columns[5],  columns[6], columns[7], columns[8], columns[9]};
+                         columns[5],  columns[6], columns[7], columns[8], columns[9], NULL};
   const double *of = from->situation;
   const bev_ecu_situation situation = {of[0], of[1], of[2], of[3], of[4], of[5], of[6]};
   bev_ecu_plan plan;

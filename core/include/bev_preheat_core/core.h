@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 12
+#define BEV_INTERFACE 13
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -124,7 +124,29 @@ typedef struct {
   bev_curve discharge_power_limit;
 } bev_vehicle;
 
-/* A trip of `steps` steps: arrays of that length, `time_s` one longer. */
+/* Most heat sources of a vehicle, the HVCH included. */
+#define BEV_MOST_SOURCES 5
+
+/*
+ * The heat sources of a trip: at `temperature_count` temperatures of the battery, at least two, for each step and
+ * source the most electrical power [W], and the HVCH power that heats like one watt; linear in between. `taken_w` is
+ * what the cabin takes of each source in each step, more than its power where it may not heat. `drawing_limit_w` is
+ * the most electrical power of all in a step [W].
+ */
+typedef struct {
+  int32_t count;
+  int32_t temperature_count;
+  const double *temperature_c;
+  const double *power_w;
+  const double *hvch_watts;
+  const double *taken_w;
+  const double *drawing_limit_w;
+} bev_heat_sources;
+
+/*
+ * A trip of `steps` steps: arrays of that length, `time_s` one longer. With `sources` (null: the HVCH alone)
+ * `heater_limit_w` is the most heat of all at any temperature, as HVCH power.
+ */
 typedef struct {
   int32_t steps;
   const double *time_s;
@@ -140,6 +162,7 @@ typedef struct {
   /* The drivetrain's part of the idle heat [W]. */
   const double *drivetrain_heat_w;
   const double *ambient_temperature_c;
+  const bev_heat_sources *sources;
 } bev_trip;
 
 /*
