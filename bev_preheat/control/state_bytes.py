@@ -42,7 +42,7 @@ ROOMS = tuple(f'bev_preheat.{room}.' for room in (
 # The functions that make a plan's sentence.
 SENTENCES: dict[str, Callable[..., str]] = {'explain': explain, 'in_words': in_words}
 # First elements of objects that are of no class.
-TUPLE, ARRAY, PARTIAL, FUNCTION, ZONE, CLOCK = 't', 'a', 'p', 'f', 'z', 'c'
+TUPLE, ARRAY, DICTIONARY, PARTIAL, FUNCTION, ZONE, CLOCK = 't', 'a', 'd', 'p', 'f', 'z', 'c'
 LARGEST_STATE_BYTES = 50_000_000
 
 
@@ -104,6 +104,8 @@ class _Writer:
         put, kind = self.put, type(value)
         if kind is tuple:
             return [TUPLE, *map(put, value)]
+        if kind is dict:
+            return [DICTIONARY, put(tuple(value.items()))]
         if isinstance(value, Enum):
             return [self._class(kind, ()), value.name]
         if isinstance(value, tuple):
@@ -164,6 +166,8 @@ def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
         elif first == ARRAY:
             array = np.frombuffer(b64decode(rest[2]), dtype=np.dtype(rest[0])).reshape(rest[1])
             made.append(array if rest[1] else array[()])
+        elif first == DICTIONARY:
+            made.append(dict(get(rest[0])))
         elif first == PARTIAL:
             function, arguments, keywords = map(get, rest)
             if not callable(function):

@@ -23,6 +23,8 @@ NS = 1e-9
 # Messages that are searched for the fields of topics.
 SEARCHED_MESSAGES = 20_000
 LONGEST_ARRAY, DEEPEST_MESSAGE = 8, 6
+# Of a RoutePlan, what the car meets in each segment.
+ROUTE_FIELDS = ('speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')
 # The encapsulation: byte order, then two bytes of options.
 CDR_HEAD_BYTES = 4
 
@@ -46,7 +48,8 @@ class RosBag(RawLog):
         for number, (topic, _, _, message) in enumerate(self._messages(problem)):
             if topic not in seen:
                 seen.add(topic)
-                found.update(dict.fromkeys(_fields(topic, message)))
+                found.update(dict.fromkeys((*_fields(topic, message), *(
+                    f'{topic}.{name}' for name in ROUTE_FIELDS if hasattr(message, 'segment_duration')))))
             if seen == self._topics or number > SEARCHED_MESSAGES:
                 break
         if not found:
@@ -61,10 +64,19 @@ class RosBag(RawLog):
         topics = {name.partition('.')[0] for name in wanted}
         # Simulated time runs apart from the recorder's clock; stamps show by how much.
         ahead_s = 0.0
+        # What is still to come of the latest route.
+        route: list[tuple[float, dict[str, float]]] = []
         problem: list[str] = []
         for number, (topic, received_s, stamp_s, message) in enumerate(self._messages(problem), start=1):
-            if stamp_s is not None:
+            if hasattr(message, 'segment_duration'):
+                route = _route(topic, message, received_s + ahead_s if stamp_s is None else stamp_s)
+            elif stamp_s is not None:
                 ahead_s = stamp_s - received_s
+                while route and route[0][0] <= stamp_s:
+                    _, segment = route.pop(0)
+                    if not route or route[0][0] > stamp_s:
+                        yield from ((name, stamp_s, value, number) for name, value in segment.items()
+                                    if name in wanted)
             if topic in topics:
                 for name, value in _fields(topic, message).items():
                     if name in wanted:
@@ -181,6 +193,22 @@ def _fields(prefix: str, value: Any, depth: int = 0) -> dict[str, float]:
             if not name.startswith('_') and name not in ('header', 'stamp'):
                 found.update(_fields(f'{prefix}.{name}', getattr(value, name), depth + 1))
     return found
+
+
+def _route(topic: str, message: Any, start_s: float) -> list[tuple[float, dict[str, float]]]:
+    """Return begin [s] and ROUTE_FIELDS of each segment of a RoutePlan; at stops and at the end the car stands."""
+    length = max(len(getattr(message, name)) for name in ('segment_duration', *ROUTE_FIELDS))
+    columns = {f'{topic}.{name}': np.broadcast_to(values, length).tolist()
+               for name in ROUTE_FIELDS if len(values := getattr(message, name))}
+    pauses_s = dict(zip(message.stop_after_segment, message.stop_duration))
+    rows: list[tuple[float, dict[str, float]]] = []
+    for at, duration_s in enumerate(np.broadcast_to(message.segment_duration, length).tolist()):
+        rows.append((start_s, {name: values[at] for name, values in columns.items()}))
+        start_s += duration_s
+        if at in pauses_s or at == length - 1:
+            rows.append((start_s, {f'{topic}.speed': 0.0}))
+            start_s += pauses_s.get(at, 0.0)
+    return rows
 
 
 def _mcap_files(path: Path) -> list[Path]:

@@ -138,6 +138,43 @@ def test_recorded_topics(tmp_path, storage):
         assert_is(recording, log, ('voltage_v', 'current_a', 'soc', 'battery_temperature_c'), 1e-6)
 
 
+@pytest.mark.needs('rosbags')
+@pytest.mark.needs('mcap')
+def test_the_latest_route_tells_what_the_planners_recording_does_not(tmp_path):
+    from rosbags.interfaces import Nodetype
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    store, nothing = known_types(), np.zeros(0)
+    header, stamp, route, temperature = (store.types[name] for name in (
+        'std_msgs/msg/Header', 'builtin_interfaces/msg/Time', 'bev_preheat_msgs/msg/RoutePlan',
+        'sensor_msgs/msg/Temperature'))
+    fields = {name: '' if name == 'route_id' else 0.0 if kind[0] == Nodetype.BASE else nothing
+              for name, kind in store.fielddefs[route.__msgtype__][1]}
+
+    def planned(begin_s, durations_s, speeds_mps, stop_after=()):
+        return route(**{**fields, 'header': header(stamp(begin_s, 0), ''), 'charging_planned': True,
+                        'has_target_battery_temperature': False, 'segment_duration': np.array(durations_s),
+                        'speed': np.array(speeds_mps), 'ambient_temperature': np.array([-4.0]),
+                        'stop_after_segment': np.array(stop_after, np.uint32),
+                        'stop_duration': np.full(len(stop_after), 20.0)})
+
+    # The drive begins in the past; the second plan has a slower end, behind a stop.
+    plans = {2: planned(990, [15.0, 30.0, 30.0], [9.0, 21.0, 33.0]), 40: planned(
+        990, [15.0, 40.0, 10.0], [9.0, 21.0, 13.0], [1])}
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as file:
+        topics = {kind: file.add_connection(name, kind.__msgtype__, typestore=store) for name, kind in (
+            ('/route_plan', route), ('/battery_state', temperature))}
+        for second in range(100):
+            messages = [temperature(header(stamp(1000 + second, 0), ''), 5.0, 0.0)]
+            for message in [*([plans[second]] if second in plans else []), *messages]:
+                file.write(topics[type(message)], second * 10**9,
+                           store.serialize_cdr(message, message.__msgtype__))
+    recording = read_recording(tmp_path / 'bag')
+    speed, ambient = recording.signals['speed_mps'], recording.signals['ambient_c']
+    assert list(zip(speed.time_s.tolist(), speed.value.tolist())) == [
+        (2.0, 9.0), (5.0, 21.0), (35.0, 33.0), (40.0, 21.0), (45.0, 0.0), (65.0, 13.0), (75.0, 0.0)]
+    assert set(ambient.value.tolist()) == {-4.0}
+
+
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
 @pytest.mark.needs('rosbags')
 @pytest.mark.needs('mcap')
