@@ -10,7 +10,8 @@ merit: the electrical power is then a convex, piecewise linear function of the h
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TYPE_CHECKING
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -45,10 +46,11 @@ class Merit(Protocol):
         """Return the part of a heat that the sources give."""
 
 
+@dataclass(frozen=True)
 class Alone:
     """The HVCH alone, at all instants: its heat is its power, which the trip limits."""
 
-    ends_w: tuple[AnyNumber, ...] = ()
+    ends_w: ClassVar[tuple[AnyNumber, ...]] = ()
 
     def at(self, k: int, temperature_c: AnyNumber) -> Merit:
         """Return the Merit in step k at battery temperatures [deg C]."""

@@ -148,7 +148,7 @@ def test_only_classes_of_values_are_made(written, module, name):
 
 def test_what_is_no_value_cannot_be_written():
     with pytest.raises(TypeError, match='is no value'):
-        state_bytes({'a': 1})
+        state_bytes(['a', 1])
 
 
 @pytest.mark.parametrize('zone', [UTC, ZoneInfo('Europe/Berlin')], ids=str)
