@@ -2,6 +2,7 @@
 """Plans against programs and searches on drawn trips: the trips, the gaps, and their figures."""
 
 from dataclasses import replace
+import json
 
 import pytest
 
@@ -18,7 +19,8 @@ from bev_preheat.nonlinear_program.solve import (
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_studies.optimality import arrival_range, best_target, sweep, uncertain_charging
+from bev_preheat_studies.__main__ import main
+from bev_preheat_studies.optimality import arrival_range, best_target, heat_sources, sweep, uncertain_charging
 from bev_preheat_studies.optimality.best_target import compare_trip, WorthGap
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.optimality.sweep import disagreements, FEASIBLE, GapResult, MethodResult, solve_trip
@@ -185,3 +187,19 @@ def test_a_target_within_a_range_scores_no_less_than_the_best_start_of_a_scan(tm
         'routes': 3, 'solved': 2, 'not_worse': 2, 'above_scan': {
             'least': min(above := [each.points - each.scan_points for each in (cheap, warm)]),
             'median': pytest.approx(sum(above) / 2), 'most': max(above)}}
+
+
+# --- Energy that further heat sources save.
+
+def test_a_heat_pump_saves_more_in_warmer_air_and_a_car_that_differs_arrives(tmp_path):
+    picture, file = tmp_path / 'saved.png', tmp_path / 'saved.json'
+    assert main(['heat_sources', '--trips', '32', '--jobs', '1', '--plot', str(picture), '--json', str(file)]) == 0
+    contents = json.loads(file.read_text())
+    results = [heat_sources.SourcesResult(**result) for result in contents['results']]
+    figures = heat_sources.summarise(results)
+    assert contents['figures'] == {str(air_c): values for air_c, values in figures.items()}
+    saved = {air_c: percentiles[1] for air_c, (percentiles, _) in figures.items()}
+    # In air of -25 degC the pump does not work.
+    assert -1.0 < saved[-25] < 5.0 < 25.0 < saved[-20] < saved[-10] < saved[10] < 70.0
+    assert max(abs(error_k) for _, errors_k in figures.values() for error_k in errors_k) < 2.0
+    assert picture.stat().st_size > 10_000

@@ -14,15 +14,14 @@ import numpy as np
 from bev_preheat.commands.parser import completed_by, VEHICLES
 from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
-from bev_preheat.numerics import ARRAYS
 from bev_preheat.optional_packages import require
+from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.plan import energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle, vehicle_file
-from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
 from bev_preheat_studies.results_file import digest_of
 from bev_preheat_studies.study import (
@@ -178,12 +177,8 @@ def _violation(drawn: DrawnTrip, plan: Plan) -> float:
     """Return the largest excess over a power limit at the start or end of a step, as a share of the power."""
     trip = make_trip(drawn.vehicle, drawn.route)
     terminal_w = (trip.idle_power_w + plan.drawn_power_w + plan.friction_brake_power_w)
-    limits = make_terminal_limits(drawn.vehicle, ARRAYS)
-    (least_w, most_w), (least_end_w, most_end_w) = (
-        limits(plan.soc[ends], plan.battery_temperature_c[ends], trip.power_variance_w2)
-        for ends in (slice(-1), slice(1, None)))
-    beyond_w = np.maximum(terminal_w - np.minimum(most_w, most_end_w),
-                          np.maximum(least_w, least_end_w) - terminal_w)
+    least_w, most_w = limits_of_steps_w(trip.vehicle, plan.soc, plan.battery_temperature_c, trip.power_variance_w2)
+    beyond_w = np.maximum(terminal_w - most_w, least_w - terminal_w)
     return max(0.0, float((beyond_w / np.maximum(np.abs(terminal_w), 1.0)).max()))
 
 
