@@ -77,19 +77,24 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     """
     Return the Recording of a log.
 
-    `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
-    the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
-    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times
-    current if the log has none. Raises InvalidInput naming file, place, value and allowed values.
+    `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None, or if it names none of
+    the log's channels: the map that recognises them, else the common one. Doubts about sign, unit or scale are
+    among the remarks; with `repair` they are corrected. `only` names the signals that are read (None: all). Power
+    is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and range.
     """
     given = signals if signals is None or isinstance(signals, SignalMap) else load_signal_map(signals)
     log = open_log(path, () if given is None else given.databases)
     units = {channel.name: channel.unit for channel in log.channels}
-    signal_map = recognised_map(list(units)) if given is None else given
+    remarks = Remarks()
+    signal_map = recognised_map(list(units))
+    if given is not None and (given.means(list(units)) or not signal_map.recognises(list(units))):
+        signal_map = given
+    elif given is not None:
+        remarks.add('map', f'{path}: the signal map {given.name} names none of its channels; {signal_map.name}, '
+                    'which knows them, is used')
     found = {signal: each for signal, each in all_candidates(signal_map, units).items()
              if only is None or signal in only}
     chosen = {signal: each.groups for signal, each in found.items() if each.groups}
-    remarks = Remarks()
     _remark_on_excluded(path, found, units, remarks)
     if not chosen:
         raise InvalidInput([
@@ -102,7 +107,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     full = {channel.name: channel.full for channel in log.channels}
     decoders = {
         (signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal, full[channel],
-                                   given is None)
+                                   signal_map is not given)
         for signal, groups in chosen.items() for group in groups for channel in group}
     assembly = Assembly(path, log, decoders, remarks, repair)
     cars: dict[str, set[str]] = {name: set() for name in units if CAR.fullmatch(plain(name))}

@@ -106,6 +106,11 @@ class SignalMap:
         return bool(self.recognised_by) and all(
             any(matches(entry, name) for name in names) for entry in self.recognised_by)
 
+    def means(self, names: Sequence[str]) -> bool:
+        """Return whether a signal of this map's own means one of these channels."""
+        return any(matches(entry, name) for signal, source in self.sources.items() if signal not in self.inherited
+                   for entry in source.channels for name in names)
+
 
 def is_expression(entry: str) -> bool:
     """Return whether an entry of a map is a regular expression between slashes."""
