@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 GOOD_RMSE_K, POOR_RMSE_K = 0.6, 1.5
 COLDEST_USEFUL_C = -10.0
 LEAST_DRIVES = 6
+# Each heated drive is predicted from the others: two do not tell a shell.
+LEAST_HEATED = 3
 
 
 def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
@@ -121,10 +123,12 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
     widths = {item.name: item for item in estimates}
     if not electrical.used:
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
-    if coverage.heated_trips == 0:
-        yield ('Two drives with the battery heater on, with its power (battery_heater_w): they tell its '
-               'efficiency and the lag of its heat.')
-    elif coverage.unheated_drives == 0:
+    more = LEAST_HEATED - coverage.heated_trips
+    if more > 0:
+        yield (f'{more} more drive{"s" if more > 1 else ""} with the battery heater on, by the planner or by hand, '
+               'and its power (battery_heater_w): they tell its efficiency, and the lag of its heat or the shell '
+               'around the core.')
+    if coverage.heated_trips > 0 and coverage.unheated_drives == 0:
         yield 'Two drives without battery heating: they separate the heater from the Joule heat.'
     if coverage.telling_nights == 0 and not widths['leakage'].is_identified:
         yield ('A night at stand: the battery at least 10 K warmer than the air, one reading a minute for six '

@@ -107,7 +107,7 @@ class SignalMap:
             any(matches(entry, name) for name in names) for entry in self.recognised_by)
 
     def means(self, names: Sequence[str]) -> bool:
-        """Return whether a signal of this map's own means one of these channels."""
+        """Return whether a signal of this map's own means any of these channels."""
         return any(matches(entry, name) for signal, source in self.sources.items() if signal not in self.inherited
                    for entry in source.channels for name in names)
 

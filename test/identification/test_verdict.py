@@ -139,7 +139,9 @@ def test_the_structure_is_one_sentence_with_its_evidence():
 @pytest.mark.parametrize('coverage, electrical, unknown, advice', [
     (WHOLE, MEASURED, (), []),
     (WHOLE, UNMEASURED, (), ['Voltage and current of the battery']),
-    (changed(heated_trips=0), MEASURED, (), ['Two drives with the battery heater on']),
+    (changed(heated_trips=0), MEASURED, (), ['3 more drives with the battery heater on']),
+    (changed(heated_trips=2), MEASURED, (), ['1 more drive with the battery heater on']),
+    (changed(heated_trips=3), MEASURED, (), []),
     (changed(unheated_drives=0), MEASURED, (), ['Two drives without battery heating']),
     (changed(telling_nights=0), MEASURED, (), []),
     (changed(telling_nights=0), MEASURED, ('leakage',), ['A night at stand']),

@@ -98,6 +98,8 @@ def heating_wh(vehicle):
 @pytest.mark.needs('scipy')
 @pytest.mark.needs('jinja2')
 @pytest.mark.needs('matplotlib')
+@pytest.mark.needs('mcap')
+@pytest.mark.needs('rosbags')
 def test_from_files_leads_to_a_planner_with_the_identified_car(bench, tmp_path, monkeypatch, capfd):
     run_page(FROM_FILES, tmp_path, monkeypatch, capfd)
     own_wh, data_sheet_wh = heating_wh('my_car.yaml'), heating_wh('data_sheet.yaml')
