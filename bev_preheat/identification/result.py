@@ -125,7 +125,7 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
     more = LEAST_HEATED - coverage.heated_trips
     if more > 0:
-        yield (f'{more} more drive{"s" if more > 1 else ""} with the battery heater on, by the planner or by hand, '
+        yield (f'{more} more drive{"s" if more > 1 else ""} with the battery heater on, by planner or by hand, '
                'and its power (battery_heater_w): they tell its efficiency, and the lag of its heat or the shell '
                'around the core.')
     if coverage.heated_trips > 0 and coverage.unheated_drives == 0:
