@@ -17,7 +17,6 @@ import numpy as np
 
 from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
-from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import is_driven_as_planned, SwitchPlan
@@ -118,7 +117,7 @@ def _roll_heated(trip: Trip, start: States,
 def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted: WantedHeat,
                                  take_surplus: bool) -> Course:
     vehicle, native = _both(trip)
-    rows = 2 if trip.vehicle.heat_path.is_direct and trip.mix is ALONE else 4
+    rows = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4
     states, powers_w = np.empty((rows, native.steps + 1)), np.empty((rows, native.steps))
     states[:, 0] = initial_states(state)[:rows]
     stranding, flags = StrandingStruct(), np.empty(2 * native.steps, np.uint8)

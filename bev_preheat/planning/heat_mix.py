@@ -33,6 +33,10 @@ class Merit(Protocol):
     """The sources at one instant; heat and electrical power in watts, floats or arrays of the temperatures."""
 
     @property
+    def is_alone(self) -> bool:
+        """Whether the HVCH is the only source."""
+
+    @property
     def ends_w(self) -> Sequence[AnyNumber]:
         """The heat of the best source, of the two best, and so on."""
 
@@ -51,6 +55,7 @@ class Alone:
     """The HVCH alone, at all instants: its heat is its power, which the trip limits."""
 
     ends_w: ClassVar[tuple[AnyNumber, ...]] = ()
+    is_alone: ClassVar[bool] = True
 
     def at(self, k: int, temperature_c: AnyNumber) -> Merit:
         """Return the Merit in step k at battery temperatures [deg C]."""
@@ -79,6 +84,11 @@ class Sources(NamedTuple):
 
     heats_w: list[AnyNumber]
     powers_w: list[AnyNumber]
+
+    @property
+    def is_alone(self) -> bool:
+        """See Merit."""
+        return False
 
     @property
     def ends_w(self) -> list[AnyNumber]:
@@ -121,6 +131,8 @@ class HeatMix:
     `most_heat_w` and `most_power_w` (N,) are the most heat and electrical power of all at any temperature [W],
     `hvch_limit_w` (N,) is the power of the HVCH.
     """
+
+    is_alone: ClassVar[bool] = False
 
     def __init__(self, vehicle: Vehicle, route: Route, hvch_limit_w: FloatArray) -> None:
         """Take a car and the steps of its trip."""

@@ -22,7 +22,6 @@ import numpy as np
 
 from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
-from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
     heated_step_of_floats,
@@ -76,7 +75,7 @@ class Course(NamedTuple):
 
 def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
     """Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`."""
-    rows, steps = 2 if trip.vehicle.heat_path.is_direct and trip.mix is ALONE else 4, len(trip.route)
+    rows, steps = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4, len(trip.route)
     states, powers_w, stranded = np.empty((4, steps + 1)), np.empty((4, steps)), None
     states[:, 0] = here = initial_states(state)
     drive = make_limited_drive(trip, take_surplus)
@@ -121,7 +120,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
             return drawn_w
 
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
-            other_w = 0.0 if merit is ALONE else drawn_under_w(command_w) - command_w
+            other_w = 0.0 if merit.is_alone else drawn_under_w(command_w) - command_w
             ends: tuple[float, ...] = step(
                 soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w + other_w, variance_w2,
                 heat_with_brake_w(vehicle, heat_w, brake_w), leakage_w_per_k, command_w)
@@ -171,7 +170,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
                                 lambda braked_w: end_of(command_w, braked_w)[0] <= 1.0)
                 ends = end_of(command_w, brake_w)
             return ((min(ends[0], 1.0), ends[1], ends[2], ends[3]), (
-                command_w, brake_w, ends[6] if merit is ALONE else drawn_under_w(command_w), ends[7]))
+                command_w, brake_w, ends[6] if merit.is_alone else drawn_under_w(command_w), ends[7]))
 
         (soc_end, end_c, *under_way), powers_w = _drive_to_end(
             limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w, between)
@@ -292,7 +291,7 @@ def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> 
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
     command_w, brake_w, drawn_w, _ = powers_w[:, empty].tolist()
     # Of heat sources that draw another power than the HVCH for the same heat.
-    other_w = 0.0 if trip.mix is ALONE else drawn_w - command_w
+    other_w = 0.0 if trip.mix.is_alone else drawn_w - command_w
 
     def drive_step(driven: Trip, k: int, start: States) -> tuple[float, ...]:
         soc, temperature_c, heater_w, excess_k = start

@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from bev_preheat.planning import engine
-from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.paper import run_paper
@@ -179,7 +178,7 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     If the charge does not carry the trip, only surplus heats.
     """
     if uncertainty is None:
-        if price is None and trip.mix is ALONE:
+        if price is None and trip.mix.is_alone:
             switched = switched or engine.plan_switch(trip, state, goal.target_temperature_c)
             if is_best(trip, goal, switched):
                 return switched.schedule

@@ -19,7 +19,6 @@ import numpy as np
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
-from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.limits import colder, limits_along, limits_hold, run_unheated
 from bev_preheat.planning.schedule import (
     HeatingInterval,
@@ -68,7 +67,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
     [deg C] is that of heating for the arrival.
     """
-    heater_w = schedule.heater_power_w if trip.mix is ALONE else schedule.drawn_power_w
+    heater_w = schedule.heater_power_w if trip.mix.is_alone else schedule.drawn_power_w
     heated = heater_w > HEATING_SHARE * trip.heater_limit_w
     if not heated.any():
         return ()

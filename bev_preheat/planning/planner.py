@@ -17,7 +17,7 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import heat_until_arrival
-from bev_preheat.planning.heat_mix import ALONE, HVCH
+from bev_preheat.planning.heat_mix import HVCH
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
@@ -245,7 +245,7 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
                    notes: dict[str, None]) -> tuple[Schedule, ScheduleOutcome | None]:
     """Return the Schedule for a case within its vehicle's gates, and the ScheduleOutcome if it is known."""
     options, outcome = case.method_options(trip, case.method == DEFAULT_METHOD), None
-    is_quick = case.no_regret and not options and trip.mix is ALONE
+    is_quick = case.no_regret and not options and trip.mix.is_alone
     switched = way.in_one_interval(trip, case.state, case.aim_c) if way.in_one_interval and is_quick else None
     if switched is not None and way.is_done(trip, case.goal, switched):
         first, outcome = switched.schedule, switched.outcome
@@ -285,7 +285,7 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
         goal = case.aimed_at(case.aim_c)
-    is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct and trip.mix is ALONE
+    is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct and trip.mix.is_alone
     # Other built-in methods do not know the battery's limits.
     knows_limits = way.keeps_reserve or way.is_installed or not case.no_regret
 

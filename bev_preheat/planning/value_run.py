@@ -10,7 +10,6 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import limits_of_steps_w
-from bev_preheat.planning.heat_mix import ALONE
 from bev_preheat.planning.limited_drive import make_limited_drive
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
@@ -114,7 +113,7 @@ class ValueRun:
         is_on = np.append(self._wanted.uncertainty.is_heating, powers_w[0] > LEAST_HEATING_W)
         switched_j = self.switch_on_j * float((is_on[1:] & ~is_on[:-1]).sum())
         short_k = max(aim_c - float(temperature_c[-1]), 0.0) + max(self._beyond_k(states, True), 0.0)
-        heater_j = float((self.price * trip.route.duration_s) @ powers_w[0 if trip.mix is ALONE else 2])
+        heater_j = float((self.price * trip.route.duration_s) @ powers_w[0 if trip.mix.is_alone else 2])
         lacking_j = float(trip.route.duration_s @ lacking_w)
         return (float(energy_j) + HEATING_PRICE * heater_j + self._lack_price * lacking_j + switched_j
                 + SHORT_PRICE * self.joules_per_k * short_k)
