@@ -39,7 +39,7 @@ EXPORT_WIDTH = 100
 def vehicle_source(vehicle: Vehicle) -> str:
     """Return vehicle.c of a Vehicle; raises InvalidInput if the core does not have a kind of curve."""
     if vehicle.heat_sources:
-        raise InvalidInput(f'vehicle {vehicle.name}: cannot be exported: the core does not mix heat_sources; the '
+        raise InvalidInput(f'vehicle {vehicle.name}: cannot be exported: heat_sources are not exported; the '
                            'export needs a file with the HVCH alone')
     try:
         native = NativeVehicle(vehicle)

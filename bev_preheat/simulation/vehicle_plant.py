@@ -168,11 +168,12 @@ class VehiclePlant:
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
         """Drive on to `to_s` [s] with the power of a HeaterLease, and 0 W after its end."""
-        self.sources.commands_w = lease.sources_w
         if self.time_s < lease.until_s:
+            self.sources.commands_w = lease.sources_w
             self.advance(min(to_s, lease.until_s), lease.power_w)
+            self.sources.commands_w = {}
         if self.time_s < to_s:
-            since_s, self.sources.commands_w = self.time_s, {}
+            since_s = self.time_s
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
 

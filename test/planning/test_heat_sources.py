@@ -222,5 +222,5 @@ def test_what_does_not_know_the_sources_uses_the_hvch_alone():
     trip = make_trip(VEHICLE, ROUTE)
     assert (trip.heater_limit_w > trip.mix.hvch_limit_w).all()
     assert Supervisor(VEHICLE, Settings()).state.vehicle.heat_sources == ()
-    with pytest.raises(InvalidInput, match='heat_sources; the export needs a file with the HVCH alone'):
+    with pytest.raises(InvalidInput, match='heat_sources are not exported; the export needs a file'):
         vehicle_source(VEHICLE)

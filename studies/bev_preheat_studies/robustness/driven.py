@@ -16,6 +16,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.scenario_drive import drive_observed, HEALTHY
+from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -125,7 +126,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     The plan's steps are as long as the planner's; it is executed without feedback from the battery.
     """
     plant = car.plant
-    plan = plan_preheating(plant.vehicle, in_planning_steps(plant.route, Settings.planning_step_s),
+    plan = plan_preheating(hvch_alone(plant.vehicle), in_planning_steps(plant.route, Settings.planning_step_s),
                            BatteryState(plant.temperature_c, plant.soc), goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
