@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.electrical import fit_electrical
-from bev_preheat.identification.parameters import ALWAYS, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.parameters import ALL_STRUCTURES, ALWAYS, NAMES, parameters_of, STRUCTURES
 from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 
@@ -37,6 +37,8 @@ UNSETTLED_K, MOST_UNSETTLED_K = 1.0, 8.0
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
 SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
 MOST_EVALUATIONS = 60
+# With a slow shell a fit that begins at the prior may end with a slow sensor in its place; it also begins here.
+AIR_GAP_W_PER_K = 60.0
 MISFIT_STEPS = 2
 # Relative: half a sum of squares of 1000 is found to 0.01.
 FIT_TOLERANCE = 1e-5
@@ -143,7 +145,7 @@ class Fitter:
     def free_names(self, structure: str, kept: Sequence[int] | None = None) -> list[str]:
         """Return the names of the free thermal parameters of a structure for the kept trips."""
         heating = any(self.has_heating[at] for at in self._kept(kept))
-        own = STRUCTURES[structure]
+        own = ALL_STRUCTURES[structure]
         return [name for name in NAMES if name in ALWAYS or name in own.names
                 or (heating and not own.has_shell and name == 'heat_lag')]
 
@@ -202,10 +204,16 @@ class Fitter:
         reach_k = np.array([max(course.trip.resolution_k, 0.2) if course.settling is None else MOST_UNSETTLED_K
                             for course in courses])
         lowest, highest = np.concatenate((low[free], -reach_k)), np.concatenate((high[free], reach_k))
-        guess = np.clip(np.concatenate((theta[free], offsets_k)), lowest + 1e-9, highest - 1e-9)
-        found = least_squares(lambda values: evaluate(values)[0], guess, lambda values: evaluate(values)[1],
-                              bounds=(lowest, highest), x_scale='jac', max_nfev=MOST_EVALUATIONS,
-                              ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE)
+        guesses = [np.concatenate((theta[free], offsets_k))]
+        conductance = NAMES.index('shell_conductance')
+        if begin is None and free[conductance]:
+            theta[conductance] = math.log(AIR_GAP_W_PER_K)
+            guesses.append(np.concatenate((theta[free], offsets_k)))
+        found = min((least_squares(
+            lambda values: evaluate(values)[0], np.clip(guess, lowest + 1e-9, highest - 1e-9),
+            lambda values: evaluate(values)[1], bounds=(lowest, highest), x_scale='jac',
+            max_nfev=MOST_EVALUATIONS, ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE) for guess in guesses),
+            key=lambda each: each.cost)
         theta[free] = found.x[:count]
         residuals, slopes = evaluate(found.x)
         terms, at = [], 0
@@ -222,7 +230,7 @@ class Fitter:
     def model(self, structure: str) -> ThermalModel:
         """Return the ThermalModel of a structure."""
         if structure not in self._models:
-            own = STRUCTURES[structure]
+            own = ALL_STRUCTURES[structure]
             self._models[structure] = ThermalModel(
                 self.vehicle, (*ALWAYS, *own.names, *(() if own.has_shell else ('heat_lag',))), own)
         return self._models[structure]

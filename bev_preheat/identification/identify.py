@@ -16,7 +16,7 @@ from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
 from bev_preheat.identification.fit import Fitter
-from bev_preheat.identification.parameters import NAMES, structures_of
+from bev_preheat.identification.parameters import IN_CORE, NAMES, STRUCTURES, structures_of
 from bev_preheat.identification.result import Estimated, Identification, record_next, ResistanceCurve, verdict_of
 from bev_preheat.identification.structures import (
     baselines,
@@ -72,6 +72,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     tell('intervals')
     full = fits[structure]
     intervals = intervals_of(fitter, full)
+    if STRUCTURES[structure].has_shell:
+        intervals = wider(fitter, intervals, fitter.fit(structure + IN_CORE, None, electrical, full))
     held, fit = keep_start(fitter, full, intervals)
     if held:
         intervals = wider(fitter, intervals, fit)

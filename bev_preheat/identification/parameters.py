@@ -62,6 +62,7 @@ class Structure(NamedTuple):
 
     names: tuple[str, ...] = ()
     sensor: str = ''
+    drivetrain_in_core: bool = False
 
     @property
     def has_shell(self) -> bool:
@@ -76,6 +77,10 @@ STRUCTURES = {
     'one mass, sensor lag': Structure(('sensor_lag',)),
     **{f'two masses, sensor {place}': Structure(NAMES[6:], sensor) for place, sensor in (
         ('on the shell', 'shell'), ('in the core', 'core'), ('at their mean', 'mean'))}}
+# The model has the drivetrain's heat in the shell; intervals also contain the values of a car with it in the core.
+IN_CORE = ', drivetrain heat in the core'
+ALL_STRUCTURES = {**STRUCTURES, **{name + IN_CORE: structure._replace(drivetrain_in_core=True)
+                                   for name, structure in STRUCTURES.items() if structure.has_shell}}
 
 
 def structures_of(vehicle: Vehicle, has_heating: bool) -> list[str]:

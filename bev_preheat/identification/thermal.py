@@ -202,6 +202,8 @@ class ThermalModel:
             if self._structure.has_shell:
                 # The air is at the shell.
                 rate = rate - leakage.coefficient_w_per_k(speed_mps) * under_way_k / shell_share / capacity
+                if self._structure.drivetrain_in_core:
+                    joule_w = joule_w + drivetrain_heat * magnitude_w
             else:
                 # All heat but the heater's arrives at once.
                 joule_w = rate * capacity - efficiency * heater_w

@@ -114,7 +114,7 @@ def test_slopes_are_those_of_finite_differences():
                    power_w=trip.power_w - np.where(np.arange(len(trip)) < 600, 2000.0, 0.0))
     course, electrical = course_of(trip, VEHICLE), fit_electrical(VEHICLE, [])
     theta = np.array([parameters_of(VEHICLE)[name].prior for name in NAMES] + [0.05] * len(KNOTS_C))
-    for structure, own in ((NAMES[:7], Structure()), (NAMES[:5] + NAMES[6:], Structure((), 'shell'))):
+    for structure, own in ((NAMES[:7], Structure()), (NAMES[:5] + NAMES[6:], Structure((), 'shell', True))):
         model = ThermalModel(VEHICLE, structure, own)
         readings_c, slopes = model.course(course, theta, 5.0, electrical)
         for at in range(len(theta)):
