@@ -108,7 +108,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
             _draw_heat(axes[4], axes[5], edges, plan, accounts, look, labelled=plan is first)
     _draw_temperatures(temperature, edges, trip, goal, plans, lines)
 
-    draw_steps(heater, edges, trip.heater_limit_w / 1e3, **HEATER_LIMIT)
+    draw_steps(heater, edges, trip.hvch_limit_w / 1e3, **HEATER_LIMIT)
     show_range(heater, [0.0], *_drawn(heater), least=1.0)
     heater.set_ylabel('heater power for\nbattery [kW]')
 
@@ -267,7 +267,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
                    **{**AMBIENT, **named(AMBIENT['label'])})
         draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3,
                    **heated.line(linewidth=1.7, **named('for the battery')))
-        draw_steps(heater, edges, trip.heater_limit_w / 1e3,
+        draw_steps(heater, edges, trip.hvch_limit_w / 1e3,
                    **{**HEATER_LIMIT, **named(HEATER_LIMIT['label'])})
         draw_course(charge, edges[[0, -1]],
                     [100.0 * reserve_soc(vehicle, leg.goal(plan.target_temperature_c))] * 2,

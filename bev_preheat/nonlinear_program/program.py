@@ -38,7 +38,7 @@ from bev_preheat.nonlinear_program.drive_steps import (
     POWER_SCALE_W,
     SOC_SCALE,
 )
-from bev_preheat.planning.heat_mix import Alone, HVCH
+from bev_preheat.planning.heat_mix import HVCH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
@@ -286,7 +286,7 @@ def state_bounds(trip: Trip, state: BatteryState, soc_range: tuple[float, float]
         is_open = {'': stands, 'driving': stands & ~stands, 'standing': stands}
     limits_w = {power_row(source): np.where(is_open.get(source.only_while, True), np.inf, 0.0)
                 for source in trip.vehicle.heat_sources}
-    limits_w['heater'] = trip.heater_limit_w if isinstance(trip.mix, Alone) else trip.mix.hvch_limit_w
+    limits_w['heater'] = trip.hvch_limit_w
     return low, {**high, **limits_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
 
 

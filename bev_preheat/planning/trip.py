@@ -58,6 +58,11 @@ class Trip:
         return self.heater_limit_w if isinstance(mix, Alone) else np.where(
             self.heater_limit_w > 0.0, mix.most_power_w, 0.0)
 
+    @property
+    def hvch_limit_w(self) -> FloatArray:
+        """The power of the HVCH that the cabin leaves [W] (N,)."""
+        return self.heater_limit_w if isinstance(self.mix, Alone) else self.mix.hvch_limit_w
+
     def changed(self, **columns: FloatArray) -> Trip:
         """Return the Trip with other columns, by name."""
         return replace(self, columns=self.columns.changed(**columns))

@@ -220,7 +220,8 @@ def test_other_methods_heat_with_the_hvch_alone(method):
 
 def test_what_does_not_know_the_sources_uses_the_hvch_alone():
     trip = make_trip(VEHICLE, ROUTE)
-    assert (trip.heater_limit_w > trip.mix.hvch_limit_w).all()
+    assert (trip.heater_limit_w > trip.hvch_limit_w).all()
+    assert trip.hvch_limit_w == pytest.approx(make_trip(ALONE, ROUTE).heater_limit_w)
     assert Supervisor(VEHICLE, Settings()).state.vehicle.heat_sources == ()
     with pytest.raises(InvalidInput, match='heat_sources are not exported; the export needs a file'):
         vehicle_source(VEHICLE)
