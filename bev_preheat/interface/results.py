@@ -20,7 +20,7 @@ from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SU
 from bev_preheat.optional_packages import is_installed, require
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -150,7 +150,7 @@ class PlanResult(Result):
     soc = Part['FloatArray']('plan.soc', 'State of charge, 0 ... 1, (N + 1,).')
     hvch_battery_power_w = Part['FloatArray'](
         'plan.hvch_battery_power_w', 'Mean electrical power for the battery in each step [W], (N,).')
-    source_power_w = Part['Mapping[str, FloatArray]'](
+    source_power_w = Part['dict[str, FloatArray]'](
         'plan.source_power_w', 'That of each heat source by name [W], (N,) each; empty for the HVCH alone.')
     friction_brake_power_w = Part['FloatArray'](
         'plan.friction_brake_power_w',
