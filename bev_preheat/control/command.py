@@ -14,7 +14,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.events import BATTERY, ROUTE
-from bev_preheat.control.heater import CommandHistory, HeaterSwitch
+from bev_preheat.control.heater import CommandHistory
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The heater's power: as commanded, as its controller answers (`hvch_status`), and rarely enough switched.
+The heater's power: as commanded, and as its controller answers (`hvch_status`).
 
 Without answers the planner takes its own commands for the heater's power, as it does once they are silent or
 doubted. Instants are integers, in nanoseconds of the node's clock.
@@ -13,16 +13,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics import NS_PER_S, S_PER_H
-from bev_preheat.tunables import (
-    COMPARED_OVER_NS,
-    CONFIRMED_WITHIN_S,
-    FIRST_WAIT_S,
-    INTERRUPTIONS_OVER_S,
-    LEAST_DIFFERENCE_W,
-    LEAST_LONGEST_WAIT_S,
-    MOST_SWITCH_ONS,
-)
+from bev_preheat.numerics import NS_PER_S
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -226,147 +218,3 @@ class HeaterAnswers(NamedTuple):
             silence = (f'{HEATER_STATUS} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
                        'count as served')
         return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)
-
-
-class HeatingPause(NamedTuple):
-    """
-    The pause after doubt, and the switch-ons of the last hour; instants in nanoseconds.
-
-    Only time that passes forward counts, as `elapsed_ns` [ns]: a clock that falls back neither ends a pause nor
-    prolongs it. `interruptions`, `switch_ons` and `doubted_ns` (None: no pause) are instants of that time;
-    the pause lasts `wait_ns` [ns], for a `cause` as text.
-    """
-
-    now_ns: int | None = None
-    elapsed_ns: int = 0
-    interruptions: tuple[int, ...] = ()
-    switch_ons: tuple[int, ...] = ()
-    doubted_ns: int | None = None
-    wait_ns: int = 0
-    cause: str = ''
-
-    def at(self, now_ns: int) -> HeatingPause:
-        """Return the pause at an instant; a pause that is over is forgotten."""
-        elapsed_ns = self.elapsed_ns + (0 if self.now_ns is None else max(0, now_ns - self.now_ns))
-        is_over = self.doubted_ns is None or self.doubted_ns + self.wait_ns <= elapsed_ns
-        return self._replace(
-            now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
-            interruptions=_within(self.interruptions, elapsed_ns, INTERRUPTIONS_OVER_S),
-            switch_ons=_within(self.switch_ons, elapsed_ns, S_PER_H))
-
-    def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
-        """Return the pause begun (again) for a cause as text; each interruption of heating makes it longer."""
-        interruptions, wait_ns = self.interruptions, self.wait_ns
-        if was_on:
-            interruptions = (*interruptions, self.elapsed_ns)
-            longest_s = max(minimum_off_time_s, LEAST_LONGEST_WAIT_S)
-            doublings = min(len(interruptions) - 1, 10)
-            wait_ns = round(min(FIRST_WAIT_S * 2.0 ** doublings, longest_s) * NS_PER_S)
-        elif self.doubted_ns is None:
-            return self
-        return self._replace(interruptions=interruptions, wait_ns=wait_ns, doubted_ns=self.elapsed_ns, cause=cause)
-
-    def switched_on(self) -> HeatingPause:
-        """Return the pause with one more switch-on of the heater."""
-        return self._replace(switch_ons=(*self.switch_ons, self.elapsed_ns))
-
-    @property
-    def spacing_s(self) -> float:
-        """The least time on, and off, that the switch-ons of the last hour ask for [s]."""
-        return S_PER_H / MOST_SWITCH_ONS / 2.0 if len(self.switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
-
-    @property
-    def left_s(self) -> float:
-        """For how long [s] the heater stays off; 0 if it may be switched on."""
-        return max(self._doubt_left_ns(), self._hour_left_ns(), 0) / NS_PER_S
-
-    @property
-    def is_for_doubt(self) -> bool:
-        """Whether the heater stays off because of doubt."""
-        return self._doubt_left_ns() > 0
-
-    @property
-    def sentence(self) -> str:
-        """Why the heater stays off, and until when; '' if it may be switched on."""
-        if self.doubted_ns is not None and self._doubt_left_ns() > 0:
-            ago_s = (self.elapsed_ns - self.doubted_ns) / NS_PER_S
-            number = len(self.interruptions)
-            again = f' (interruption {number} in {INTERRUPTIONS_OVER_S / 60.0:g} min)' if number > 1 else ''
-            return (f'{self.cause} {ago_s:.0f} s ago; heating resumes after {self.wait_ns / NS_PER_S:g} s of '
-                    f'valid input{again}.')
-        if self._hour_left_ns() > 0:
-            return (f'The heater was switched on {MOST_SWITCH_ONS} times within an hour; the next time is '
-                    f'possible in {self._hour_left_ns() / NS_PER_S:.0f} s.')
-        return ''
-
-    def _doubt_left_ns(self) -> int:
-        if self.doubted_ns is None:
-            return 0
-        return self.doubted_ns + self.wait_ns - self.elapsed_ns
-
-    def _hour_left_ns(self) -> int:
-        if len(self.switch_ons) < MOST_SWITCH_ONS:
-            return 0
-        return self.switch_ons[0] + round(S_PER_H * NS_PER_S) - self.elapsed_ns
-
-
-def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[int, ...]:
-    """Return the instants of the last `kept_s` [s]."""
-    while instants_ns and now_ns - instants_ns[0] >= kept_s * NS_PER_S:
-        instants_ns = instants_ns[1:]
-    return instants_ns
-
-
-class HeaterSwitch(NamedTuple):
-    """
-    Least times on and off between a plan's request and the command; instants in nanoseconds.
-
-    They delay requests, never a forced shutdown: `forced_off` and `doubted` take effect at once. After a doubt the
-    heater stays off for a while, whatever is requested. `is_held`: it is on only because of the least time.
-    `since_ns` is the instant of the latest switching; None: it may be switched at once. `power_w` is the
-    command [W].
-    """
-
-    is_on: bool = False
-    is_held: bool = False
-    pause: HeatingPause = HeatingPause()
-    since_ns: int | None = None
-    power_w: float = 0.0
-
-    def forced_off(self) -> HeaterSwitch:
-        """Return the switch off because no heating is needed, or the driver does not want it."""
-        return HeaterSwitch(pause=self.pause)
-
-    def turned_off(self, now_ns: int) -> HeaterSwitch:
-        """Return the switch off at once because the plan has no more use for heat; the least time off begins."""
-        return HeaterSwitch(pause=self.pause, since_ns=now_ns if self.is_on else self.since_ns)
-
-    def doubted(self, now_ns: int, cause: str, minimum_off_time_s: float) -> HeaterSwitch:
-        """Return the switch off because something is in doubt, for a cause as text; a pause begins."""
-        return HeaterSwitch(pause=self.pause.at(now_ns).doubted(cause, self.is_on, minimum_off_time_s))
-
-    def allowed(self) -> HeaterSwitch:
-        """Return the switch free to move at once: the reason to wait no longer holds; a pause continues."""
-        return self if self.since_ns is None else self._replace(since_ns=None)
-
-    def asked(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
-              minimum_off_time_s: float) -> HeaterSwitch:
-        """Return the switch with the command for `wanted_w` [W], or held on up to `limit_w` [W], or held off."""
-        pause, is_on, since_ns = self.pause.at(now_ns), self.is_on, self.since_ns
-        wants_on = wanted_w > 0.0
-        least_s = max(minimum_on_time_s if is_on else minimum_off_time_s, pause.spacing_s)
-        # After the clock was set back the time since the last switching is unknown.
-        must_wait = since_ns is not None and 0 <= now_ns - since_ns < round(least_s * NS_PER_S)
-        if wants_on != is_on and not must_wait and not (wants_on and pause.left_s > 0.0):
-            is_on, since_ns = wants_on, now_ns
-            if wants_on:
-                pause = pause.switched_on()
-        power_w = 0.0 if not is_on else min(wanted_w if wants_on else self.power_w, limit_w)
-        return HeaterSwitch(is_on, is_on and not wants_on, pause, since_ns, power_w)
-
-    def held_for_s(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> float:
-        """Return the time [s] until the heater may be switched again."""
-        if self.since_ns is None:
-            return 0.0
-        least_s = max(minimum_on_time_s if self.is_on else minimum_off_time_s, self.pause.spacing_s)
-        return max(0.0, least_s - (now_ns - self.since_ns) / NS_PER_S)

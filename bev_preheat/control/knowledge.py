@@ -320,7 +320,8 @@ class Learning:
             estimator = estimator.observed(measurement, intervals_between(
                 estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands), vehicle)
         else:
-            estimator = estimator.held(measurement, vehicle, known.trusts_temperature, known.trusts_soc)
+            estimator = estimator.held(
+                measurement, vehicle, known.command_w, known.trusts_temperature, known.trusts_soc)
         estimate = estimator.estimate
         if estimate is not None:
             stand_watch = stand_watch.noted(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))

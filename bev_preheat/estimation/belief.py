@@ -19,7 +19,9 @@ import numpy as np
 
 from bev_preheat.estimation.estimate import (
     FACTORS,
+    HEAT_CAPACITY,
     HEAT_LAG,
+    HEATER,
     JOULE_RISE,
     LOCAL,
     moved_with_slopes,
@@ -277,14 +279,14 @@ class Belief:
 
     followed = operation(_followed_in_core, _followed)
 
-    def held(self, duration_s: float, interval_c: tuple[float, float] | None,
+    def held(self, vehicle: Vehicle, duration_s: float, command_w: float, interval_c: tuple[float, float] | None,
              interval: tuple[float, float] | None) -> Belief:
         """
         Return the Belief after `duration_s` [s] that the model does not describe, without learning about the car.
 
         Factors, lags and the weights of the hypotheses stay. Temperature and state of charge follow
-        the intervals of their readings [deg C], (0 ... 1); None: no valid reading. Heat under way arrives and
-        the sensor approaches the battery's temperature, with their lags.
+        the intervals of their readings [deg C], (0 ... 1); None: no valid reading. Heat under way, with that of
+        the heater's command [W], arrives and the sensor approaches the battery's temperature, with their lags.
         """
         covariance = self.covariance.copy()
         # The moving elements are no longer correlated with factors and lags, so that readings do not change these.
@@ -310,12 +312,25 @@ class Belief:
         covariance[..., range(SIZE), range(SIZE)] += wandered
         for row, column in ((TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
             covariance[..., row, column] += wandered[TEMPERATURE]
-        belief = replace(self, mean=(step @ self.mean[..., np.newaxis])[..., 0].copy(), covariance=covariance)
+        supplied_k = self._supplied_k(vehicle, duration_s, command_w)
+        mean = (step @ self.mean[..., np.newaxis])[..., 0].copy()
+        mean[..., UNDER_WAY] += supplied_k
+        covariance[..., UNDER_WAY, UNDER_WAY] += (EXCESS_DEVIATION * supplied_k)**2
+        belief = replace(self, mean=mean, covariance=covariance)
         if interval_c is not None:
             belief = belief._within(SENSOR, NOISE_VARIANCES, *interval_c, tells_hypotheses=False)
         if interval is not None:
             belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
         return belief
+
+    def _supplied_k(self, vehicle: Vehicle, duration_s: float, command_w: float) -> FloatArray:
+        """Return the heat under way of each filter that a command [W] of `duration_s` [s] has sent [K]."""
+        heater_w = np.array(heater_power_w(command_w, vehicle.hvch.maximum_power_w))[:, np.newaxis]
+        k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k * array_exp(
+            self.mean[..., HEATER] - self.mean[..., HEAT_CAPACITY])
+        lag_s = nominal_heat_lag_s(self.path) * array_exp(self.mean[..., HEAT_LAG])
+        supplied_k: FloatArray = k_per_j * heater_w * lag_s * (1.0 - array_exp(-duration_s / lag_s))
+        return supplied_k
 
     def _left_k(self, duration_s: float) -> FloatArray:
         """Return the heat under way of each filter after `duration_s` [s] without heat [K]."""

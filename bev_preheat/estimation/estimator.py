@@ -161,14 +161,14 @@ class Estimator(NamedTuple):
             state.temperature_c - self.offset_k, readings.temperature_resolution_k,
             state.soc, readings.soc_resolution))
 
-    def held(self, measurement: MeasuredState, vehicle: Vehicle, trusts_temperature: bool = True,
+    def held(self, measurement: MeasuredState, vehicle: Vehicle, command_w: float, trusts_temperature: bool = True,
              trusts_soc: bool = True) -> Estimator:
         """
         Return the Estimator after a MeasuredState that the model does not describe, without learning from it.
 
-        The vehicle is charging, stands where its route drives, is on no leg, or a signal is in doubt.
-        Hypotheses, factors, lags and the report on the heater stay. A reading that is not trusted is
-        ignored.
+        The vehicle is charging, stands where its route drives, is on no leg, or a signal is in doubt; `command_w`
+        is the command to its heater [W]. Hypotheses, factors, lags and the report on the heater stay. A reading
+        that is not trusted is ignored.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
         # The next step that the model describes begins here, with its own power samples.
@@ -190,7 +190,7 @@ class Estimator(NamedTuple):
                 return seen._placed(measurement, vehicle)
             is_believed = verdict in (Verdict.BELIEVED, Verdict.LASTING)
         belief = self.belief.held(
-            elapsed_s,
+            vehicle, elapsed_s, command_w,
             interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_resolution_k)
             if is_believed and trusts_temperature else None,
             interval_of(state.soc, seen.readings.soc_resolution) if is_believed and trusts_soc else None)

@@ -4,7 +4,7 @@ import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
-from bev_preheat.control.heater import HeaterSwitch
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings

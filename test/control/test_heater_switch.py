@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.command import SteadyStatus
-from bev_preheat.control.heater import HeaterSwitch, HeatingPause
+from bev_preheat.control.heater_switch import HeaterSwitch, HeatingPause
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_STATUS_S as LEAST_S
 from bev_preheat.tunables import MOST_SWITCH_ONS

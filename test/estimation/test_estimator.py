@@ -233,6 +233,22 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
     assert estimate.resets == 0
 
 
+def test_a_heater_that_heats_on_at_a_stop_has_heat_under_way():
+    """Nothing is learned at a stop that the route does not know, but the heater heats as it did before."""
+    car = DrivenCar(commands=Commands(((0, 600),)), heat_lag_s=NOMINAL_HEAT_LAG_S, noise_k=0.0, step_k=0.1)
+    estimator = followed(car, 300)
+    before = estimator.estimate
+    for _ in range(120):
+        estimator = estimator.held(car.drive(), VEHICLE, LIMIT_W)
+    lag_s, capacity_j_per_k = before.heat_lag_s, VEHICLE.pack_heat_capacity_j_per_k
+    assert estimator.estimate.under_way_k == pytest.approx(
+        lag_s * VEHICLE.hvch.efficiency * LIMIT_W / capacity_j_per_k, rel=0.1)
+    assert estimator.estimate.log_factors == pytest.approx(before.log_factors)
+    for _ in range(120):
+        estimator = estimator.held(car.drive(), VEHICLE, 0.0)
+    assert estimator.estimate.under_way_k < 0.05
+
+
 def test_a_hundred_states_a_second_are_worth_one():
     """They count as one reading per second, because their noise is correlated."""
     slow, fast = Estimator.of(VEHICLE), Estimator.of(VEHICLE)
