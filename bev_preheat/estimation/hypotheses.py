@@ -51,7 +51,7 @@ HEALTHY, STUCK = 0, len(SHARES) - 1
 # Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
 # deviation, prior probability; lag of the heat [s], and deviation of its logarithm.
 PLACES = (0.0, 4.0, 8.0)
-PLACE_DEVIATIONS = (0.3, 1.2, 2.0)
+PLACE_DEVIATIONS = (0.1, 1.2, 2.0)
 PLACE_WEIGHTS = (0.7, 0.2, 0.1)
 PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 150.0, 100.0)
 PLACE_LAG_DEVIATIONS = (LAG_DEVIATION, 0.7, 0.7)

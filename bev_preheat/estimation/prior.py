@@ -73,13 +73,15 @@ PLACING_BOUNDS = np.array([(0.0, 1.0), (0.0, 12.0)])
 
 def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance (places, 2) of the elements in PLACING for a HeatPath."""
-    places: tuple[float, ...] = PLACES
-    deviations: tuple[float, ...] = PLACE_DEVIATIONS
+    rise, rise_deviation, places, deviations = 0.35, 0.4, np.array(PLACES), np.array(PLACE_DEVIATIONS)
     if path.is_shell:
-        places = (path.sensor_rise,) * len(PLACES)
-        deviations = (DESCRIBED_PLACE_DEVIATION * max(path.sensor_rise - 1.0, 0.0),) * len(PLACES)
-    return (np.array([(0.35, place) for place in places]),
-            np.square([(0.4, deviation) for deviation in deviations]))
+        places = np.full(len(PLACES), path.sensor_rise)
+        deviations = DESCRIBED_PLACE_DEVIATION * np.maximum(places - 1.0, 0.0)
+        if path.sensor_rise > 1.0:
+            # Joule heat warms the cells of the core, and not the shell before them.
+            rise, rise_deviation = 0.0, 0.1
+    return (np.stack((np.full(len(PLACES), rise), places), axis=-1),
+            np.square(np.stack((np.full(len(PLACES), rise_deviation), deviations), axis=-1)))
 
 
 def lags_of_places() -> tuple[FloatArray, FloatArray]:

@@ -98,16 +98,19 @@ def test_core_and_python_follow_kept_values_alike(name):
 
 @pytest.mark.parametrize('name', SITUATIONS)
 def test_a_plan_from_kept_values_costs_no_more_than_a_new_one(name):
-    drive = Drive(name)
+    """A start a step earlier costs energy, a step later risk: where both weigh the same, either may be found."""
+    drive, extra_wh = Drive(name), []
     for number in range(8):
         random = np.random.default_rng(number)
         state = replace(drive.state, temperature_c=drive.state.temperature_c + random.uniform(-0.4, 0.4))
         passed_s = random.uniform(0.0, VALUES_KEPT_S)
         kept, new = drive.plan(drive.kept, passed_s, state), drive.plan(None, passed_s, state)
         assert kept.temperature_c[-1] == pytest.approx(new.temperature_c[-1], abs=0.05)
-        # A whole kelvin costs 100 Wh and more; 3 Wh are that of some seconds of heating.
-        capacity_wh = drive.vehicle.battery.capacity_ah * 400.0
-        assert (new.soc[-1] - kept.soc[-1]) * capacity_wh < 3.0
+        assert abs(np.argmax(kept.heater_power_w > 1.0) - np.argmax(new.heater_power_w > 1.0)) <= 1
+        extra_wh.append((new.soc[-1] - kept.soc[-1]) * drive.vehicle.battery.capacity_ah * 400.0)
+    # A whole kelvin costs 100 Wh and more, a step of heating 40 Wh.
+    assert np.mean(extra_wh) < 1.0
+    assert max(extra_wh) < 8.0
 
 
 def changes():
