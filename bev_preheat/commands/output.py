@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 import json
 import math
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from bev_preheat.commands.program import write_output
 from bev_preheat.commands.terminal import print_figures, result_console
@@ -16,6 +19,7 @@ from bev_preheat.files.output_files import (
     STANDARD_OUTPUT,
     write_whole,
 )
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -112,8 +116,11 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
         ('Arrival temp. [degC]', lambda plan: f'{plan.arrival_temperature_c:.2f}'),
         ('Target [degC]', lambda plan: f'{plan.target_temperature_c:.2f}'),
         ('Arrival SoC [%]', lambda plan: f'{100 * plan.arrival_soc:.2f}')]
+    names = dict.fromkeys(name for plan in plans for name in plan.source_power_w)
     for heading, field in ENERGY_ROWS:
-        rows.append((heading, _energy_text(field)))
+        rows.append((heading.replace('HVCH', 'Sources:') if names else heading, _energy_text(field)))
+        if field == 'hvch_electric':
+            rows += [(f'… {name} [Wh]', partial(_source_text, name)) for name in names]
     rows.append(('Planning time [ms]', lambda plan: f'{1e3 * plan.planning_time_s:.2f}'))
     print_figures(
         console, title, ['', *(headings or [plan.method for plan in plans])],
@@ -122,6 +129,11 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
 
 def _energy_text(field: str) -> Callable[[Plan], str]:
     return lambda plan: f'{getattr(plan.energy_wh, field):.1f}'
+
+
+def _source_text(name: str, plan: Plan) -> str:
+    power_w = plan.source_power_w.get(name)
+    return '–' if power_w is None else f'{float(power_w @ np.diff(plan.time_s)) / JOULES_PER_WH:.1f}'
 
 
 def _text(seconds: float | None) -> str:

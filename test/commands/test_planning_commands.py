@@ -97,6 +97,18 @@ def test_plan_is_that_of_the_arguments(written):
     assert plan == expected
 
 
+def test_each_heat_source_has_a_row_and_their_energies_are_that_of_all(capsys):
+    assert main(['plan', '--vehicle', 'heat_pump_car', '--route', 'legs/reference',
+                 '--temperature', '-15', '--soc', '0.9', '--target', '45']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = dict(line.strip('│ ').split('│') for line in lines if line.count('│') == 3)
+    figures = {name.strip(): float(rows[name]) for name in rows if '[Wh]' in name}
+    of_sources = [figures[f'… {name} [Wh]'] for name in ('hvch', 'motor', 'heat_pump')]
+    assert sum(of_sources) == pytest.approx(figures['Sources: electric [Wh]'], abs=0.2)
+    assert sum(energy_wh > 0.0 for energy_wh in of_sources) >= 2
+    assert not any('HVCH' in name for name in figures)
+
+
 @pytest.mark.parametrize('command', ['plan', COMPARE])
 def test_what_stands_behind_the_plan_is_written_and_printed(written, command, capsys):
     route = load_route('reference', VEHICLE.defaults)
