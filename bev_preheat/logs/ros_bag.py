@@ -23,7 +23,7 @@ NS = 1e-9
 # Messages that are searched for the fields of topics.
 SEARCHED_MESSAGES = 20_000
 LONGEST_ARRAY, DEEPEST_MESSAGE = 8, 6
-# Of a RoutePlan, what the car meets in each segment.
+# Of a RoutePlan, the conditions of each segment.
 ROUTE_FIELDS = ('speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')
 # The encapsulation: byte order, then two bytes of options.
 CDR_HEAD_BYTES = 4
@@ -64,7 +64,7 @@ class RosBag(RawLog):
         topics = {name.partition('.')[0] for name in wanted}
         # Simulated time runs apart from the recorder's clock; stamps show by how much.
         ahead_s = 0.0
-        # What is still to come of the latest route.
+        # The rest of the latest route.
         route: list[tuple[float, dict[str, float]]] = []
         problem: list[str] = []
         for number, (topic, received_s, stamp_s, message) in enumerate(self._messages(problem), start=1):

@@ -53,7 +53,7 @@ class SimulatedSources:
         """
         Draw the commands as far as air, battery, speed, cabin heating and `room_w`, left by the battery, allow.
 
-        Temperatures in degC, powers in W; the sources share what is left in the order of the file.
+        Temperatures in degC, powers in W; the sources share the rest in the order of the file.
         """
         self.off()
         for name, (source, most_w, hvch_watts) in self._sources.items():

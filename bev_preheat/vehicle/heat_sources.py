@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the tables of a vehicle file, and the heat sources beside the HVCH that consist of them."""
+"""Reads the tables of a vehicle file, and the heat sources beside the HVCH."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ static inline double bev_heat_of_w(const bev_merit *merit, double electric_w) {
   return merit->count == 0 ? electric_w : bev_along(electric_w, merit->count, merit->powers_w, merit->heats_w);
 }
 
-/* The part of a heat that the sources give [W]; one that would heat with next to nothing is left out. */
+/* The part of a heat that the sources give [W]; a source that would heat with next to nothing is left out. */
 static inline double bev_capped_w(const bev_merit *merit, double heat_w) {
   if (merit->count == 0) {
     return heat_w;

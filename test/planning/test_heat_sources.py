@@ -121,7 +121,7 @@ def test_the_battery_arrives_as_planned_in_another_plant(temperature_c):
     assert plan.status is Status.WAITING
     as_hvch_w = heat_of(plan) / REFERENCE['hvch']['efficiency']
     drawn_w = sum(plan.source_power_w.values())
-    # What the sources draw beyond an HVCH with the same heat.
+    # The power of the sources beyond that of an HVCH with the same heat.
     route = replace(ROUTE, auxiliary_power_w=ROUTE.auxiliary_power_w + drawn_w - as_hvch_w)
     driven = OwnPlant('reference').drive(route, BatteryState(temperature_c, 0.9), as_hvch_w)
     assert driven.temperature_c == pytest.approx(25.0, abs=0.03)

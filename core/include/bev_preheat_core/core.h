@@ -130,7 +130,7 @@ typedef struct {
 /*
  * The heat sources of a trip: at `temperature_count` temperatures of the battery, at least two, for each step and
  * source the most electrical power [W], and the HVCH power that heats like one watt; linear in between. `taken_w` is
- * what the cabin takes of each source in each step, more than its power where it may not heat. `drawing_limit_w` is
+ * the cabin's share of each source in each step, more than its power if it may not heat. `drawing_limit_w` is
  * the most electrical power of all in a step [W].
  */
 typedef struct {
