@@ -2,7 +2,7 @@
 """
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
-`Commander` turns a decision into a command with a lease; an obstacle (`decision.find_obstacle`) outranks it.
+`Commander` turns a decision into a command with a lease; an obstacle (`obstacle.find_obstacle`) outranks it.
 It is a value: each command makes another one.
 Nothing is planned here.
 """
@@ -23,7 +23,7 @@ from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAS
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import AdmittedInputs
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle.description import Vehicle

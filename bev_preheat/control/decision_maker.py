@@ -35,8 +35,8 @@ from bev_preheat.vehicle.variants import limited_by_coldest_cell
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
-    from bev_preheat.control.decision import AdmittedInputs
     from bev_preheat.control.inputs import Leg, Measurement
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable

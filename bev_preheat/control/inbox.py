@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from bev_preheat.control.decision import AdmittedInputs
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -30,6 +29,7 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
+from bev_preheat.control.obstacle import AdmittedInputs
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput

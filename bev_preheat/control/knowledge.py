@@ -48,9 +48,9 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import AdmittedInputs
     from bev_preheat.control.heater import CommandHistory
     from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.prior import Learned

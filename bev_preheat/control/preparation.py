@@ -13,10 +13,10 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.decision import find_obstacle
 from bev_preheat.control.departures import DAYS_A_WEEK
 from bev_preheat.control.expected_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.control.inputs import in_planning_steps, Leg, Mission, Terms
+from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.preparation_goal import (
     conclusion,
     contradiction,
@@ -46,9 +46,10 @@ from bev_preheat.tunables import (
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.control.decision import AdmittedInputs, Decision
+    from bev_preheat.control.decision import Decision
     from bev_preheat.control.departures import Departures, GridPrices, Occurrence
     from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route.segments import Route

@@ -16,10 +16,11 @@ from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
 from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import AdmittedInputs, Command
+    from bev_preheat.control.decision import Command
     from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import StandReport
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings

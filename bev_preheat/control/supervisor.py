@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.decision import Command, Decision, find_obstacle
+from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.decision_maker import DecisionMaker, Moment
 from bev_preheat.control.events import (
     ActivationChanged,
@@ -26,6 +26,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.knowledge import Knowledge, Learning
+from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import NO_CHOICES

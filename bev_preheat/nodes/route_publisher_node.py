@@ -15,8 +15,9 @@ from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.messages.fields import LAST_TIME_S
+from bev_preheat.messages.fix import fix_from_message
 from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
-from bev_preheat.messages.route_progress import fix_from_message, progress_message
+from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.node import guarded, ProgramNode, without_figures
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node

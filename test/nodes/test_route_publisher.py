@@ -15,8 +15,8 @@ from refusals import problems_of
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.fix import fix_from_message
 from bev_preheat.messages.route_offer import load_offer
-from bev_preheat.messages.route_progress import fix_from_message
 from bev_preheat.nodes.route_publisher_node import PARAMETERS
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan, RouteProgress
 
