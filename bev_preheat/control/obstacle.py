@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The obstacle: the valid inputs of an instant, and what of them forbids heating."""
+"""The obstacle: the valid inputs of an instant, and the reason for an off heater."""
 
 from __future__ import annotations
 
