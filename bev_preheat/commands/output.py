@@ -114,8 +114,12 @@ def print_plans(console: Console, plans: Sequence[Plan], title: str,
             else plan.arrival_time_s - plan.heating_start_s)),
         ('Arrival after', lambda plan: duration_text(plan.arrival_time_s)),
         ('Arrival temp. [degC]', lambda plan: f'{plan.arrival_temperature_c:.2f}'),
-        ('Target [degC]', lambda plan: f'{plan.target_temperature_c:.2f}'),
+        ('Target [degC]', lambda plan: f'{plan.target_temperature_c:.2f}' + (
+            '' if math.isinf(plan.maximum_arrival_temperature_c) else
+            f' … {plan.maximum_arrival_temperature_c:.2f}')),
         ('Arrival SoC [%]', lambda plan: f'{100 * plan.arrival_soc:.2f}')]
+    if any(plan.cooling_start_s is not None for plan in plans):
+        rows.insert(1, ('Cooling starts after', lambda plan: _text(plan.cooling_start_s)))
     names = dict.fromkeys(name for plan in plans for name in plan.source_power_w)
     for heading, field in ENERGY_ROWS:
         rows.append((heading.replace('HVCH', 'Sources:') if names else heading, _energy_text(field)))

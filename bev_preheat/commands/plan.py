@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import chance_text
@@ -143,6 +144,7 @@ def _sensitivity(vehicle: Vehicle, leg: Leg, target_c: float, plan: Plan) -> dic
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [*(['--min-soc'] if arguments.min_soc else []),
+             *([] if math.isinf(arguments.max_arrival_temperature) else ['--max-arrival-temperature']),
              *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS))]
     if given:
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg has its own')

@@ -6,6 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from functools import partial
+import math
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
@@ -77,8 +78,10 @@ def add_situation_arguments(parser: ArgumentParser,
                             route_group: Alternatives | None = None) -> None:
     """Add the arguments that `read_situation` reads; `route_group` has the alternatives to `--route`."""
     add_drive_arguments(parser, route_group)
-    option_group(parser, LESS_COMMON).add_argument(
-        '--no-charging', action='store_true', help='no fast charging at the end of the route')
+    more = option_group(parser, LESS_COMMON)
+    more.add_argument('--no-charging', action='store_true', help='no fast charging at the end of the route')
+    more.add_argument('--max-arrival-temperature', type=float, metavar='DEGC', default=math.inf,
+                      help='highest battery temperature on arrival [degC] (default: any)')
 
 
 def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
@@ -101,7 +104,7 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
                       help='least state of charge on arrival (default: 0)')
     more.add_argument('--step', type=float, metavar='S',
                       help='plan in steps of this length [s] (default: the rows of the route, at most 60)')
-    parser.set_defaults(no_charging=False)
+    parser.set_defaults(no_charging=False, max_arrival_temperature=math.inf)
 
 
 def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
@@ -149,7 +152,8 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
     return PlanningArguments(vehicle, in_steps(route, arguments),
                              BatteryState(arguments.temperature, arguments.soc),
                              Goal(target_of(arguments, vehicle), arguments.min_soc,
-                                  not arguments.no_charging),
+                                  not arguments.no_charging,
+                                  maximum_arrival_temperature_c=arguments.max_arrival_temperature),
                              (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
 
 

@@ -101,11 +101,12 @@ class NonlinearProgram:
     Variables: `soc` and `temperature` at each instant; in each step `heater`, the `power_row` of each further heat
     source and, if limited, `brake`;
     `heater_power` and `coolant_excess` at each instant, if the vehicle's heat path has them; the slacks:
-    `deficit_k` (of the target), `deficit_soc` at each instant, `deficit_w` (of the discharge power) with
-    Give.DEMANDS, `soc_above` and `k_above` with RANGES. Constraints: `soc_defect`, `temperature_defect`, and one
-    for each state of a heat path; if limited, the RESERVES of each step; with DEMANDS `lowest_soc`, with
-    RANGES `highest_soc` and `highest_temperature`, each with its slack; `target` and `final_soc`, the margin of
-    either. Parameters: those of the DriveSteps, the target temperature [deg C], the lowest state of charge on
+    `deficit_k` (of the target), `excess_k` (of the highest arrival, of a vehicle that cools), `deficit_soc` at
+    each instant, `deficit_w` (of the discharge power) with Give.DEMANDS, `soc_above` and `k_above` with RANGES.
+    Constraints: `soc_defect`, `temperature_defect`, and one for each state of a heat path; if limited, the
+    RESERVES of each step; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and `highest_temperature`, each
+    with its slack; `target` and `final_soc`, the margin of either, the former with an upper bound for the highest
+    arrival. Parameters: those of the DriveSteps, the target temperature [deg C], the lowest state of charge on
     arrival.
     """
 
@@ -118,7 +119,7 @@ class NonlinearProgram:
         """Return the variables by name, in SI units; those that the program does not have are at rest."""
         found = self.variables.unpack(variables)
         in_steps, at_instants = np.zeros(len(found['heater'])), np.zeros(len(found['soc']))
-        return {'brake': in_steps, 'deficit_w': in_steps, 'deficit_k': np.zeros(1),
+        return {'brake': in_steps, 'deficit_w': in_steps, 'deficit_k': np.zeros(1), 'excess_k': np.zeros(1),
                 **dict.fromkeys(('deficit_soc', 'soc_above', 'k_above', 'coolant_excess'), at_instants),
                 # Without a lag the heater follows its command.
                 'heater_power': np.append(found['heater'][:1], found['heater']), **found}
@@ -142,6 +143,9 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> No
         cost += (DISCHARGE_PRICE * casadi.sum2(deficit_w) + SOC_PRICE * casadi.sum2(deficit_soc)
                  + TARGET_PRICE * deficit_k)
         constraints.add('lowest_soc', soc + deficit_soc, SOC_SCALE)
+        if cools(vehicle):
+            excess_k = variables.variable('excess_k', 1)
+            beyond_k, cost = beyond_k - excess_k, cost + TARGET_PRICE * excess_k
     if give is Give.RANGES:
         soc_above = variables.variable('soc_above', steps + 1, SOC_SCALE)
         k_above = variables.variable('k_above', steps + 1)
@@ -215,7 +219,7 @@ def driven_start(trip: Trip, schedule: Schedule) -> Values:
             'heater': split_w.get(HVCH, schedule.heater_power_w), 'brake': schedule.brake_power_w,
             'heater_power': 0.0 if heat is None else heat.heater_power_w,
             'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
-            'deficit_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
+            'deficit_k': 0.0, 'excess_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
             'k_above': 0.0}
 
 
@@ -224,10 +228,14 @@ def unheated_start(problem: Problem) -> Values:
     return driven_start(problem.trip, plan_without_heating(problem.trip, problem.state))
 
 
-def heated_start(problem: Problem) -> Values:
-    """Return the variables of the trip heated throughout, as far as the limits allow."""
-    return driven_start(problem.trip, drive_as_planned(
-        problem.trip, problem.state, problem.trip.heater_limit_w))
+def cools(vehicle: Vehicle) -> bool:
+    """Return whether a heat source of a Vehicle cools."""
+    return any(source.cools for source in vehicle.heat_sources)
+
+
+def heated_start(problem: Problem, most_w: FloatArray) -> Values:
+    """Return the variables of the trip heated or cooled throughout, as far as the limits allow."""
+    return driven_start(problem.trip, drive_as_planned(problem.trip, problem.state, most_w))
 
 
 def _run(problem: Problem, program: NonlinearProgram, guess: FloatArray) -> Attempt:
@@ -294,9 +302,12 @@ def _constraint_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Flo
     """Return the lower and upper bounds of the constraints (scaled): defects are 0, margins at least 0."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
     defects = {name: 0.0 for name in program.constraints.names if name.endswith('_defect')}
+    goal, most_k = problem.goal, np.inf
+    if cools(problem.vehicle) and goal.charging_planned:
+        most_k = goal.maximum_arrival_temperature_c - goal.target_temperature_c
     return (program.constraints.pack({'lowest_soc': lowest_soc, 'highest_soc': -np.inf,
                                       'highest_temperature': -np.inf}, otherwise=0.0),
-            program.constraints.pack({**defects, 'highest_soc': highest_soc,
+            program.constraints.pack({**defects, 'highest_soc': highest_soc, 'target': most_k,
                                       'highest_temperature': warmest_c}, otherwise=np.inf))
 
 

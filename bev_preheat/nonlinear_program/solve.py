@@ -14,6 +14,7 @@ from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
 from bev_preheat.nonlinear_program.program import (
     Attempt,
     attempt,
+    cools,
     Give,
     heated_start,
     Problem,
@@ -137,7 +138,10 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     # At a temperature from which a heat source works, it usually does.
     problem = rounded if vehicle.heat_sources else problem
-    starts = [unheated_start(problem), *([heated_start(problem)] if limited or vehicle.heat_sources else [])]
+    starts = [unheated_start(problem), *([heated_start(problem, trip.heater_limit_w)]
+                                         if limited or vehicle.heat_sources else [])]
+    if cools(vehicle):
+        starts.append(heated_start(problem, trip.most_cold_w))
     if limited and limits_hold(trip, unheated):
         # Heat sources that begin at a temperature make several optima, too.
         run = attempt(problem, limited=False, starts=starts if vehicle.heat_sources else ())
@@ -227,7 +231,7 @@ def _find_deficits(trip: Trip, found: dict[str, FloatArray]) -> Iterator[StepDef
     """Yield the deficits of a solution."""
     # Demands at the first instant have no deficit.
     soc, short_soc, above_soc = found['soc'], found['deficit_soc'][1:], found['soc_above'][1:]
-    target_k, short_w = float(found['deficit_k'][0]), found['deficit_w']
+    target_k, short_w = float(found['deficit_k'][0] + found['excess_k'][0]), found['deficit_w']
     if target_k > TOLERANCE_K:
         yield StepDeficit(TARGET, target_k, 'K', f'target temperature: missed by {target_k:.2f} K')
     if short_soc[-1] > SLACK_SOC_TOLERANCE:

@@ -59,7 +59,7 @@ def trip_in_core(trip: Trip) -> NativeTrip:
     # Beside the fields, as a cached property is.
     beside = vars(trip.columns)
     if 'in_core' not in beside:
-        beside['in_core'] = NativeTrip(trip.columns, trip.mix.for_core())
+        beside['in_core'] = NativeTrip(trip.columns, trip.mix.for_core(), trip.mix.heating)
     native: NativeTrip = beside['in_core']
     return native
 
@@ -252,8 +252,8 @@ def _by_values(function: str, trip: Trip, start: States, wanted: Requirements, v
     (vehicle, native), steps, uncertainty = _both(trip), len(trip.route), wanted.uncertainty
     states, powers_w, ends_in = np.zeros((4, steps + 1)), np.zeros((4, steps)), c_int32()
     states[:, 0] = start
-    goal = ValueGoalStruct(uncertainty.is_heating, wanted.target_c, wanted.reserve, uncertainty.deviation_k,
-                           address_of(wanted.price))
+    goal = ValueGoalStruct(uncertainty.is_heating, wanted.target_c, wanted.most_c, wanted.reserve,
+                           uncertainty.deviation_k, address_of(wanted.price))
     status = call(
         function, vehicle.address, native.address, byref(goal), *before, address_of(states), address_of(powers_w),
         address_of(values.flags), address_of(values.memory), byref(ends_in), *after)

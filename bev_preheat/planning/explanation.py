@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -55,8 +56,9 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
               if starts_in_s >= LEAST_TOLD_S else '')
     note = f' {plan.note}' if plan.note else ''
     too_cold_because = too_cold_because or (NOT_POSSIBLE if plan.note else NO_POWER)
-    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + (
-        _sources_in_words(plan) + note)
+    outcome = _cooled_in_words(plan, reserve, starts_in_s, words) or _outcome(
+        plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words)
+    return begins + outcome + _sources_in_words(plan) + note
 
 
 def _sources_in_words(plan: Plan) -> str:
@@ -132,6 +134,26 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')
     raise ValueError(f'{status!r} is not an outcome of planning')
+
+
+def _cooled_in_words(plan: Plan, reserve: float, starts_in_s: float, words: Words) -> str:
+    """Return the sentence on a plan that cools, or whose battery arrives too hot; '' for any other."""
+    most_c, start_s = plan.maximum_arrival_temperature_c, plan.cooling_start_s
+    in_time, starts_in = (duration_text(max(0.0, (instant_s or 0.0) + starts_in_s))
+                          for instant_s in (plan.arrival_time_s, start_s))
+    arrival = words.arrival.format(time=in_time, temperature=f'{plan.arrival_temperature_c:.1f}')
+    if plan.status in (Status.WAITING_TO_COOL, Status.COOLING):
+        starts = '' if plan.status is Status.COOLING else f' starts in {starts_in}'
+        at_most = '' if math.isinf(most_c) else f', at most {most_c:.1f} degC'
+        return f'Cooling{starts}: {arrival}{at_most}.'
+    if plan.arrival_temperature_c > most_c and plan.status in (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED):
+        means = ('The battery cannot be cooled' if start_s is None else
+                 'Cooling all the way is not enough' if start_s == 0.0 else
+                 f'Cooling from {starts_in} on is not enough')
+        if plan.held_back is HeldBack.RESERVE:
+            means = f'To keep the {100 * reserve:.1f} % reserve, the battery is cooled less'
+        return f'{means}: {arrival}, {plan.shortfall_k:.1f} K above the {most_c:.1f} degC allowed.'
+    return ''
 
 
 def _stranding_sentence(stranding: Stranding, from_now: Callable[[float], str]) -> str:

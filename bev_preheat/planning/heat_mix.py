@@ -6,6 +6,7 @@ A plan's control is one number, the heat wanted of the battery, as the HVCH powe
 alone, heat and electrical power are the same number. Other sources give the same heat for another electrical
 power, which depends on the air and on the battery at the start of the step. Sources serve in the order of their
 merit: the electrical power is then a convex, piecewise linear function of the heat, and no other mix takes less.
+Heat below 0 is cooling, by sources whose heat per watt is negative, in the order of their own merit.
 """
 
 from __future__ import annotations
@@ -40,11 +41,18 @@ class Merit(Protocol):
     def ends_w(self) -> Sequence[AnyNumber]:
         """The heat of the best source, of the two best, and so on."""
 
+    @property
+    def cold_ends_w(self) -> Sequence[AnyNumber]:
+        """The heat of the best cooling source, of the two best, and so on, below 0."""
+
     def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
         """Return the least electrical power of a heat; heat beyond that of all sources is left out."""
 
     def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
         """Return the most heat of an electrical power."""
+
+    def cold_w(self, electric_w: AnyNumber) -> AnyNumber:
+        """Return the least heat of an electrical power, at most 0."""
 
     def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
         """Return the part of a heat that the sources give."""
@@ -55,7 +63,10 @@ class Alone:
     """The HVCH alone, at all instants: its heat is its power, which the trip limits."""
 
     ends_w: ClassVar[tuple[AnyNumber, ...]] = ()
+    cold_ends_w: ClassVar[tuple[AnyNumber, ...]] = ()
     is_alone: ClassVar[bool] = True
+    cools: ClassVar[bool] = False
+    heating: ClassVar[int] = 0
 
     def at(self, k: int, temperature_c: AnyNumber) -> Merit:
         """Return the Merit in step k at battery temperatures [deg C]."""
@@ -66,6 +77,10 @@ class Alone:
         return heat_w
 
     heat_w = capped_w = electric_w
+
+    def cold_w(self, electric_w: AnyNumber) -> AnyNumber:
+        """Return 0: the HVCH does not cool."""
+        return 0.0
 
     def split_w(self, heat_w: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
         """Return nothing: there is nothing to split."""
@@ -80,10 +95,11 @@ ALONE = Alone()
 
 
 class Sources(NamedTuple):
-    """Heat and electrical power [W] of the sources in the order of their merit, (S,) or (S, P)."""
+    """Heat and electrical power [W] of the sources by merit, (S,) or (S, P): `heating` ones, then the others."""
 
     heats_w: list[AnyNumber]
     powers_w: list[AnyNumber]
+    heating: int
 
     @property
     def is_alone(self) -> bool:
@@ -93,7 +109,12 @@ class Sources(NamedTuple):
     @property
     def ends_w(self) -> list[AnyNumber]:
         """See Merit."""
-        return list(np.cumsum(self.heats_w, axis=0))
+        return list(np.cumsum(self.heats_w[:self.heating], axis=0))
+
+    @property
+    def cold_ends_w(self) -> list[AnyNumber]:
+        """See Merit."""
+        return list(np.cumsum(self.heats_w[self.heating:], axis=0))
 
     def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
         """See Merit."""
@@ -101,19 +122,31 @@ class Sources(NamedTuple):
 
     def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
         """See Merit."""
-        return _along(electric_w, self.powers_w, self.heats_w)
+        return _along(electric_w, self.powers_w[:self.heating], self.heats_w)
+
+    def cold_w(self, electric_w: AnyNumber) -> AnyNumber:
+        """See Merit."""
+        return _along(electric_w, self.powers_w[self.heating:], self.heats_w[self.heating:])
 
     def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
-        """See Merit; a source that would heat with next to nothing is left out."""
-        return sum((part * (part >= LEAST_SOURCE_W) for part, _ in _parts(heat_w, self.heats_w)), 0.0)
+        """See Merit; a source that would heat or cool with next to nothing is left out."""
+        return sum((part * (abs(part) >= LEAST_SOURCE_W) for part, _ in _parts(heat_w, self.heats_w)), 0.0)
 
 
 def _parts(value: AnyNumber, widths: list[AnyNumber]) -> Iterator[tuple[AnyNumber, AnyNumber]]:
-    """Yield the part of a value in each width, filled one after the other, and its share of the width."""
+    """
+    Yield the part of a value in each width, filled one after the other, and its share of the width.
+
+    Widths below 0 take a value below 0, the others one above.
+    """
     is_float = not isinstance(value, np.ndarray)
     for width in widths:
-        part = max(min(value, width), 0.0) if is_float else np.maximum(np.minimum(value, width), 0.0)
-        yield part, (part / max(width, 1e-9) if is_float else part / np.maximum(width, 1e-9))
+        if is_float:
+            part = max(min(value, width), 0.0) if width >= 0.0 else min(max(value, width), 0.0)
+            yield part, part / (width or 1.0)
+        else:
+            part = np.maximum(np.minimum(value, np.maximum(width, 0.0)), np.minimum(width, 0.0))
+            yield part, part / np.where(width == 0.0, 1.0, width)
         value = value - part
 
 
@@ -126,34 +159,41 @@ def _along(value: AnyNumber, widths: list[AnyNumber], others: list[AnyNumber]) -
 
 class HeatMix:
     """
-    The sources of a vehicle along a route, the HVCH first: `names`.
+    The sources of a vehicle along a route, the HVCH first, the cooling ones last: `names`.
 
-    `most_heat_w` and `most_power_w` (N,) are the most heat and electrical power of all at any temperature [W],
-    `hvch_limit_w` (N,) is the power of the HVCH.
+    `most_heat_w` and `most_cold_w` (N,) are the most and least heat of all at any temperature [W], `most_power_w`
+    (N,) is the electrical power of the larger; `hvch_limit_w` (N,) is the power of the HVCH. `heating` sources
+    heat; `cools`: there are others.
     """
 
     is_alone: ClassVar[bool] = False
 
     def __init__(self, vehicle: Vehicle, route: Route, hvch_limit_w: FloatArray) -> None:
         """Take a car and the steps of its trip."""
-        self.names = (HVCH, *(source.name for source in vehicle.heat_sources))
+        sources = sorted(vehicle.heat_sources, key=lambda source: source.cools)
+        self.names = (HVCH, *(source.name for source in sources))
+        self.heating = len(sources) + 1 - sum(source.cools for source in sources)
+        self.cools = self.heating <= len(sources)
         self.hvch_limit_w = hvch_limit_w
         self._ambient_c = route.ambient_temperature_c
         # The temperatures between which all curves are straight.
-        self._axis_c = sorted({point_c for source in vehicle.heat_sources for curve in (
+        self._axis_c = sorted({point_c for source in sources for curve in (
             source.maximum_power_w, source.hvch_watts) for point_c in getattr(curve, 'temperature_c', (0.0,))})
         stands = route.speed_mps < STANDING_MPS
         moves = ~stands if not vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
         self._sources = []
-        for source in vehicle.heat_sources:
+        for source in sources:
             is_open = {'driving': moves, 'standing': stands}.get(source.only_while, stands | moves)
             taken_w = route.cabin_heating_power_w if source.shares_cabin_limit else np.zeros(len(route))
             self._sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
                                   source.hvch_watts.function(ARRAYS)))
         grid_c = np.arange(*vehicle.battery.temperature_range_c, FIRST_STEP_K)
         heats_w, powers_w = self._each(np.repeat(np.arange(len(route)), len(grid_c)), np.tile(grid_c, len(route)))
-        self.most_heat_w, self.most_power_w = (
-            rows_w.sum(axis=0).reshape(len(route), -1).max(axis=1) for rows_w in (heats_w, powers_w))
+        of_all = heats_w, powers_w, -heats_w, powers_w
+        self.most_heat_w, warm_w, cold_w, cool_w = (
+            rows_w[part].sum(axis=0).reshape(len(route), -1).max(axis=1) for rows_w, part in zip(
+                of_all, [slice(self.heating)] * 2 + [slice(self.heating, None)] * 2))
+        self.most_cold_w, self.most_power_w = -cold_w, np.maximum(warm_w, cool_w)
 
     def _each(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return most heat and electrical power [W] (S, P) of the sources in steps and at temperatures (P,)."""
@@ -168,23 +208,26 @@ class HeatMix:
     def _ordered(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return heat and power of `_each` in the order of merit, and that order, (S, P) each."""
         heats_w, powers_w = self._each(k, temperature_c)
-        order = np.argsort(-heats_w / np.maximum(powers_w, 1e-9), axis=0, kind='stable')
+        merit = np.abs(heats_w) / np.maximum(powers_w, 1e-9)
+        first = self.heating
+        order = np.concatenate([np.argsort(-merit[:first], axis=0, kind='stable'),
+                                first + np.argsort(-merit[first:], axis=0, kind='stable')])
         return np.take_along_axis(heats_w, order, 0), np.take_along_axis(powers_w, order, 0), order
 
     def at(self, k: int, temperature_c: AnyNumber) -> Merit:
         """Return the Merit in step k at battery temperatures [deg C]: a float, or an array (P,)."""
         if not isinstance(temperature_c, np.ndarray):
             heats_w, powers_w, _ = self._ordered(k, np.array([float(temperature_c)]))
-            return Sources(heats_w[:, 0].tolist(), powers_w[:, 0].tolist())
+            return Sources(heats_w[:, 0].tolist(), powers_w[:, 0].tolist(), self.heating)
         heats_w, powers_w, _ = self._ordered(k, temperature_c)
-        return Sources(list(heats_w), list(powers_w))
+        return Sources(list(heats_w), list(powers_w), self.heating)
 
     def split_w(self, heat_w: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
         """Return the electrical power (N,) of each source for heat (N,) at the temperatures of the starts (N,)."""
         heats_w, powers_w, order = self._ordered(np.arange(len(heat_w)), temperature_c)
         split_w = np.zeros(powers_w.shape)
         np.put_along_axis(split_w, order, np.array([
-            share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]), 0)
+            share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]) + 0.0, 0)
         return dict(zip(self.names, split_w))
 
     def for_core(self) -> tuple[FloatArray, ...]:
@@ -199,4 +242,4 @@ class HeatMix:
                 rows.append(np.broadcast_to(curve(ambient_c, np.tile(temperature_c, steps)), ambient_c.shape))
             taken_w.append(np.where(is_open, cabin_w, np.inf))
         by_source = (np.stack(rows, axis=-1).reshape(steps, len(axis_c), -1) for rows in (power_w, watts))
-        return temperature_c, *by_source, np.stack(taken_w, axis=-1), self.most_power_w
+        return temperature_c, *by_source, np.stack(taken_w, axis=-1), self.most_power_w, self.most_cold_w

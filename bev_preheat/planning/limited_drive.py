@@ -128,7 +128,8 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
         warmest_c = max(settled_c, temperature_c + excess_k) if path.is_shell else settled_c
-        asked_w = merit.capped_w(wanted_w) if settled_c < below_c and warmest_c < highest_c else 0.0
+        may_heat = settled_c < below_c and warmest_c < highest_c
+        asked_w = merit.capped_w(wanted_w) if may_heat or wanted_w < 0.0 else 0.0
         cap_w = merit.capped_w(cap_w)
         if warmest_c >= highest_c:
             cap_w = 0.0
@@ -137,8 +138,10 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
             # The command whose mean over the step is the most power.
             command_w = max(0.0, min(asked_w, (
                 merit.heat_w(most_w - power_w) - left * heater_w) / (1.0 - left)))
+            if asked_w < 0.0:
+                command_w = max(asked_w, merit.cold_w(most_w - power_w))
             paid_w = command_w
-            if may_overcharge and take_surplus:
+            if may_overcharge and take_surplus and asked_w >= 0.0:
                 # As a steady command: a command that compensates the lag would swing from step to step.
                 surplus_w = merit.heat_w(least_w - power_w)
                 if foresight is not None and surplus_w > 0.0:
@@ -202,7 +205,7 @@ def _drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], var
         return driven
     power_w = terminal_w(driven)
     least_end_w, most_end_w = limits_at_end_w(driven)
-    if power_w > most_end_w and driven[1][0] > 0.0:
+    if power_w > most_end_w and driven[1][0] != 0.0:
         def discharged(most_w: float, driven: Driven) -> Trial[Driven]:
             spare_w = limits_at_end_w(driven)[1] - terminal_w(driven)
             return Trial(most_w, spare_w - 0.5 * END_TOLERANCE_W, driven)

@@ -11,6 +11,7 @@ goal, uncertainty or price, or after VALUES_KEPT_S of driving, because the corre
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 from typing import Any, TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -48,12 +49,18 @@ KEPT_VALUE_FUNCTIONS = 2
 
 @dataclass(frozen=True)
 class Requirements:
-    """The target on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices of steps."""
+    """
+    The requirements on a plan by values.
+
+    Least and most temperature on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices
+    of steps.
+    """
 
     target_c: float
     reserve: float
     uncertainty: Uncertainty
     price: FloatArray | None = None
+    most_c: float = math.inf
 
 
 class KeptValues:
@@ -99,7 +106,7 @@ class Kept:
         passed = len(self.trip.route) - len(trip.route)
         left_share = trip.route.total_duration_s / self.trip.route.total_duration_s
         expected_k = made.uncertainty.deviation_k * left_share
-        return ((wanted.target_c, wanted.reserve) == (made.target_c, made.reserve)
+        return ((wanted.target_c, wanted.most_c, wanted.reserve) == (made.target_c, made.most_c, made.reserve)
                 and abs(wanted.uncertainty.deviation_k - expected_k) <= MOST_DEVIATION_SHARE * expected_k
                 and (wanted.price is None) == (made.price is None)
                 and (wanted.price is None or made.price is None
@@ -188,7 +195,8 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     start = initial_states(state)
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
-    wanted = Requirements(goal.target_temperature_c, aimed_soc, uncertainty, price)
+    wanted = Requirements(
+        goal.target_temperature_c, aimed_soc, uncertainty, price, goal.maximum_arrival_temperature_c)
     values = None if kept is None else kept.that_hold(trip, wanted)
     found = None if values is None else engine.follow_values(trip, start, wanted, values)
     if found is None:

@@ -67,7 +67,8 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     `least_w` is the least terminal power [W] that the battery may take in each step, shape (N,). The target
     [deg C] is that of heating for the arrival.
     """
-    heater_w = schedule.heater_power_w if trip.mix.is_alone else schedule.drawn_power_w
+    heater_w = (schedule.heater_power_w if trip.mix.is_alone else
+                np.where(schedule.heater_power_w > 0.0, schedule.drawn_power_w, 0.0))
     heated = heater_w > HEATING_SHARE * trip.heater_limit_w
     if not heated.any():
         return ()
@@ -169,7 +170,7 @@ def find_outcome(trip: Trip, schedule: Schedule, target_c: float = math.inf) -> 
     return ScheduleOutcome(
         keep_accounts(trip, schedule, is_deliverable).energy_wh,
         heating_intervals(trip, schedule, least_w, target_c),
-        schedule.heating_start_s if schedule.heater_power_w.any() else None,
+        schedule.heating_start_s if (schedule.heater_power_w > 0.0).any() else None,
         deficit.worst_w, float(trip.time_s[deficit.at]) if deficit.worst_w > 0.0 else None,
         find_stranding(trip, schedule))
 
@@ -205,11 +206,13 @@ class NoRegretCheck:
         """
         if self.unheated.empty_at_s is not None:
             return self.unheated
-        wanted_c = self._goal.target_temperature_c
+        wanted_c, most_c = self._goal.target_temperature_c, self._goal.maximum_arrival_temperature_c
         for propose in proposals:
             wanted = propose(wanted_c)
             if self.allows(wanted):
                 return wanted
+        if float(self.unheated.temperature_c[-1]) > most_c:
+            wanted_c = most_c
         held_back = HeldBack.RESERVE if self._spare_soc(wanted) < self._least_spare else HeldBack.POWER
         return replace(self._warmest(propose, wanted_c), held_back=held_back)
 
@@ -235,7 +238,7 @@ class NoRegretCheck:
         return spare - max(stranding.deficit_wh / whole_wh, SOC_TOLERANCE)
 
     def _warmest(self, propose: Proposal, wanted_c: float) -> Schedule:
-        """Return the warmest allowed Schedule of a proposal that is not allowed for its target [deg C]."""
+        """Return the warmest allowed Schedule, or coldest, of a proposal not allowed for its target [deg C]."""
         best = self.unheated
 
         def is_allowed(target_c: float) -> bool:

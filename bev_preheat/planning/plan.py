@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+import math
 from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
@@ -46,7 +47,8 @@ class Plan:
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
     `hvch_battery_power_w` is the command and `heat` (planning.schedule.HeatRun) its outcome; else None.
     `note` is a remark on an installed method's powers, '' without one. `source_power_w` has the electrical power
-    (N,) [W] of each heat source, the HVCH included; it is empty for a vehicle with the HVCH alone.
+    (N,) [W] of each heat source, the HVCH included; it is empty for a vehicle with the HVCH alone. Such a vehicle
+    has no `cooling_start_s` [s]; `maximum_arrival_temperature_c` [deg C] may also be missed by `shortfall_k`.
     """
 
     status: Status
@@ -72,6 +74,8 @@ class Plan:
     heat: HeatRun | None = None
     note: str = ''
     source_power_w: Mapping[str, FloatArray] = field(default_factory=dict)
+    maximum_arrival_temperature_c: float = math.inf
+    cooling_start_s: float | None = None
 
     @cached_property
     def explanation(self) -> str:
@@ -171,6 +175,9 @@ class Plan:
             **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
             **({'heat_source_power_w': {name: power_w.tolist() for name, power_w in self.source_power_w.items()}}
                if self.source_power_w else {}),
+            **({'cooling_start_s': self.cooling_start_s} if self.cooling_start_s is not None else {}),
+            **({'maximum_arrival_temperature_c': self.maximum_arrival_temperature_c}
+               if math.isfinite(self.maximum_arrival_temperature_c) else {}),
         }
 
 

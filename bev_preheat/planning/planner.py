@@ -36,6 +36,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.tunables import (
     BELOW_HIGHEST_K,
+    HEATED_W,
     LEAST_PRICE_SHARE,
     NOW_S,
     SAME_POWER_W,
@@ -93,7 +94,9 @@ class PlanningCase(NamedTuple):
         return self.vehicle.battery.temperature_range_c[0]
 
     def aimed_at(self, target_c: float) -> Goal:
-        """Return the goal with another target [deg C]."""
+        """Return the goal with another target [deg C]; beyond the highest temperature: with that instead."""
+        if target_c > self.goal.maximum_arrival_temperature_c:
+            return replace(self.goal, maximum_arrival_temperature_c=target_c)
         return replace(self.goal, target_temperature_c=target_c)
 
     def trip_that_obeys(self) -> Trip:
@@ -355,9 +358,13 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         trip, schedule, goal.target_temperature_c if goal.heating_pays else -math.inf)
     reserve = reserve_soc(trip.vehicle, goal)
     sources_w = trip.mix.split_w(schedule.heater_power_w, schedule.temperature_c[:-1])
-    shortfall_k, soc_shortfall = max(0.0, target_c - arrival_c), max(0.0, reserve - arrival_soc)
+    most_c = goal.maximum_arrival_temperature_c if goal.charging_planned else math.inf
+    shortfall_k = max(0.0, target_c - arrival_c, arrival_c - most_c)
+    soc_shortfall = max(0.0, reserve - arrival_soc)
+    cooled = np.flatnonzero(schedule.heater_power_w < -HEATED_W)
+    cooling_start_s = float(trip.time_s[cooled[0]]) if len(cooled) else None
     return Plan(
-        status=_status(goal, schedule, outcome, shortfall_k, soc_shortfall),
+        status=_status(goal, schedule, outcome, shortfall_k, soc_shortfall, cooling_start_s),
         sentence=partial(explain, reserve=reserve),
         method=method,
         target_temperature_c=target_c,
@@ -379,11 +386,13 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         stranding=outcome.stranding,
         heat=schedule.heat,
         note=note,
-        source_power_w=sources_w)
+        source_power_w=sources_w,
+        maximum_arrival_temperature_c=most_c,
+        cooling_start_s=cooling_start_s)
 
 
 def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_k: float,
-            soc_shortfall: float) -> Status:
+            soc_shortfall: float, cooling_start_s: float | None) -> Status:
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
     if outcome.stranding is not None:
@@ -395,6 +404,9 @@ def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_
         return Status.SOC_LIMITED
     if missed:
         return Status.TARGET_UNREACHABLE
+    if cooling_start_s is not None and (
+            outcome.heating_start_s is None or cooling_start_s < outcome.heating_start_s):
+        return Status.WAITING_TO_COOL if cooling_start_s > NOW_S else Status.COOLING
     if outcome.heating_start_s is None:
         return Status.NOT_NEEDED if goal.heating_pays else Status.NOT_WORTH_IT
     return Status.WAITING if outcome.heating_start_s > NOW_S else Status.HEATING

@@ -3,9 +3,9 @@
 The recursion of method `value_function`: heat where a kelvin is worth more than it costs.
 
 The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best
-of its ends: heater off, heated with the surplus of regeneration, at full power, or a mixture of two:
+of its ends: heater off, heated with the surplus of regeneration, at full power, cooled, or a mixture of two:
 
-    V_N(T)     = cost of arriving at T: nothing from the target on, SHORT_PRICE below it
+    V_N(T)     = cost of arriving at T: nothing from the target to the highest temperature, SHORT_PRICE beyond
     V_k(T, on) = min over the ends of: battery energy + price of switching on + V_(k+1)(T', heated)
 
 Forward from the battery as it is now, each step takes the end of least cost. Limits, cabin and friction brake
@@ -213,7 +213,7 @@ class Recursion:
         `is_expected`: they are averaged over the Uncertainty; `is_priced`: charge and heat under way are priced.
         """
         run = self.run
-        short_k = np.maximum(aim_c - grids_c[-1], 0.0)
+        short_k = np.maximum(np.maximum(aim_c - grids_c[-1], grids_c[-1] - self._wanted.most_c), 0.0)
         near_k = 0.0 if run.is_certain else np.minimum(short_k, NEAR_K)
         short_j = (SHORT_PRICE * short_k - (SHORT_PRICE - NEAR_PRICE) * near_k) * run.joules_per_k
         layers = [Layer(grids_c[-1], np.array((short_j, short_j)))]
@@ -240,8 +240,9 @@ class Recursion:
         """Return the lowest and the highest temperature of the first pass [deg C]."""
         path_c, target_c = self.path.settled_c, self._wanted.target_c
         highest_c = self._trip.vehicle.battery.temperature_range_c[1]
-        return (min(float(path_c.min()), target_c) - BELOW_K,
-                min(max(float(path_c[0]), target_c) + ABOVE_K, highest_c + BELOW_K))
+        warmest_c = float(path_c.max() if self._trip.mix.cools else path_c[0])
+        return (min(float(path_c.min()), target_c, self._wanted.most_c) - BELOW_K,
+                min(max(warmest_c, target_c) + ABOVE_K, highest_c + BELOW_K))
 
     def _grids_c(self, number: int, range_c: tuple[float, float]) -> list[FloatArray]:
         """Return the temperatures of all layers of a pass [deg C]."""
@@ -264,7 +265,7 @@ class Recursion:
             choice = best_of(ends, self._layers[k + 1], run.joules_per_k, is_mixed=run.is_certain).only(
                 0.0 if is_on else run.switch_on_j)
             is_on = choice.is_heating
-            if not run.drive(k, choice.wanted_w(ends), takes_surplus=choice.end > 0 and choice.share == 0.0):
+            if not run.drive(k, choice.wanted_w(ends), choice.takes_surplus(ends)):
                 return False
         return True
 

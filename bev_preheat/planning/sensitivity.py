@@ -105,8 +105,9 @@ class Sensitivity:
 def find_sensitivity(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                      plan: Plan) -> Sensitivity | None:
     """Return the Sensitivity of a Plan of `plan_preheating` for these inputs; None if it has none."""
-    # Methods of other packages may be slow.
-    if plan.status in WITHOUT_TARGET or plan.method not in METHODS:
+    # Methods of other packages may be slow; the bounds are those of heating.
+    if (plan.status in WITHOUT_TARGET or plan.method not in METHODS
+            or math.isfinite(goal.maximum_arrival_temperature_c)):
         return None
     range_c = lowest_c, highest_c = vehicle.battery.temperature_range_c
 

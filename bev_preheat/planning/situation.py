@@ -35,6 +35,7 @@ class Goal:
     """
     The conditions to meet on arrival.
 
+    A battery that would arrive warmer than `maximum_arrival_temperature_c` [deg C] is cooled, if the vehicle can.
     Without `heating_pays` the battery is heated only if the drive itself needs it, not for the arrival; the target
     is then the resulting temperature. With `heats_until_arrival` a heater whose heat arrives late is not switched
     off before arrival, because the heat under way reaches the battery at the charger.
@@ -45,6 +46,7 @@ class Goal:
     charging_planned: bool = True
     heating_pays: bool = True
     heats_until_arrival: bool = False
+    maximum_arrival_temperature_c: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,10 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
         if goal.charging_planned:
             checks.append((goal.target_temperature_c, lowest_c, highest_c, 'target battery temperature',
                            in_battery_range))
+            most_c = goal.maximum_arrival_temperature_c
+            if goal.heating_pays and most_c != math.inf and not most_c >= goal.target_temperature_c:
+                checks.append((most_c, goal.target_temperature_c, highest_c,
+                               'maximum arrival temperature', 'degC, from the target to the highest temperature'))
     if uncertainty is not None:
         checks.append((uncertainty.deviation_k, 0.0, WIDEST_FORECAST_K, 'uncertainty of the arrival', 'K'))
     if route is not None:

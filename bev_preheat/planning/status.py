@@ -27,6 +27,8 @@ class Status(IntEnum):
     OUT_OF_CHARGE = 16
     COMMAND_CONFLICT = 17
     NOT_WORTH_IT = 18
+    WAITING_TO_COOL = 19
+    COOLING = 20
 
     @property
     def meaning(self) -> 'Meaning':
@@ -47,7 +49,7 @@ class Meaning:
     """
     The meaning of a Status.
 
-    `word` and `look` (off, wait, heat, good, warn: shape and colour) are those of the page, `level` that of
+    `word` and `look` (off, wait, heat, cool, good, warn: shape and colour) are those of the page, `level` that of
     /diagnostics. `otherwise` is the change that would lead to another answer, `obstacle` why there was no heat,
     or less than wanted; '' where the plan has a sentence of its own.
 
@@ -83,6 +85,8 @@ MEANINGS = {
     Status.NOT_NEEDED: Meaning('Warm enough', 'good', is_of_plan=True),
     Status.WAITING: Meaning('Waiting to heat', 'wait', is_of_plan=True, ends_by_plan=True),
     Status.HEATING: Meaning('Heating', 'heat', is_of_plan=True),
+    Status.WAITING_TO_COOL: Meaning('Waiting to cool', 'wait', is_of_plan=True, ends_by_plan=True),
+    Status.COOLING: Meaning('Cooling', 'cool', is_of_plan=True),
     Status.TARGET_UNREACHABLE: Meaning(
         'Target out of reach', 'warn', Level.WARN,
         otherwise='More time, more heater power or a warmer start would reach the target.',

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 class StepEnds(NamedTuple):
     """
-    Ends (E) of a step from temperatures (P), in the order of their heat.
+    Ends (E) of a step from temperatures (P), in the order of their heat; the first `colds` ones cool.
 
     Battery energy with the price of a power deficit [J], temperature with the heat under way [deg C], heater
     command and electrical power of the heat sources [W], charge, and the command that was asked for [W], each
@@ -53,6 +53,7 @@ class StepEnds(NamedTuple):
     soc: FloatArray
     wanted_w: FloatArray
     is_empty: BoolArray
+    colds: int = 0
 
 
 class StepsAhead:
@@ -112,24 +113,30 @@ class StepsAhead:
         """
         Return the StepEnds from charges and temperatures (P,): off, with the surplus, at full power.
 
-        With several heat sources the best one, the two best and so on take the place of full power. `settled_c`
-        includes the heat under way; `watched`: the charge and the discharge limit may matter;
-        `lack_price`: the cost of a joule that the battery cannot deliver.
+        With several heat sources the best one, the two best and so on take the place of full power; those that
+        cool come before off. `settled_c` includes the heat under way; `watched`: the charge and the discharge
+        limit may matter; `lack_price`: the cost of a joule that the battery cannot deliver.
         """
         full_w = float(self._trip.heater_limit_w[k])
-        commands_w = self._trip.mix.at(k, settled_c - under_way_k).ends_w or [full_w]
-        kinds: list[tuple[AnyNumber, bool]] = [(0.0, False), *([(0.0, True)] if watched[0] else []), *(
-            [(command_w, True) for command_w in commands_w] if full_w > LEAST_HEATING_W else [])]
-        found = [self.end(k, soc, settled_c, under_way_k, watched, lack_price, *kinds[0])]
-        for wanted_w, takes_surplus in kinds[1:]:
-            end = self.end(k, soc, settled_c, under_way_k, watched, lack_price, wanted_w, takes_surplus)
-            # A step that empties the battery, or is the same as the one before, is left out.
-            is_other = (end.command_w[0] > found[-1].command_w[0] + ROUNDING_W) & ~end.is_empty
-            if is_other.any():
-                found.append(StepEnds._make([
-                    *(np.where(is_other, new, old) for new, old in zip(end[:5], found[-1][:5])), end.wanted_w,
-                    found[0].is_empty]))
-        return StepEnds._make([*map(np.concatenate, zip(*(each[:6] for each in found))), found[0].is_empty])
+        merit = self._trip.mix.at(k, settled_c - under_way_k)
+        warm: list[tuple[AnyNumber, bool]] = [*([(0.0, True)] if watched[0] else []), *(
+            [(command_w, True) for command_w in merit.ends_w or [full_w]] if full_w > LEAST_HEATING_W else [])]
+        cold: list[tuple[AnyNumber, bool]] = [(command_w, False) for command_w in merit.cold_ends_w]
+        off = self.end(k, soc, settled_c, under_way_k, watched, lack_price, 0.0, False)
+        found = [off]
+        for sign, kinds in (-1.0, cold), (1.0, warm):
+            before = off
+            for wanted_w, takes_surplus in kinds:
+                end = self.end(k, soc, settled_c, under_way_k, watched, lack_price, wanted_w, takes_surplus)
+                # A step that empties the battery, or is the same as the one before, is left out.
+                is_other = (sign * end.command_w[0] > sign * before.command_w[0] + ROUNDING_W) & ~end.is_empty
+                if is_other.any():
+                    before = StepEnds._make([
+                        *(np.where(is_other, new, old) for new, old in zip(end[:5], before[:5])), end.wanted_w,
+                        off.is_empty, 0])
+                    found.insert(len(found) if sign > 0.0 else 0, before)
+        return StepEnds._make([*map(np.concatenate, zip(*(each[:6] for each in found))), off.is_empty,
+                               next(place for place, each in enumerate(found) if each is off)])
 
     def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: FloatArray | float,
             watched: tuple[bool, bool], lack_price: float, wanted_w: AnyNumber, takes_surplus: bool) -> StepEnds:
@@ -142,8 +149,8 @@ class StepsAhead:
         start_c = settled_c - under_way_k
         may_overcharge = watched[0]
         is_cold, merit = start_c < self._highest_c, trip.mix.at(k, start_c)
-        asked_w, cap_w = (merit.capped_w(np.where(is_cold, power_w, 0.0)) for power_w in (
-            np.minimum(wanted_w, full_w), full_w))
+        asked_w, cap_w = (merit.capped_w(np.where(is_cold | (power_w < 0.0), power_w, 0.0)) for power_w in (
+            np.minimum(wanted_w, full_w), np.array(full_w)))
         foresight, in_time_w, lasting_w = self._foresight, None, None
         if foresight is not None:
             in_time_w = foresight.off_in_time_w(k, soc, start_c, 0.0)
@@ -160,8 +167,9 @@ class StepsAhead:
             return end_soc, end_c, joule_w
 
         for _ in range(MOST_TRIALS):
+            room_w = np.maximum(most_w - idle_w, 0.0)
             command_w = asked_w if not any(watched) else np.clip(
-                asked_w, 0.0, merit.heat_w(np.maximum(most_w - idle_w, 0.0)))
+                asked_w, merit.cold_w(room_w), merit.heat_w(room_w))
             paid_w = command_w
             if may_overcharge and takes_surplus:
                 surplus_w = merit.heat_w(least_w - idle_w)
@@ -200,6 +208,8 @@ class StepsAhead:
         is_empty = ~(end_soc > 0.0)
         end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
         price = float(self._price[k])
+        # No heating exceeds the highest temperature; a drive that does is a reason to cool.
+        hot_k = np.maximum(end_c - self._highest_c, 0.0) if trip.mix.cools else all_w
         cost_j = price * (terminal_w + joule_w) * duration_s
         if any(watched):
             voltage_v = 0.5 * (self._voltage_v(soc, start_c) + self._voltage_v(end_soc, end_c))
@@ -212,6 +222,7 @@ class StepsAhead:
         outer_k = duration_s / self._battery_j_per_k * (idle_heat_w - leakage_w_per_k * start_c)
         ahead_c = (settled_c + self._kept_share[k] * (end_c - start_c - heater_k)
                    - self._drained_share[k] * outer_k + self._arriving_share[k] * heater_k)
+        cost_j = cost_j + SHORT_PRICE * self._joules_per_k * hot_k
         return StepEnds(cost_j[None], ahead_c[None], command_w[None], drawn_w[None], end_soc[None],
                         (wanted_w + all_w)[None], is_empty)
 
@@ -271,11 +282,15 @@ class _Mixtures(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """The mixture to take from one temperature: end, share of the next end, and whether they heat."""
+    """The mixture to take from one temperature: end, share of the next end, and whether they heat or cool."""
 
     end: int
     share: float
     is_heating: bool
+
+    def takes_surplus(self, ends: StepEnds) -> bool:
+        """Return whether regeneration beyond the charge limit heats."""
+        return self.end > ends.colds and self.share == 0.0
 
     def wanted_w(self, ends: StepEnds) -> float:
         """Return the command that leads there [W]."""
@@ -286,7 +301,7 @@ class Choice(NamedTuple):
 
 
 class Best(NamedTuple):
-    """The best mixtures that do not heat, and that do: without the price of switching on."""
+    """The best mixtures that neither heat nor cool, and that do: without the price of switching on."""
 
     unheated: _Mixtures
     heated: _Mixtures
@@ -314,7 +329,7 @@ def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: boo
     unheated, heated = none, none
     rows = list(zip(*ends[:3]))
     for end, (cost_j, settled_c, command_w) in enumerate(rows):
-        is_heating = command_w > LEAST_HEATING_W
+        is_heating = np.abs(command_w) > LEAST_HEATING_W
         value_j = cost_j + following.worth_j(settled_c, is_heating, joules_per_k)
         heated = heated.with_better(np.where(is_heating, value_j, np.inf), end, 0.0)
         unheated = unheated.with_better(np.where(is_heating, np.inf, value_j), end, 0.0)
@@ -322,8 +337,9 @@ def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: boo
         cost_j, settled_c, command_w = (row[:, None] for row in low)
         more_j, wide_k, more_w = (next_row[:, None] - row[:, None] for row, next_row in zip(low, high))
         share = (following.grid_c - settled_c) / np.where(wide_k > 0.0, wide_k, np.nan)
-        least_w = np.maximum(LEAST_HEATING_W, LEAST_MIXED_SHARE * (command_w + more_w))
-        is_between = (share > 0.0) & (share <= 1.0) & (command_w + share * more_w > least_w)
+        least_w = np.maximum(LEAST_HEATING_W, LEAST_MIXED_SHARE * np.maximum(
+            np.abs(command_w), np.abs(command_w + more_w)))
+        is_between = (share > 0.0) & (share <= 1.0) & (np.abs(command_w + share * more_w) > least_w)
         value_j = np.where(is_between, cost_j + share * more_j + following.values_j[1], np.inf)
         found = value_j.argmin(axis=1)[:, None]
         heated = heated.with_better(np.take_along_axis(value_j, found, 1)[:, 0], end,

@@ -54,9 +54,13 @@ class Trip:
     @property
     def drawing_limit_w(self) -> FloatArray:
         """The most electrical power of all heat sources [W] (N,)."""
+        return self.heater_limit_w if isinstance(self.mix, Alone) else self.mix.most_power_w
+
+    @property
+    def most_cold_w(self) -> FloatArray:
+        """The least heat of all sources, as HVCH power [W] (N,): at most 0."""
         mix = self.mix
-        return self.heater_limit_w if isinstance(mix, Alone) else np.where(
-            self.heater_limit_w > 0.0, mix.most_power_w, 0.0)
+        return np.zeros(len(self.route)) if isinstance(mix, Alone) else mix.most_cold_w
 
     @property
     def hvch_limit_w(self) -> FloatArray:

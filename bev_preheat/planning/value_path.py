@@ -127,7 +127,7 @@ class ValuePath:
         choice = best_of(ends, following, self._run.joules_per_k, self._run.is_certain).only(0.0)
         beside = self._ahead.end(
             k, soc, np.repeat(path_c, 2), self.under_way_k[k] - moved_k, self._watched[k], lack_price,
-            choice.wanted_w(ends), choice.end > 0 or choice.share > 0.0)
+            choice.wanted_w(ends), choice.end + choice.share > ends.colds)
         return None if beside.is_empty.any() else beside._replace(
             cost_j=beside.cost_j + self.price_j[k + 1] * beside.soc)
 

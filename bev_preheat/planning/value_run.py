@@ -46,6 +46,7 @@ class ValueRun:
         self.switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self.is_certain else SWITCH_ON_EXPECTED_WH)
         self.joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                              + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+        self._highest_c = vehicle.battery.temperature_range_c[1]
         self.voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._drives = [make_limited_drive(trip, takes_surplus) for takes_surplus in (False, True)]
         self.states, self.powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
@@ -79,14 +80,18 @@ class ValueRun:
         """Take copies of kept states and powers."""
         self.states, self.powers_w = (values.copy() for values in kept)
 
-    def beyond_k(self, is_short_of_charge: bool) -> float:
-        """Return how much too warm the battery arrives [K]: for the target, or for the reserve of charge."""
-        return self._beyond_k(self.states, is_short_of_charge)
+    def beyond_k(self, is_short_of_charge: bool, cools: bool = False) -> float:
+        """
+        Return how much too warm the battery arrives [K]: for the target, or for the reserve of charge.
 
-    def _beyond_k(self, states: FloatArray, is_short_of_charge: bool) -> float:
+        `cools`: how much too cold, for the highest temperature.
+        """
+        return self._beyond_k(self.states, is_short_of_charge, cools)
+
+    def _beyond_k(self, states: FloatArray, is_short_of_charge: bool, cools: bool = False) -> float:
         soc, arrival_c = states[0, -1], states[1, -1]
         if not is_short_of_charge:
-            return float(arrival_c - self._wanted.target_c)
+            return float(self._wanted.most_c - arrival_c if cools else arrival_c - self._wanted.target_c)
         voltage_v = self.voltage_v(np.array([soc]), np.array([arrival_c]))[0]
         energy_j = (self._wanted.reserve - soc) * self._trip.vehicle.battery.capacity_as * voltage_v
         return float(energy_j / self.joules_per_k)
@@ -110,9 +115,13 @@ class ValueRun:
         charge_as = trip.vehicle.battery.capacity_as * (soc[:-1] - soc[1:])
         energy_j = self.price @ (0.5 * (voltage_v[1:] + voltage_v[:-1]) * charge_as)
         lacking_w = self._lacking_along_w(states, powers_w)
-        is_on = np.append(self._wanted.uncertainty.is_heating, powers_w[0] > LEAST_HEATING_W)
+        is_on = np.append(self._wanted.uncertainty.is_heating, np.abs(powers_w[0]) > LEAST_HEATING_W)
         switched_j = self.switch_on_j * float((is_on[1:] & ~is_on[:-1]).sum())
-        short_k = max(aim_c - float(temperature_c[-1]), 0.0) + max(self._beyond_k(states, True), 0.0)
+        arrival_c = float(temperature_c[-1])
+        short_k = max(aim_c - arrival_c, arrival_c - self._wanted.most_c, 0.0) + max(
+            self._beyond_k(states, True), 0.0)
+        if trip.mix.cools:
+            short_k += float(np.maximum(temperature_c[1:] - self._highest_c, 0.0).sum())
         heater_j = float((self.price * trip.route.duration_s) @ powers_w[0 if trip.mix.is_alone else 2])
         lacking_j = float(trip.route.duration_s @ lacking_w)
         return (float(energy_j) + HEATING_PRICE * heater_j + self._lack_price * lacking_j + switched_j
@@ -131,44 +140,50 @@ class ValueRun:
 
     def _move_edge(self) -> None:
         command_w = self.powers_w[0].copy()
+        switched_w = command_w[np.abs(command_w) > LEAST_HEATING_W]
+        # Of the cooling, if that comes last, in the same way.
+        cools = bool(len(switched_w) and switched_w[-1] < 0.0)
+        sign, limit_w = (-1.0, -self._trip.most_cold_w) if cools else (1.0, self._trip.heater_limit_w)
+        command_w = sign * command_w
         heated, braked = command_w > LEAST_HEATING_W, self.powers_w[1] > 1.0
         beside = np.append(False, heated[:-1]) if self.is_certain else np.append(heated[1:], False)
         edges = np.flatnonzero(heated & ~braked & ~beside)
-        to_target_k, to_reserve_k = (self.beyond_k(of_charge) for of_charge in (False, True))
+        to_target_k, to_reserve_k = (self.beyond_k(of_charge, cools) for of_charge in (False, True))
         is_short = to_target_k < 0.0 and to_reserve_k > to_target_k
         excess_k = to_reserve_k if is_short else to_target_k
-        if not len(edges) or not abs(excess_k) <= self._most_moved_k(int(edges[-1])):
+        if not len(edges) or not abs(excess_k) <= self._most_moved_k(int(edges[-1]), limit_w):
             return
         moved_j, next_j = 0.0, -excess_k * self.joules_per_k
         for _ in range(MOST_TRIALS):
             if abs(excess_k) <= ARRIVAL_TOLERANCE_K:
                 break
-            self.drive_commands(self._with_edge_moved(command_w, int(edges[-1]), next_j))
-            found_k = self.beyond_k(is_short)
+            self.drive_commands(sign * self._with_edge_moved(command_w, int(edges[-1]), next_j, limit_w))
+            found_k = self.beyond_k(is_short, cools)
             slope = (found_k - excess_k) / (next_j - moved_j)
             moved_j, excess_k = next_j, found_k
             if not math.isfinite(slope) or slope == 0.0:
                 break
             next_j = moved_j - excess_k / slope
-        if moved_j != 0.0 and not self.is_certain and not self.powers_w[0, self._moved_in + 1:].any():
+        is_last = not self.powers_w[0, self._moved_in + 1:].any()
+        if moved_j != 0.0 and is_last and not cools and not self.is_certain:
             self.ends_in = self._moved_in
 
-    def _most_moved_k(self, edge: int) -> float:
+    def _most_moved_k(self, edge: int, limit_w: FloatArray) -> float:
         """Return the largest error on arrival that moving an edge corrects [K]."""
-        step_j = float(self._trip.heater_limit_w[edge] * self._trip.route.duration_s[edge])
+        step_j = float(limit_w[edge] * self._trip.route.duration_s[edge])
         return MOVED_K if self.is_certain else max(MOVED_K, step_j / self.joules_per_k)
 
-    def _with_edge_moved(self, command_w: FloatArray, edge: int, more_j: float) -> FloatArray:
+    def _with_edge_moved(self, command_w: FloatArray, edge: int, more_j: float, limit_w: FloatArray) -> FloatArray:
         """Return commands with more energy outside an interval that begins or ends at `edge`, or less [J]."""
         moved_w, left_j = command_w.copy(), abs(more_j)
         is_later = (more_j > 0.0) != self.is_certain
         for k in range(edge, len(command_w)) if is_later else range(edge, -1, -1):
             duration_s = float(self._trip.route.duration_s[k])
-            limit_w = float(self._trip.heater_limit_w[k])
-            room_w = limit_w - moved_w[k] if more_j > 0.0 else moved_w[k]
+            most_w = float(limit_w[k])
+            room_w = most_w - moved_w[k] if more_j > 0.0 else moved_w[k]
             taken_j = min(max(room_w, 0.0) * duration_s, left_j)
             self._moved_in = k if taken_j > 0.0 else self._moved_in
-            moved_w[k] = max(min(moved_w[k] + math.copysign(taken_j / duration_s, more_j), limit_w), 0.0)
+            moved_w[k] = max(min(moved_w[k] + math.copysign(taken_j / duration_s, more_j), most_w), 0.0)
             left_j -= taken_j
             if left_j <= 0.0:
                 break

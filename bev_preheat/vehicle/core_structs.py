@@ -80,8 +80,9 @@ class TripStruct(Structure):
 class HeatSourcesStruct(Structure):
     """`bev_heat_sources`."""
 
-    _fields_ = [('count', c_int32), ('temperature_count', c_int32), *((name, c_void_p) for name in (
-        'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'drawing_limit_w'))]
+    _fields_ = [*((name, c_int32) for name in ('count', 'heating_count', 'temperature_count')),
+                *((name, c_void_p) for name in (
+                    'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'drawing_limit_w', 'cold_limit_w'))]
 
 
 class TripTermsStruct(Structure):
@@ -95,7 +96,7 @@ class TripTermsStruct(Structure):
 class ValueGoalStruct(Structure):
     """`bev_value_goal`: the requirements of a plan by values."""
 
-    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('lowest_soc', c_double),
+    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('most_c', c_double), ('lowest_soc', c_double),
                 ('deviation_k', c_double), ('price', c_void_p)]
 
 
@@ -245,11 +246,11 @@ class NativeVehicle:
 class NativeTrip:
     """A `bev_trip`: points to the block of TripColumns, and keeps it alive."""
 
-    def __init__(self, columns: TripColumns, sources: Sequence[FloatArray] = ()) -> None:
-        """Take the columns of a trip, and of its heat sources the arrays of a `bev_heat_sources`."""
+    def __init__(self, columns: TripColumns, sources: Sequence[FloatArray] = (), heating: int = 0) -> None:
+        """Take the columns of a trip, and of its heat sources the arrays and the number that heat."""
         self.steps, self._block = columns.steps, columns.block
         self._kept = [doubles(array) for array in sources]
-        self._sources = HeatSourcesStruct(sources[1].shape[2], len(sources[0]), *map(
+        self._sources = HeatSourcesStruct(sources[1].shape[2], heating, len(sources[0]), *map(
             address_of, self._kept)) if sources else None
         first, width = address_of(columns.block), DOUBLE_BYTES * columns.steps
         after = first + width + DOUBLE_BYTES

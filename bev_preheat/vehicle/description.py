@@ -231,11 +231,11 @@ class Hvch:
 @dataclass(frozen=True)
 class HeatSource:
     """
-    A source of battery heat beside the HVCH; `vehicle.heat_sources` makes and uses it.
+    A source of battery heat beside the HVCH, or of cold; `vehicle.heat_sources` makes and uses it.
 
     Curves over (ambient temperature, battery temperature) [deg C]: `maximum_power_w`, electrical, and
-    `hvch_watts`, the HVCH power with the heat of one watt of this source. `only_while` is 'driving', 'standing' or
-    '' for both; with `shares_cabin_limit` cabin heating comes first.
+    `hvch_watts`, the HVCH power with the heat of one watt of this source; below 0 it `cools`. `only_while` is
+    'driving', 'standing' or '' for both; with `shares_cabin_limit` cabin heating comes first.
     """
 
     name: str
@@ -243,6 +243,7 @@ class HeatSource:
     hvch_watts: Curve
     only_while: str = ''
     shares_cabin_limit: bool = False
+    cools: bool = False
 
 
 @dataclass(frozen=True)

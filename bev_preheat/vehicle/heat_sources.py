@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import HeatingGates, HeatPath
 
 SOURCE_RANGE_W = (0.0, 50e3)
-# Below the low end a source heats by waste; above the high end no heat pump works.
+# Below the low end a source heats by waste; above the high end no heat pump works. Negative: a source that cools.
 HEAT_PER_WATT_RANGE = (0.05, 10.0)
 
 
@@ -54,6 +54,9 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
         value, place = node[key], f'heat_sources.{name}.{key}'
         table = (read_table(place, value, problems, 'ambient_c') if isinstance(value, dict) else
                  Table((0.0,), (0.0,), ((float(value),),)))
+        cools = table.values[0][0] < 0.0 and key == 'heat_per_watt'
+        if cools:
+            low, high = -high, -low
         bad = [number for row in table.values for number in row if not low <= number <= high]
         problems += [f'{place}: {figure(number)} is not allowed; it must be {low:g} ... {high:g}{unit}'
                      for number in bad[:1]]
@@ -61,7 +64,8 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
     power, heat = curves
     hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
         tuple(value / efficiency for value in row) for row in heat.values))
-    return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False))
+    return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False),
+                      cools)
 
 
 def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath, gates: HeatingGates) -> Iterator[str]:

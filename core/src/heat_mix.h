@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The cheapest mix of a trip's heat sources: bev_preheat.planning.heat_mix. Heat is counted as the HVCH power that
- * gives it; without sources heat and electrical power are the same number.
+ * gives it; without sources heat and electrical power are the same number. Heat below 0 is cooling.
  */
 #ifndef BEV_PREHEAT_CORE_HEAT_MIX_H_
 #define BEV_PREHEAT_CORE_HEAT_MIX_H_
 
+#include <math.h>
+
 #include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core/core.h"
 
-/* Most heat and electrical power of the sources at one instant [W], in the order of their merit. */
+/* Most heat and electrical power at one instant [W], by merit: of `heating` sources, then of those that cool. */
 typedef struct {
   int32_t count;
+  int32_t heating;
   double heats_w[BEV_MOST_SOURCES];
   double powers_w[BEV_MOST_SOURCES];
 } bev_merit;
@@ -20,6 +23,7 @@ typedef struct {
 static inline void bev_merit_at(const bev_trip *trip, int32_t k, double temperature_c, bev_merit *merit) {
   const bev_heat_sources *from = trip->sources;
   merit->count = from == NULL ? 0 : from->count;
+  merit->heating = from == NULL ? 0 : from->heating_count;
   if (merit->count == 0) {
     return;
   }
@@ -39,11 +43,12 @@ static inline void bev_merit_at(const bev_trip *trip, int32_t k, double temperat
     const double here_w = most_w > 0.0 ? most_w : 0.0;
     const double per_watt = watts[0] + share * (watts[merit->count] - watts[0]);
     /* Insertion by falling merit; equal ones stay in their order. A source without power goes to the end. */
-    const double rank = here_w > 0.0 ? per_watt : 0.0;
+    const double rank = here_w > 0.0 ? fabs(per_watt) : 0.0;
+    const int32_t first = n < merit->heating ? 0 : merit->heating;
     int32_t into = n;
-    for (; into > 0; into--) {
+    for (; into > first; into--) {
       const double before_w = merit->powers_w[into - 1];
-      const double before = before_w > 0.0 ? merit->heats_w[into - 1] / before_w : 0.0;
+      const double before = before_w > 0.0 ? fabs(merit->heats_w[into - 1]) / before_w : 0.0;
       if (!(rank > before)) {
         break;
       }
@@ -55,13 +60,19 @@ static inline void bev_merit_at(const bev_trip *trip, int32_t k, double temperat
   }
 }
 
+/* The part of a value that a width of the same sign takes. */
+static inline double bev_part_of(double value, double width) {
+  const double most = value * width > 0.0 ? width : 0.0;
+  return fabs(value) < fabs(most) ? value : most;
+}
+
 /* A value filled into widths one after the other, as the sum of the same shares of others. */
 static inline double bev_along(double value, int32_t count, const double *widths, const double *others) {
   double left = value;
   double total = 0.0;
-  for (int32_t n = 0; n < count && left > 0.0; n++) {
-    const double part = left < widths[n] ? left : widths[n];
-    total += widths[n] > 0.0 ? part / widths[n] * others[n] : 0.0;
+  for (int32_t n = 0; n < count; n++) {
+    const double part = bev_part_of(left, widths[n]);
+    total += part != 0.0 ? part / widths[n] * others[n] : 0.0;
     left -= part;
   }
   return total;
@@ -74,7 +85,13 @@ static inline double bev_electric_w(const bev_merit *merit, double heat_w) {
 
 /* The most heat of an electrical power [W]. */
 static inline double bev_heat_of_w(const bev_merit *merit, double electric_w) {
-  return merit->count == 0 ? electric_w : bev_along(electric_w, merit->count, merit->powers_w, merit->heats_w);
+  return merit->count == 0 ? electric_w : bev_along(electric_w, merit->heating, merit->powers_w, merit->heats_w);
+}
+
+/* The least heat of an electrical power [W], at most 0. */
+static inline double bev_cold_of_w(const bev_merit *merit, double electric_w) {
+  return bev_along(electric_w, merit->count - merit->heating, &merit->powers_w[merit->heating],
+                   &merit->heats_w[merit->heating]);
 }
 
 /* The part of a heat that the sources give [W]; a source that would heat with next to nothing is left out. */
@@ -84,9 +101,9 @@ static inline double bev_capped_w(const bev_merit *merit, double heat_w) {
   }
   double left = heat_w;
   double total = 0.0;
-  for (int32_t n = 0; n < merit->count && left > 0.0; n++) {
-    const double part = left < merit->heats_w[n] ? left : merit->heats_w[n];
-    total += part >= BEV_LEAST_SOURCE_W ? part : 0.0;
+  for (int32_t n = 0; n < merit->count; n++) {
+    const double part = bev_part_of(left, merit->heats_w[n]);
+    total += fabs(part) >= BEV_LEAST_SOURCE_W ? part : 0.0;
     left -= part;
   }
   return total;
@@ -94,8 +111,12 @@ static inline double bev_capped_w(const bev_merit *merit, double heat_w) {
 
 /* The most electrical power of a step at any temperature [W]. */
 static inline double bev_drawing_limit_w(const bev_trip *trip, int32_t k) {
-  return trip->sources == NULL || !(trip->heater_limit_w[k] > 0.0) ? trip->heater_limit_w[k]
-                                                                   : trip->sources->drawing_limit_w[k];
+  return trip->sources == NULL ? trip->heater_limit_w[k] : trip->sources->drawing_limit_w[k];
+}
+
+/* Whether a source cools. */
+static inline int bev_cools(const bev_trip *trip) {
+  return trip->sources != NULL && trip->sources->heating_count < trip->sources->count;
 }
 
 #endif /* BEV_PREHEAT_CORE_HEAT_MIX_H_ */

@@ -115,7 +115,8 @@ static bev_status drive_run(const bev_limited_run *run, const double *command_w,
   }
   for (int32_t k = 0; k < run->trip->steps; k++) {
     double driven_w[4];
-    const double wanted_w = bev_settled_c(run, here) < below_c ? command_w[k] : 0.0;
+    const double wanted_w =
+        command_w[k] < 0.0 || bev_settled_c(run, here) < below_c ? command_w[k] : 0.0;
     const bev_status status = bev_drive_within_limits(run, k, here, wanted_w, here, driven_w);
     if (status != BEV_OK && status != BEV_EMPTY) {
       return status;

@@ -146,16 +146,18 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
   double wanted_w = bev_capped_w(&start->merit, *command_w);
   if (bev_warmest_c(run, start->states) >= run->vehicle->highest_c) {
     cap_w = 0.0;
-    wanted_w = 0.0;
+    wanted_w = bev_minimum(wanted_w, 0.0);
   }
   if (may_overcharge || run->may_overdraw[k] != 0u) {
     const double room_w =
         (bev_heat_of_w(&start->merit, limits_w[1] - power_w) - start->left * heater_w)
         / (1.0 - start->left);
-    wanted_w = bev_maximum(0.0, bev_minimum(wanted_w, room_w));
+    wanted_w = wanted_w < 0.0
+        ? bev_maximum(wanted_w, bev_cold_of_w(&start->merit, limits_w[1] - power_w))
+        : bev_maximum(0.0, bev_minimum(wanted_w, room_w));
   }
   *paid_w = wanted_w;
-  if (may_overcharge && run->takes_surplus != 0) {
+  if (may_overcharge && run->takes_surplus != 0 && wanted_w >= 0.0) {
     double surplus_w = bev_heat_of_w(&start->merit, limits_w[0] - power_w);
     if (run->lag_s > 0.0 && surplus_w > 0.0) {
       surplus_w = bev_minimum(surplus_w, lasting_surplus_w(run, k, start->states));
@@ -327,7 +329,7 @@ static bev_status drive_to_end(step_to_end *of) {
   if (status != BEV_OK) {
     return status;
   }
-  if (terminal_w(of) > at_end_w[1] && of->command_w > 0.0) {
+  if (terminal_w(of) > at_end_w[1] && of->command_w != 0.0) {
     return move_limit(of, 1, start->idle.power_w, at_end_w);
   }
   if (may_overcharge && terminal_w(of) < at_end_w[0] && of->brake_w < -propulsion_w) {

@@ -72,12 +72,14 @@ static bev_status find_path(const recursion *of, double *states, double *powers_
 /* The temperatures of the first pass: those of the unheated run, target and warmer. */
 static void range_of(const recursion *of, double range_c[2]) {
   const double target_c = of->goal->target_c;
-  range_c[0] = bev_minimum(of->path_c[0], target_c);
+  double warmest_c = of->path_c[0];
+  range_c[0] = bev_minimum(bev_minimum(of->path_c[0], target_c), of->goal->most_c);
   for (int32_t k = 1; k <= of->trip->steps; k++) {
     range_c[0] = bev_minimum(range_c[0], of->path_c[k]);
+    warmest_c = bev_cools(of->trip) ? bev_maximum(warmest_c, of->path_c[k]) : warmest_c;
   }
   range_c[0] -= BEV_BELOW_K;
-  range_c[1] = bev_minimum(bev_maximum(of->path_c[0], target_c) + BEV_ABOVE_K,
+  range_c[1] = bev_minimum(bev_maximum(warmest_c, target_c) + BEV_ABOVE_K,
                            of->vehicle->highest_c + BEV_BELOW_K);
 }
 
@@ -132,7 +134,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
     bev_keep_run(of, states, powers_w);
     const double moved_k = bev_keep_path(of, states);
     /* The reserve of charge allows this temperature. */
-    const double spare_k = -bev_beyond_k(of, states, 1);
+    const double spare_k = -bev_beyond_k(of, states, 1, 1.0);
     const double reached_c = states[steps + 1 + steps] + spare_k;
     const int32_t is_short = spare_k < 0.0 || aim_c < target_c ? 1 : 0;
     const double aimed_c = aim_c;
@@ -154,7 +156,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
 /* Whether the layers lead from other states, too: they are wide, and neither charge nor power is short. */
 static int is_to_be_followed(const recursion *of, bev_status status, const double *states) {
   return status == BEV_OK && of->is_certain == 0 && of->unheated_lack_w == 0.0
-      && bev_beyond_k(of, states, 1) <= 0.0;
+      && bev_beyond_k(of, states, 1, 1.0) <= 0.0;
 }
 
 /* Whether the run stays so far within the layers that the deviations on the way are in them, too. */
@@ -271,7 +273,7 @@ static bev_status begin(recursion *of, const bev_vehicle *vehicle, const bev_tri
   if (goal == NULL || trip->steps < 1) {
     return BEV_BAD_ARGUMENT;
   }
-  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !isfinite(goal->deviation_k)
+  if (!isfinite(goal->target_c) || isnan(goal->most_c) || !isfinite(goal->lowest_soc) || !isfinite(goal->deviation_k)
       || goal->deviation_k < 0.0 || !bev_is_time(trip)
       || (goal->price != NULL && !are_prices(goal->price, trip->steps))) {
     return BEV_BAD_INPUT;

@@ -164,8 +164,9 @@ bev_status bev_find_values(recursion *of, double aim_c) {
   layer layers[2];
   layers[1] = layer_at(of, steps);
   for (int32_t n = 0; n < layers[1].points; n++) {
+    const double arrival_c = layers[1].least_c + (double)n * layers[1].step_k;
     const double short_k =
-        bev_maximum(aim_c - (layers[1].least_c + (double)n * layers[1].step_k), 0.0);
+        bev_maximum(bev_maximum(aim_c - arrival_c, arrival_c - of->goal->most_c), 0.0);
     const double near_k = of->is_certain != 0 ? 0.0 : bev_minimum(short_k, BEV_NEAR_K);
     layers[1].off_j[n] =
         (BEV_SHORT_PRICE * short_k - (BEV_SHORT_PRICE - BEV_NEAR_PRICE) * near_k) * of->joules_per_k;

@@ -21,7 +21,7 @@ static bev_status drive_beside(const recursion *of, int32_t k, const layer *next
       const step_end *high = &ends[best.end + 1];
       beside[n].wanted_w = beside[n].powers_w[0]
           + best.share * (high->powers_w[0] - beside[n].powers_w[0]);
-      beside[n].takes_surplus = 1;
+      beside[n].takes_surplus = beside[n].wanted_w > 0.0 ? 1 : 0;
     }
     status = bev_drive_step(of, k, starts[n], 1, &beside[n]);
     beside[n].settled_c = bev_seen_ahead_c(of, k, of->path_c[k], starts[n], &beside[n]);

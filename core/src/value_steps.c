@@ -42,7 +42,7 @@ static int is_free_step(const recursion *of, int32_t k, const double start[4], s
   return 1;
 }
 
-bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
+static bev_status drive_step(const recursion *of, int32_t k, const double start[4],
                              int32_t is_ahead, step_end *end) {
   end->states[2] = 0.0;
   end->states[3] = 0.0;
@@ -75,6 +75,15 @@ bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
   return BEV_OK;
 }
 
+bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
+                             int32_t is_ahead, step_end *end) {
+  const bev_status status = drive_step(of, k, start, is_ahead, end);
+  const double beyond_j = status == BEV_OK ? hot_j(of, end->states[1]) : 0.0;
+  end->cost_j += beyond_j;
+  end->regime |= beyond_j > 0.0 ? HOT : 0u;
+  return status;
+}
+
 double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
                            const double start[4], const step_end *end) {
   const double k_per_w = of->trip->duration_s[k] / of->vehicle->heat_capacity_j_per_k;
@@ -90,13 +99,18 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
   const double full_w = of->trip->heater_limit_w[k];
   bev_merit merit;
   bev_merit_at(of->trip, k, start[1], &merit);
-  const int32_t kinds = merit.count == 0 ? 3 : 2 + merit.count;
+  const int32_t kinds = merit.count == 0 ? 3 : 2 + merit.heating;
   double heat_w = 0.0;
   int32_t found = 0;
+  int32_t off = 0;
   *count = 0;
-  for (int32_t kind = 0; kind < kinds; kind++) {
+  for (int32_t n = merit.heating; n < merit.count; n++) {
+    heat_w += merit.heats_w[n];
+  }
+  /* From all cooling sources down to the best one, then off. */
+  for (int32_t kind = merit.heating - merit.count; kind < kinds; kind++) {
     step_end *end = &ends[found];
-    if ((kind == 1 && (of->layers_overcharge[k] == 0u || !(ends[0].powers_w[1] > 0.0)))
+    if ((kind == 1 && (of->layers_overcharge[k] == 0u || !(ends[off].powers_w[1] > 0.0)))
         || (kind >= 2 && !(full_w > BEV_LEAST_HEATING_W))) {
       continue;
     }
@@ -104,17 +118,26 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
       /* The best source, the two best, and so on. */
       heat_w = merit.count == 0 ? full_w : bev_minimum(heat_w + merit.heats_w[kind - 2], full_w);
     }
-    end->wanted_w = heat_w;
+    end->wanted_w = kind == 0 ? 0.0 : heat_w;
     end->kind = kind;
-    end->takes_surplus = kind == 0 ? 0 : 1;
+    end->takes_surplus = kind > 0 ? 1 : 0;
     const bev_status status = bev_drive_step(of, k, start, 1, end);
+    if (kind < 0) {
+      heat_w -= merit.heats_w[merit.heating - kind - 1];
+    }
     if (status == BEV_EMPTY && kind > 0) {
       break;
     }
-    if (status != BEV_OK) {
+    if (status != BEV_OK && !(status == BEV_EMPTY && kind < 0)) {
       return status;
     }
-    if (kind > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_ROUNDING_W)) {
+    if (kind < 0 && (status == BEV_EMPTY || !(end->powers_w[0] < -BEV_ROUNDING_W))) {
+      continue;
+    }
+    if (kind == 0) {
+      off = found;
+      heat_w = 0.0;
+    } else if (found > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_ROUNDING_W)) {
       continue;
     }
     end->settled_c = bev_seen_ahead_c(of, k, settled_c, start, end);
@@ -126,7 +149,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
     /* Power that the heater draws later is paid for later; and late heat costs where limits miss it. */
     const double heater_j = ends[n].powers_w[0] * of->trip->duration_s[k];
     ends[n].cost_j += of->due_share[k]
-            * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[0].cost_j))
+            * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[off].cost_j))
         + of->late_price_j[k + 1] * of->late_share[k] * heater_j
             * of->vehicle->heater_efficiency / of->vehicle->heat_capacity_j_per_k
         + BEV_HEATING_PRICE * price_in(of, k) * (ends[n].powers_w[2] * of->trip->duration_s[k]);
@@ -137,7 +160,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
 /* Compare a mixture with the best of its kind: heated or not. */
 static void try_mixture(const recursion *of, const step_end ends[MOST_ENDS], const layer *next,
                         int32_t end, choice *best) {
-  const int32_t is_heating = ends[end].powers_w[0] > BEV_LEAST_HEATING_W ? 1 : 0;
+  const int32_t is_heating = fabs(ends[end].powers_w[0]) > BEV_LEAST_HEATING_W ? 1 : 0;
   const double value_j = ends[end].cost_j + worth_j(of, next, ends[end].settled_c, is_heating);
   mixture *const kind = is_heating != 0 ? &best->heated : &best->unheated;
   if (value_j < kind->value_j) {
@@ -156,18 +179,24 @@ choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t 
     const step_end *low = &ends[end];
     const step_end *high = &ends[end + 1];
     const double wide_k = high->settled_c - low->settled_c;
-    const double least_share =
-        (bev_maximum(BEV_LEAST_HEATING_W, BEV_LEAST_MIXED_SHARE * high->powers_w[0]) - low->powers_w[0])
+    const int is_cold = low->powers_w[0] < 0.0;
+    const double least_w = bev_maximum(
+        BEV_LEAST_HEATING_W, BEV_LEAST_MIXED_SHARE * (is_cold ? -low->powers_w[0] : high->powers_w[0]));
+    /* The share from which the mixture heats with enough, or to which it cools with enough. */
+    const double edge_share = ((is_cold ? -least_w : least_w) - low->powers_w[0])
         / (high->powers_w[0] - low->powers_w[0]);
-    const double from =
-        (low->settled_c + bev_maximum(least_share, 0.0) * wide_k - next->least_c) / next->step_k;
+    const double from_share = is_cold ? 0.0 : bev_maximum(edge_share, 0.0);
+    const double from = (low->settled_c + from_share * wide_k - next->least_c) / next->step_k;
     const double to = (high->settled_c - next->least_c) / next->step_k;
+    const double up_to = is_cold
+        ? (low->settled_c + bev_minimum(edge_share, 1.0) * wide_k - next->least_c) / next->step_k
+        : to;
     const double per_point_j = (high->cost_j - low->cost_j) / wide_k * next->step_k;
-    if (!(wide_k > 0.0) || !(to > 0.0) || !(from < (double)(next->points - 1))) {
+    if (!(wide_k > 0.0) || !(up_to > 0.0) || !(from < (double)(next->points - 1))) {
       continue;
     }
     const int32_t first = from < 0.0 ? 0 : (int32_t)from + 1;
-    const int32_t last = to < (double)next->points ? (int32_t)to : next->points - 1;
+    const int32_t last = up_to < (double)next->points ? (int32_t)up_to : next->points - 1;
     double least_j = INFINITY;
     int32_t found = first;
     for (int32_t n = first; n <= last; n++) {

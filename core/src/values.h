@@ -11,13 +11,14 @@
 #include "checks.h"
 #include "limited_run.h"
 
-/* The ends of a step: heater off, with the surplus, at full power, or with the best sources. */
+/* The ends of a step: cooled, heater off, with the surplus, at full power, or with the best sources. */
 #define MOST_ENDS (2 + BEV_MOST_SOURCES)
 
 /* Limits that act in a step. */
 #define LIMITED_COMMAND 1u
 #define BRAKED 2u
 #define LACKING 4u
+#define HOT 8u
 
 /* Values at one instant: `points` temperatures from `least_c` on; heater off or on in the step before. */
 typedef struct {
@@ -38,7 +39,7 @@ typedef struct {
   double wanted_w;
   int32_t kind;
   int32_t takes_surplus;
-  /* The limits that act: command, brake, missing power. */
+  /* The limits that act: command, brake, missing power, highest temperature. */
   uint32_t regime;
 } step_end;
 
@@ -56,7 +57,7 @@ typedef struct {
   int32_t is_heating;
 } mixture;
 
-/* The best mixtures that do not heat, and that do: without the price of switching on. */
+/* The best mixtures that neither heat nor cool, and that do: without the price of switching on. */
 typedef struct {
   mixture unheated;
   mixture heated;
@@ -246,8 +247,18 @@ void bev_write_step(const recursion *of, int32_t k, const step_end *end, double 
 bev_status bev_drive_commands(const recursion *of, const double *commands_w, int32_t first,
                                  double *states, double *powers_w);
 
-/* How much warmer than needed the battery arrives [K]: than the target, or than the reserve of charge allows. */
-double bev_beyond_k(const recursion *of, const double *states, int32_t is_short_of_charge);
+/*
+ * How much warmer than needed the battery arrives [K]: than the target, or than the reserve of charge allows. With
+ * `sign` -1: how much colder than the highest temperature.
+ */
+double bev_beyond_k(const recursion *of, const double *states, int32_t is_short_of_charge, double sign);
+
+/* Cost of a temperature beyond the highest, for a vehicle that cools [J]. */
+static inline double hot_j(const recursion *of, double temperature_c) {
+  return bev_cools(of->trip) ? BEV_SHORT_PRICE * of->joules_per_k
+          * bev_maximum(temperature_c - of->vehicle->highest_c, 0.0)
+                             : 0.0;
+}
 
 /* The largest power deficit of a run [W]. */
 double bev_most_lack_w(const recursion *of, const double *states, const double *powers_w);

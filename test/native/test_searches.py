@@ -73,7 +73,7 @@ def value_call(number, kept_every=1, deviation_k=0.0, room_of='BEV_VALUE_MEMORY'
     """Return the arguments of bev_plan_by_values for a situation, and the arrays behind them."""
     trip, state, goal = situation(number)
     steps = trip.columns.steps
-    asked = ValueGoalStruct(False, goal.target_temperature_c, 0.0, deviation_k)
+    asked = ValueGoalStruct(False, goal.target_temperature_c, np.inf, 0.0, deviation_k)
     states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
     states[:2, 0] = state.soc, state.temperature_c
     flags = np.full(room('BEV_VALUE_BYTES', steps) + 64, 3, dtype=np.uint8)

@@ -104,7 +104,7 @@ def test_what_is_not_the_same_is_said(plan, optimum, expected):
 @pytest.mark.parametrize('status', Status, ids=lambda status: status.name)
 def test_a_meaning_is_whole_and_contradicts_nothing(status):
     meaning = status.meaning
-    assert meaning.word and meaning.look in ('off', 'wait', 'heat', 'good', 'warn')
+    assert meaning.word and meaning.look in ('off', 'wait', 'heat', 'cool', 'good', 'warn')
     # What needs a look is shown as such, and says what would help and what was missing.
     assert (meaning.look == 'warn') >= (meaning.level is Level.ERROR or meaning.is_alarm or meaning.is_doubt)
     assert bool(meaning.otherwise and meaning.obstacle) >= (meaning.is_alarm or meaning.is_doubt)

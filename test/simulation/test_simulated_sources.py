@@ -34,7 +34,7 @@ def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s
 def test_without_a_lease_no_source_heats():
     plant = driven(seconds=90.0, until_s=30.0)
     assert plant.sources.commands_w == {}
-    assert plant.sources.energy_wh == pytest.approx({'motor': 1700.0 / 120.0, 'heat_pump': 7.5})
+    assert plant.sources.energy_wh == pytest.approx({'motor': 1700.0 / 120.0, 'heat_pump': 7.5, 'chiller': 0.0})
 
 
 def test_heat_and_power_of_the_sources():
@@ -42,7 +42,8 @@ def test_heat_and_power_of_the_sources():
     heat_j = MINUTE_S * (1700.0 * 0.75 + 900.0 * (2.0 - 0.4 * 5.0 / 25.0))
     warmer_k = with_sources.temperature_c - without.temperature_c
     assert warmer_k * CAR.battery.heat_capacity_j_per_k == pytest.approx(heat_j, rel=0.02)
-    assert with_sources.sources.energy_wh == pytest.approx({'motor': 1700.0 / 60.0, 'heat_pump': 15.0})
+    assert with_sources.sources.energy_wh == pytest.approx(
+        {'motor': 1700.0 / 60.0, 'heat_pump': 15.0, 'chiller': 0.0})
     energies = with_sources.energy_wh
     assert energies.hvch_electric == pytest.approx(2600.0 / 60.0)
     assert energies.hvch_heat == pytest.approx(heat_j / 3600.0, rel=2e-3)
@@ -64,7 +65,24 @@ def test_heat_of_the_sources_takes_the_way_of_the_coolant():
     ({'ambient_temperature_c': [-26.0]}, 1700.0 / 60.0, 0.0),
     ({'ambient_temperature_c': [-24.0]}, 1700.0 / 60.0, 500.0 / 60.0)])
 def test_a_source_heats_as_far_as_it_may(changes, motor_wh, pump_wh):
-    assert driven(**changes).sources.energy_wh == pytest.approx({'motor': motor_wh, 'heat_pump': pump_wh})
+    assert driven(**changes).sources.energy_wh == pytest.approx(
+        {'motor': motor_wh, 'heat_pump': pump_wh, 'chiller': 0.0})
+
+
+@pytest.mark.parametrize(('temperature_c', 'power_w', 'cold'), [
+    (45.0, 2400.0, 2.6), (22.5, 1500.0, 2.02), (19.0, 0.0, 1.0)])
+def test_a_chiller_cools_down_to_its_temperature(temperature_c, power_w, cold):
+    route = make_route({'duration_s': [10.0], 'speed_mps': [20.0], 'propulsion_power_w': [9e3],
+                        'ambient_temperature_c': [35.0], 'cabin_heating_power_w': [0.0]}, CAR.defaults)
+
+    def driven_c(command_w):
+        plant = VehiclePlant(CAR, route, BatteryState(temperature_c, 0.8))
+        plant.advance_under(HeaterLease(0.0, 10.0, {'chiller': command_w}), 10.0)
+        assert plant.sources.energy_wh['chiller'] == pytest.approx(min(command_w, power_w) / 360.0, rel=0.02)
+        return plant.temperature_c
+
+    cooled_j = (driven_c(0.0) - driven_c(2400.0)) * CAR.battery.heat_capacity_j_per_k
+    assert cooled_j == pytest.approx(cold * power_w * 10.0, rel=0.03)
 
 
 @pytest.mark.parametrize(('mismatch', 'temperature_c'), [

@@ -136,7 +136,7 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
   double *const states = room->interval.states;
   const double reserve = situation->reserve_soc;
   const bev_value_goal goal = {situation->heater_w > BEV_LEAST_HEATING_W ? 1 : 0,
-                               situation->target_c, reserve > 0.0 ? reserve + BEV_SPARE_SOC : 0.0,
+                               situation->target_c, INFINITY, reserve > 0.0 ? reserve + BEV_SPARE_SOC : 0.0,
                                0.0, NULL};
   int32_t ends_in = -1;
   bev_ecu_start(vehicle, trip, situation, states);

@@ -129,18 +129,21 @@ typedef struct {
 
 /*
  * The heat sources of a trip: at `temperature_count` temperatures of the battery, at least two, for each step and
- * source the most electrical power [W], and the HVCH power that heats like one watt; linear in between. `taken_w` is
- * the cabin's share of each source in each step, more than its power if it may not heat. `drawing_limit_w` is
- * the most electrical power of all in a step [W].
+ * source the most electrical power [W], and the HVCH power that heats like one watt; linear in between. The first
+ * `heating_count` sources heat, the others cool: their HVCH power is below 0. `taken_w` is the cabin's share of each
+ * source in each step, more than its power if it may not heat. `drawing_limit_w` is the most electrical power of all
+ * in a step [W], `cold_limit_w` the least heat of all at any temperature, as HVCH power [W].
  */
 typedef struct {
   int32_t count;
+  int32_t heating_count;
   int32_t temperature_count;
   const double *temperature_c;
   const double *power_w;
   const double *hvch_watts;
   const double *taken_w;
   const double *drawing_limit_w;
+  const double *cold_limit_w;
 } bev_heat_sources;
 
 /*
@@ -305,7 +308,8 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
                                 bev_stranding *stranding);
 
 /*
- * The requirements on a plan: the target on arrival [deg C], and the state of charge that heating does not cost.
+ * The requirements on a plan: least and most temperature on arrival [deg C] (INFINITY: any), and the state of charge
+ * that heating does not cost.
  * `is_heating` (not 0): the heater is on before the trip. `deviation_k`: standard deviation of the arrival [K], of what
  * becomes known on the way; 0: the drive goes as forecast. `price` (null: 1 everywhere) are `steps` factors of the
  * battery energy, such as prices of energy from the grid as shares of the highest.
@@ -313,6 +317,7 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
 typedef struct {
   int32_t is_heating;
   double target_c;
+  double most_c;
   double lowest_soc;
   double deviation_k;
   const double *price;
