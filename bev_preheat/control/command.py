@@ -12,14 +12,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.events import BATTERY, ROUTE
-from bev_preheat.control.heater import CommandHistory
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.heat_mix import mix_in_segment
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -62,12 +65,11 @@ class Commander(NamedTuple):
     """
     Gives the heater's commands and remembers them; instants in nanoseconds.
 
-    `history` are the commands, `switch` has the least times on and off. `doubt` is the reason for the latest
-    pause; `is_paused`: requested heat waits for its end. `reason` is that of the latest command that a plan gave,
-    with its `words`; None: the heater was off for another reason.
+    `switch` has the least times on and off, for the heat of all sources as HVCH power. `doubt` is the reason for
+    the latest pause; `is_paused`: requested heat waits for its end. `reason` is that of the latest command that a
+    plan gave, with its `words`; None: the heater was off for another reason.
     """
 
-    history: CommandHistory = CommandHistory()
     switch: HeaterSwitch = HeaterSwitch()
     doubt: Status = Status.WAITING
     is_paused: bool = False
@@ -96,8 +98,7 @@ class Commander(NamedTuple):
         else:
             switch = switch.forced_off()
         return self._replace(
-            switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
-            history=self.history.noted(now_ns, 0.0)), Command(
+            switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None), Command(
                 0.0, now_ns + round(settings.command_lease_s * NS_PER_S), reason)
 
     def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Decision]:
@@ -129,9 +130,13 @@ class Commander(NamedTuple):
             return commander, decision
         return commander, replace(decision, status=status, sentence=words)
 
-    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
-             obstacle: Decision | None) -> tuple[Commander, Command]:
-        """Return the Command for a Decision without an obstacle at an instant, and the Commander after it."""
+    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision, obstacle: Decision | None,
+             temperature_c: float | None) -> tuple[Commander, Command]:
+        """
+        Return the Command for a Decision without an obstacle at an instant, and the Commander after it.
+
+        `temperature_c` [deg C] is the battery's, which divides the heat between the sources; None: unknown.
+        """
         commander = self._replace(is_paused=False)
         decision = obstacle or decision
         has_departed = bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
@@ -140,18 +145,22 @@ class Commander(NamedTuple):
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
             return commander.off(now_ns, inputs.settings, reason, decision.explanation)
-        return commander._follow_plan(now_ns, inputs, decision)
+        return commander._follow_plan(now_ns, inputs, decision, temperature_c)
 
-    def _follow_plan(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Command]:
+    def _follow_plan(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
+                     temperature_c: float | None) -> tuple[Commander, Command]:
         """Return the Command of a Decision with a plan that may heat, and the Commander after it."""
         settings, switch = inputs.settings, self.switch
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
-        limit_w = _heater_limit_w(inputs, decision.leg, now_ns)
+        share = decision.command_share
+        sources = _Sources(inputs, decision.leg, now_ns, temperature_c, share) if plan.source_power_w else None
+        limit_w = _heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
-        wanted_w = min(_step_below_w(
-            inputs.vehicle, plan.power_at_w(elapsed_s) / decision.command_share), limit_w)
+        planned_w = plan.power_at_w(elapsed_s)
+        wanted_w = min(planned_w if sources is not None else _step_below_w(
+            inputs.vehicle, planned_w / share), limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
@@ -170,9 +179,9 @@ class Commander(NamedTuple):
         steady = self.steady.forgotten() if switch.is_held else self.steady
         steady = steady.settled(now_ns, reason, power_w > 0.0)
         assert steady.shown is not None
-        return self._replace(
-            history=self.history.noted(now_ns, power_w), switch=switch, is_paused=is_paused, steady=steady,
-            reason=steady.shown), Command(power_w, _lease_end_ns(now_ns, inputs), steady.shown)
+        hvch_w, sources_w = (power_w, ()) if sources is None else sources.split_w(power_w)
+        return self._replace(switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown), Command(
+            hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, sources_w)
 
     def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
                          decision: Decision) -> tuple[Commander, Command]:
@@ -182,9 +191,8 @@ class Commander(NamedTuple):
             decision.charger_heat_w)
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        return self._replace(
-            history=self.history.noted(now_ns, switch.power_w), switch=switch, reason=None), Command(
-                switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
+        return self._replace(switch=switch, reason=None), Command(
+            switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod
     def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
@@ -200,6 +208,40 @@ class Commander(NamedTuple):
                 Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
         return None
+
+
+class _Sources:
+    """
+    The heat sources of AdmittedInputs at an instant [ns] on a leg, with the battery at a temperature [deg C].
+
+    The HVCH delivers a `share` of its command. `limit_w` is their most heat, as HVCH power [W].
+    """
+
+    def __init__(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, temperature_c: float | None,
+                 share: float) -> None:
+        assert temperature_c is not None
+        segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+        self._share, self._hvch_w = share, _heater_limit_w(inputs, leg, now_ns)
+        self._refusing = [each.name for each in inputs.unserved if each.is_refused]
+        self._whole = mix_in_segment(inputs.vehicle, leg.route, segment, self._hvch_w)
+        self._mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * self._hvch_w)
+        self._at_c = np.array([temperature_c])
+        self._merit = self._mix.at(0, temperature_c)
+        is_gated = _is_gated(inputs, float(leg.route.speed_mps[segment]))
+        self.limit_w = 0.0 if is_gated else float(self._merit.ends_w[-1])
+
+    def split_w(self, heat_w: float) -> tuple[float, tuple[tuple[str, float], ...]]:
+        """Return the power of the HVCH [W], and of each other source that heats, for a heat as HVCH power [W]."""
+        if heat_w <= 0.0:
+            return 0.0, ()
+        split_w = self._mix.split_w(np.array([self._merit.capped_w(heat_w)]), self._at_c)
+        powers_w = {name: float(power_w[0]) for name, power_w in split_w.items()}
+        # A source that refuses is asked on: it draws nothing until it serves again.
+        most_w = self._whole.most_w(self._at_c)
+        powers_w |= {name: most_w[name] for name in self._refusing}
+        hvch_w = powers_w.pop(HVCH)
+        return hvch_w / self._share if self._share > 0.0 else self._hvch_w, tuple(
+            (name, power_w) for name, power_w in powers_w.items() if power_w > 0.0)
 
 
 def _may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:

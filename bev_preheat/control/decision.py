@@ -11,17 +11,32 @@ from bev_preheat.control.target import TargetChoice
 from bev_preheat.estimation.forecast import Forecast
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg
 
 
 class Command(NamedTuple):
-    """Electrical power for the battery [W], the end of its lease [ns], and its reason."""
+    """
+    Electrical power of the HVCH for the battery [W], the end of its lease [ns], and its reason.
+
+    `sources_w` has name and electrical power [W] of other heat sources that heat, under the same lease.
+    """
 
     battery_heating_power_w: float
     valid_until_ns: int
     reason: Status
+    sources_w: tuple[tuple[str, float], ...] = ()
+
+    def power_w(self, name: str) -> float:
+        """Return the electrical power [W] of the heat source of a name."""
+        return self.battery_heating_power_w if name == HVCH else dict(self.sources_w).get(name, 0.0)
+
+    @property
+    def total_w(self) -> float:
+        """The electrical power of all heat sources [W]."""
+        return self.battery_heating_power_w + sum(power_w for _, power_w in self.sources_w)
 
 
 @dataclass(frozen=True)

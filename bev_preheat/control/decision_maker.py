@@ -153,7 +153,7 @@ class DecisionMaker(NamedTuple):
         assert measurement is not None
         state = measurement.state
         maker = self._limited_to_coldest_cell(measurement, settings)
-        limited = maker.limited(inputs.vehicle)
+        limited = maker.limited(inputs.heating_vehicle)
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay heating that the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
@@ -175,7 +175,7 @@ class DecisionMaker(NamedTuple):
                              maker._choose_target(moment, leg, goal, route, estimate))
             goal = choice.goal(goal)
         task = PlanningTask(route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.terms,
-                            inputs.heater_refusal)
+                            inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved))
         try:
             if estimate is None:
                 found = planned_as_measured(limited, state, task)
@@ -212,7 +212,7 @@ class DecisionMaker(NamedTuple):
         """Return the TargetChoice for the current leg; `route` is its part ahead."""
         inputs, mission, measurement = moment.inputs, moment.inputs.mission, moment.inputs.measurement
         assert mission is not None and measurement is not None
-        forecasts, vehicle = self.forecasts, self.limited(inputs.vehicle)
+        forecasts, vehicle = self.forecasts, self.limited(inputs.heating_vehicle)
         search_input = TargetSearchInput(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings,
             goal, vehicle, route, measurement.state, measurement.stamp_ns)

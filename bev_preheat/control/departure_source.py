@@ -218,7 +218,7 @@ class DepartureSource(NamedTuple):
             return self
         memory, lowest_soc, soc = self.memory.seen(
             measurement.stamp_ns, measurement.power_w,
-            0.0 if command is None else command.battery_heating_power_w), self.unplugged_soc, measurement.state.soc
+            0.0 if command is None else command.total_w), self.unplugged_soc, measurement.state.soc
         if lowest_soc is not None:
             lowest_soc = min(lowest_soc, soc)
             if state.regime.regime is Regime.CHARGING or soc > lowest_soc + CHARGE_FALLS_BY:

@@ -17,12 +17,12 @@ from enum import Enum
 from math import nan
 from typing import ClassVar, NamedTuple, Self, TYPE_CHECKING
 
-from bev_preheat.control.heater import HEATER_STATUS, HeaterStatus
+from bev_preheat.control.heater import HEATER_STATUS, HeaterStatus, SOURCE_STATUS
 from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
@@ -225,18 +225,34 @@ class ProgressUnreadable:
 
 @dataclass(frozen=True)
 class HeaterStatusArrived:
-    """The heater's controller answered."""
+    """The controller of the HVCH answered; of another heat source see below."""
 
     source: ClassVar[str] = HEATER_STATUS
     status: HeaterStatus
+    name: str = HVCH
 
 
 @dataclass(frozen=True)
 class HeaterStatusUnreadable:
-    """An answer of the heater's controller arrived that could not be read."""
+    """An answer of the controller of the HVCH arrived that could not be read."""
 
     source: ClassVar[str] = HEATER_STATUS
     error: InvalidInput
+    name: str = HVCH
+
+
+@dataclass(frozen=True)
+class SourceStatusArrived(HeaterStatusArrived):
+    """The controller of a heat source beside the HVCH answered."""
+
+    source: ClassVar[str] = SOURCE_STATUS
+
+
+@dataclass(frozen=True)
+class SourceStatusUnreadable(HeaterStatusUnreadable):
+    """An answer of the controller of a heat source beside the HVCH arrived that could not be read."""
+
+    source: ClassVar[str] = SOURCE_STATUS
 
 
 @dataclass(frozen=True)
@@ -310,5 +326,6 @@ class Reconfigured:
 # The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
+         | SourceStatusArrived | SourceStatusUnreadable
          | TripCancelled | ActivationChanged | PreheatingSwitched | RivalsChanged
          | PreparationWanted | PreparationEnded | DeparturesSkipped | Reconfigured)

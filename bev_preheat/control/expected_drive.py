@@ -33,10 +33,10 @@ from bev_preheat.tunables import (
     STANDING_AFTER_S,
     STANDING_W,
 )
-from bev_preheat.vehicle.variants import DriveInputs
+from bev_preheat.vehicle.variants import DriveInputs, with_other_sources
 
 if TYPE_CHECKING:
-    from bev_preheat.control.heater import CommandHistory
+    from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.inputs import Leg, Mission
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.vehicle.description import Defaults, Vehicle
@@ -48,13 +48,16 @@ KEPT_SEGMENTS = 8
 
 
 def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
-                      commands: CommandHistory) -> tuple[DrivenInterval, ...]:
+                      powers: SourcePowers) -> tuple[DrivenInterval, ...]:
     """Return the DrivenInterval between each of the instants [ns] and the next; None: without a route."""
     intervals = []
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
+        if drive is not None and powers.others:
+            drawn_w, heat_w = powers.beside_hvch_w(from_ns, to_ns, drive.ambient_temperature_c)
+            drive = with_other_sources(drive, drawn_w, heat_w)
         intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive,
-                                        commands.mean_w(from_ns, to_ns), limit_w))
+                                        powers.hvch.mean_w(from_ns, to_ns), limit_w))
     return tuple(intervals)
 
 

@@ -74,7 +74,7 @@ class PlanningTask(NamedTuple):
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
     `is_heating`: the heater is on. `terms` are those of the goal's source. `heater_refusal` is the sentence
-    on heat that the heater refuses; '' for none.
+    on heat that the heater refuses, `unserved` those on other heat sources that do not heat; '' for none.
     """
 
     route: Route
@@ -85,6 +85,7 @@ class PlanningTask(NamedTuple):
     heated_s: float
     terms: Terms = OF_ROUTE
     heater_refusal: str = ''
+    unserved: str = ''
 
 
 class ForecastPlan(NamedTuple):
@@ -92,7 +93,8 @@ class ForecastPlan(NamedTuple):
     The expected Plan.
 
     `commanded` is the plan that the command follows if it differs from `plan`: a heater that does not
-    respond is still commanded. `command_share` is the share of its command that the heater delivers, `forecast`
+    respond is still commanded. `command_share` is the share of its command that the heater delivers (0:
+    other sources heat, and it is only asked on), `forecast`
     has the uncertainty of the arrival temperature, None: unknown. `model_factors` are those of the corrected
     vehicle; () if it is not corrected, or the heater does not obey, because they do not cover that.
     """
@@ -104,6 +106,11 @@ class ForecastPlan(NamedTuple):
     model_factors: tuple[float, ...] = ()
 
 
+def _others_heat(plan: Plan) -> bool:
+    """Return whether a Plan without the HVCH heats with other sources."""
+    return bool(plan.source_power_w) and plan.heating_start_s is not None
+
+
 def _status_now(plan: Plan, starts_in_s: float) -> Status:
     """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
     return (Status.WAITING if plan.status is Status.HEATING and starts_in_s > 0.0
@@ -113,12 +120,13 @@ def _status_now(plan: Plan, starts_in_s: float) -> Status:
 def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> ForecastPlan:
     """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
     situation = vehicle, task.route, state, task.goal, task.settings.method
-    plan, commanded, refusal = task.terms.plan(*situation), None, ''
+    plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
     if task.heater_refusal and plan.heating_start_s is not None:
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
+        commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
     return ForecastPlan(plan.told(_status_now(plan, task.starts_in_s), partial(
-        in_words, refusal=refusal, reserve=reserve_soc(vehicle, task.goal), starts_in_s=task.starts_in_s,
-        heated_s=task.heated_s)), commanded=commanded)
+        in_words, refusal=refusal, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal),
+        starts_in_s=task.starts_in_s, heated_s=task.heated_s)), commanded=commanded, command_share=share)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate, left_s: float = math.inf) -> BatteryState:
@@ -208,7 +216,8 @@ class ForecastPlanner:
         expected, commanded, words = planning.expected(wanted, forecast)
         forecast = planning.forecast(expected)
         return replace(planner, forecast=forecast, kept=kept.latest), ForecastPlan(
-            planning.in_words(expected, forecast, words), forecast, commanded, planning.share,
+            planning.in_words(expected, forecast, words), forecast, commanded,
+            0.0 if planning.is_hvch_silent and commanded is None else planning.share,
             planner.model_factors(estimate))
 
     def model_factors(self, estimate: Estimate) -> tuple[float, ...]:
@@ -247,8 +256,9 @@ class _Planning:
         """Return (expected, commanded, words for `explain`): any heater is commanded as if it obeyed."""
         heater = self._estimate.heater.heater
         words = UNHEATED.get(heater, {})
-        if heater is Heater.DEAD or self._task.heater_refusal:
-            return self._plan(forecast, heater_share=0.0), wanted, UNHEATED[Heater.DEAD]
+        if self.is_hvch_silent:
+            plan = self._plan(forecast, heater_share=0.0)
+            return plan, None if _others_heat(plan) else wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
@@ -259,10 +269,15 @@ class _Planning:
             return wanted, commanded, LATE if is_late else words
         return wanted, None, words
 
+    @property
+    def is_hvch_silent(self) -> bool:
+        """Whether the HVCH is dead or refuses heat."""
+        return self._estimate.heater.heater is Heater.DEAD or bool(self._task.heater_refusal)
+
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
         # The steps of a trip differ from its route only if long segments were divided.
-        has_steps_of_route = len(plan.hvch_battery_power_w) == len(self._route)
+        has_steps_of_route = len(plan.command_w) == len(self._route)
         return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
                         else make_trip(self._vehicle, self._route, self.share), plan, self._estimate)
 
@@ -272,7 +287,7 @@ class _Planning:
         if task.heater_refusal:
             words = {**words, 'refusal': task.heater_refusal}
         return task.terms.accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
-            in_words, heater=self._estimate.heater, forecast=forecast, **words,
+            in_words, heater=self._estimate.heater, forecast=forecast, unserved=task.unserved, **words,
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), self._estimate.soc)
 
@@ -301,14 +316,15 @@ class _Planning:
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
-             **told: Any) -> str:
+             unserved: str = '', **told: Any) -> str:
     """
     Return a plan's sentence with the heater's behaviour and the uncertainty, None: unknown, and its refusal.
 
-    `told` are the other arguments of planning.explanation.explain.
+    `unserved` are sentences on other heat sources, `told` are the other arguments of planning.explanation.explain.
     """
     sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
         heater.heater, '').format(share=100.0 * heater.share)
+    sentence += f'{unserved} ' if unserved else ''
     sentence += explain(plan, **told)
     if forecast is not None and plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '

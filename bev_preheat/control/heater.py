@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The heater's power: as commanded, and as its controller answers (`hvch_status`).
+The power of the heat sources: as commanded, and as their controllers answer (`hvch_status`, `heat_source_status`).
 
 Without answers the planner takes its own commands for the heater's power, as it does once they are silent or
 doubted. Instants are integers, in nanoseconds of the node's clock.
@@ -13,13 +13,18 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.control.decision import Command
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.vehicle.description import HeatSource, Vehicle
 
 # No caller asks further back.
 KEPT_NS = 70_000_000_000
@@ -90,7 +95,8 @@ def _heating_for_ns(changes: tuple[tuple[int, float], ...], now_ns: int) -> int:
     return max(0, now_ns - since_ns) if power_w > 0.0 else 0
 
 
-HEATER_STATUS = 'hvch_status'
+HEATER_STATUS, SOURCE_STATUS = 'hvch_status', 'heat_source_status'
+
 # These do not depend on a command: they hold at once.
 HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
 IN_WORDS = {
@@ -132,13 +138,15 @@ class HeaterAnswerReport(NamedTuple):
 
 class HeaterAnswers(NamedTuple):
     """
-    The latest HeaterStatus and the history of the heater's power; a value: each answer makes another one.
+    The latest HeaterStatus of a heat source, by `name`, and its power; a value: each answer makes another one.
 
-    `history` has the confirmed power while the answers are used, otherwise the commanded one. `doubt` is the
-    sentence on answers that are contradicted, `problem` that on the latest unreadable one; '' for none. `status`
-    None: no answer yet, commands count as served.
+    `commanded` is the power as commanded; `history` has the confirmed power while the answers are used, otherwise
+    the commanded one. `doubt` is the sentence on answers that are contradicted, `problem` that on the latest
+    unreadable one; '' for none. `status` None: no answer yet, commands count as served.
     """
 
+    name: str = HVCH
+    commanded: CommandHistory = CommandHistory()
     history: CommandHistory = CommandHistory()
     status: HeaterStatus | None = None
     doubt: str = ''
@@ -158,12 +166,22 @@ class HeaterAnswers(NamedTuple):
 
     def with_problem(self, error: InvalidInput) -> HeaterAnswers:
         """Return the answers after a status that could not be used."""
-        return self._replace(problem=f'{HEATER_STATUS} refused: {error}')
+        return self._replace(problem=f'{self._topic} refused: {error}')
+
+    @property
+    def _topic(self) -> str:
+        return HEATER_STATUS if self.name == HVCH else f'{SOURCE_STATUS} of {self.name}'
 
     def with_command(self, now_ns: int, power_w: float, settings: Settings) -> HeaterAnswers:
         """Return the answers after a command [W]; it counts as served while no answer is used."""
-        return self if self.are_used(now_ns, settings) else self._replace(
-            history=self.history.noted(now_ns, power_w))
+        return self._replace(
+            commanded=self.commanded.noted(now_ns, power_w), history=self.history if self.are_used(
+                now_ns, settings) else self.history.noted(now_ns, power_w))
+
+    def off_since(self, off_ns: int) -> HeaterAnswers:
+        """Return the answers of a source that is off from an instant [ns] on: its lease has ended."""
+        return self._replace(
+            commanded=self.commanded.noted(off_ns, 0.0), history=self.history.noted(off_ns, 0.0))
 
     def without_heating(self, now_ns: int) -> HeaterAnswers:
         """Return the answers that count the time of heating from 0 again, because another drive begins."""
@@ -177,28 +195,28 @@ class HeaterAnswers(NamedTuple):
         return self.status is not None and abs(
             now_ns - self.status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
 
-    def refusal(self, now_ns: int, settings: Settings, commands: CommandHistory) -> str:
-        """Return the sentence on heat that the heater refuses at an instant; '' if it does not."""
+    def refusal(self, now_ns: int, settings: Settings) -> str:
+        """Return the sentence on heat that the source refuses at an instant; '' if it does not."""
         status = self.status
         if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
             return ''
-        if status.refusal not in HOLD_AT_ONCE and commands.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
+        if status.refusal not in HOLD_AT_ONCE and self.commanded.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
             return ''
         reason = status.sentence or status.refusal.name.lower().replace('_', ' ')
         if status.refusal is Refusal.NOT_REFUSED:
             reason = f'it reports {status.confirmed_w:.0f} W'
-        return f'The heater does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
+        name = 'heater' if self.name == HVCH else self.name
+        return f'The {name} does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
 
-    def judged(self, report: HeaterReport, now_ns: int, settings: Settings,
-               commands: CommandHistory) -> tuple[HeaterAnswers, bool]:
+    def judged(self, report: HeaterReport, now_ns: int, settings: Settings) -> tuple[HeaterAnswers, bool]:
         """Return the answers, in doubt if a HeaterReport contradicts them, and whether it falls with them."""
         if self.status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
             return self, False
-        doubt = (f'{HEATER_STATUS} is in doubt: it reports {self.status.confirmed_w:.0f} W, but '
+        doubt = (f'{self._topic} is in doubt: it reports {self.status.confirmed_w:.0f} W, but '
                  f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
                  'goes by battery temperature and power')
         from_ns = now_ns - COMPARED_OVER_NS
-        return self._replace(doubt=doubt), abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(
+        return self._replace(doubt=doubt), abs(self.commanded.mean_w(from_ns, now_ns) - self.history.mean_w(
             from_ns, now_ns)) > LEAST_DIFFERENCE_W
 
     def on_new_trip(self, now_ns: int) -> HeaterAnswers:
@@ -215,6 +233,71 @@ class HeaterAnswers(NamedTuple):
             return None
         silence = ''
         if self.status is not None and not self._is_recent(now_ns, settings):
-            silence = (f'{HEATER_STATUS} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
+            silence = (f'{self._topic} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
                        'count as served')
         return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)
+
+
+class SourcePowers(NamedTuple):
+    """
+    The powers of a vehicle's heat sources, with the battery at a temperature [deg C].
+
+    `hvch` is the CommandHistory of the HVCH, `others` are HeatSource and CommandHistory of the others.
+    """
+
+    hvch: CommandHistory = CommandHistory()
+    others: tuple[tuple[HeatSource, CommandHistory], ...] = ()
+    temperature_c: float = 0.0
+
+    def drawn_w(self, instant_ns: int) -> float:
+        """Return the electrical power of all at an instant [W]."""
+        return sum((history.power_w(instant_ns) for _, history in self.others), self.hvch.power_w(instant_ns))
+
+    def heat_w(self, instant_ns: int, ambient_c: float) -> float:
+        """Return the heat of all at an instant in air of a temperature [deg C], as HVCH power [W]."""
+        return self.hvch.power_w(instant_ns) + self.beside_hvch_w(instant_ns, instant_ns, ambient_c)[1]
+
+    def beside_hvch_w(self, from_ns: int, to_ns: int, ambient_c: float) -> tuple[float, float]:
+        """Return the others' mean electrical power [W] between two instants, and their heat as HVCH power."""
+        drawn_w = heat_w = 0.0
+        for source, history in self.others:
+            power_w = history.mean_w(from_ns, to_ns)
+            drawn_w += power_w
+            heat_w += power_w * float(source.hvch_watts.function(FLOATS)(ambient_c, self.temperature_c))
+        return drawn_w, heat_w
+
+
+class Answers(NamedTuple):
+    """The HeaterAnswers of a vehicle's heat sources: of the HVCH, and of the `others`."""
+
+    hvch: HeaterAnswers = HeaterAnswers()
+    others: tuple[HeaterAnswers, ...] = ()
+
+    def of_vehicle(self, vehicle: Vehicle) -> Answers:
+        """Return the answers for another Vehicle, which has other sources beside the HVCH."""
+        return self._replace(others=tuple(HeaterAnswers(source.name) for source in vehicle.heat_sources))
+
+    def powers(self, vehicle: Vehicle, temperature_c: float) -> SourcePowers:
+        """Return the SourcePowers of the Vehicle, with the battery at a temperature [deg C]."""
+        return SourcePowers(self.hvch.history, tuple(
+            (source, each.history) for source, each in zip(vehicle.heat_sources, self.others)), temperature_c)
+
+    def each(self, change: Callable[[HeaterAnswers], HeaterAnswers]) -> Answers:
+        """Return the answers with a change of each."""
+        return Answers(change(self.hvch), tuple(map(change, self.others)))
+
+    def changed(self, name: str, change: Callable[[HeaterAnswers], HeaterAnswers]) -> Answers:
+        """Return the answers with a change of the source of a name, if there is one."""
+        return self.each(lambda each: change(each) if each.name == name else each)
+
+    def without_heating(self, now_ns: int) -> Answers:
+        """Return the answers that count the time of heating from 0 again, because another drive begins."""
+        return self.each(lambda each: each.without_heating(now_ns))
+
+    def heated_s(self, now_ns: int) -> float:
+        """Return for how long [s] the source has heated that heated longest since `without_heating`."""
+        return max(each.history.heated_s(now_ns) for each in (self.hvch, *self.others))
+
+    def with_command(self, now_ns: int, command: Command, settings: Settings) -> Answers:
+        """Return the answers after a Command, see HeaterAnswers."""
+        return self.each(lambda each: each.with_command(now_ns, command.power_w(each.name), settings))

@@ -46,7 +46,6 @@ from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.variants import hvch_alone
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ class Inbox(NamedTuple):
         return self._replace(choices=replace(self.choices, **choices))
 
     def _reconfigured(self, event: Reconfigured) -> tuple[Inbox, InvalidInput | None]:
-        inbox = self._replace(vehicle=hvch_alone(event.vehicle), settings=event.settings)
+        inbox = self._replace(vehicle=event.vehicle, settings=event.settings)
         if isinstance(event.mission, InvalidInput):
             return inbox._without_misfit(event.mission, self.latest_mission), event.mission
         return (inbox, None) if event.mission is None else inbox._with_revised(event.mission)

@@ -48,7 +48,7 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.control.heater import CommandHistory
+    from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
@@ -63,13 +63,15 @@ class Known(NamedTuple):
     A Measurement with the signals that hold; the others are None in it.
 
     `timetable` is that of the route, with its place at that instant; None without a route. `command_w` [W] is the
-    command to the heater at its instant. `is_described`: the model describes this instant, so it may be learned
-    from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings hold.
+    power of the heat sources at its instant, `heat_w` their heat as HVCH power. `is_described`: the model
+    describes this instant, so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`,
+    `trusts_soc`: these readings hold.
     """
 
     measurement: Measurement
     timetable: Timetable | None
     command_w: float
+    heat_w: float
     is_described: bool
     is_open: bool
     trusts_temperature: bool
@@ -121,11 +123,11 @@ class Knowledge(NamedTuple):
             doubts=self.doubts.without_instants())
 
     def seen(self, measurement: Measurement, inputs: AdmittedInputs,
-             commands: CommandHistory) -> tuple[Knowledge, Known]:
+             powers: SourcePowers) -> tuple[Knowledge, Known]:
         """Return the Knowledge after a valid Measurement, and the Known on the timetables of AdmittedInputs."""
         stamp_ns, settings, vehicle = measurement.stamp_ns, inputs.settings, inputs.vehicle
         timetable, active = inputs.timetable, inputs.active_timetable
-        command_w = commands.power_w(stamp_ns)
+        command_w = powers.drawn_w(stamp_ns)
         feed = self.feed.seen(stamp_ns / NS_PER_S)
         knowledge, doubts, seen = self._screened(measurement, vehicle, self.doubts.noted(
             FEED, feed.doubt(settings.battery_state_timeout_s), stamp_ns))
@@ -142,14 +144,15 @@ class Knowledge(NamedTuple):
             charged_ns = (stamp_ns if report.regime is Regime.CHARGING else
                           charged_ns if report.regime is Regime.STANDING else None)
         drive = driven_at(vehicle, kept if active is timetable else active, stamp_ns)
-        temperature = self.temperature.seen(seen, drive if is_one_battery else None, command_w, vehicle)
+        heat_w = powers.heat_w(stamp_ns, powers.temperature_c if drive is None else drive.ambient_temperature_c)
+        temperature = self.temperature.seen(seen, drive if is_one_battery else None, heat_w, vehicle)
         doubts = doubts.noted(TEMPERATURE, temperature.stuck.doubt, stamp_ns)
         is_described = (
             drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
             and not report.suspicion and not doubts.needed)
         return knowledge._replace(
             feed=feed, temperature=temperature, regimes=regimes, charged_ns=charged_ns, doubts=doubts,
-        ), Known(seen, kept, command_w, is_described, is_described and report.is_doubtful,
+        ), Known(seen, kept, command_w, heat_w, is_described, is_described and report.is_doubtful,
                  TEMPERATURE not in doubts and is_one_battery, STATE_OF_CHARGE not in doubts and is_one_battery)
 
     def _kept(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> Timetable:
@@ -298,10 +301,10 @@ class Learning:
         """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
         return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
 
-    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, commands: CommandHistory,
+    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
                 trip: Mission | None) -> Learning:
         """
-        Return the Learning after a Known measurement, on a Timetable's mission and under a CommandHistory.
+        Return the Learning after a Known measurement, on a Timetable's mission and under SourcePowers.
 
         `trip` is the Mission of the route plan, before which the vehicle may have stood.
         """
@@ -318,10 +321,10 @@ class Learning:
             measurement = replace(measurement, voltage_v=None, current_a=None)
         if known.is_described:
             estimator = estimator.observed(measurement, intervals_between(
-                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands), vehicle)
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers), vehicle)
         else:
             estimator = estimator.held(
-                measurement, vehicle, known.command_w, known.trusts_temperature, known.trusts_soc)
+                measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
         estimate = estimator.estimate
         if estimate is not None:
             stand_watch = stand_watch.noted(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))

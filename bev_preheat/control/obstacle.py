@@ -10,6 +10,7 @@ from bev_preheat.control.inputs import goal_of_leg
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.vehicle.variants import without_sources
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Measurement, Mission
@@ -17,6 +18,14 @@ if TYPE_CHECKING:
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.planning.situation import Goal
     from bev_preheat.vehicle.description import Defaults, Vehicle
+
+
+class Unserved(NamedTuple):
+    """A heat source beside the HVCH that does not heat, the sentence on it, and whether it says so itself."""
+
+    name: str
+    sentence: str
+    is_refused: bool
 
 
 class AdmittedInputs(NamedTuple):
@@ -27,7 +36,7 @@ class AdmittedInputs(NamedTuple):
     route's without a goal. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
     signal without which the heater stays off. `rivals` are other nodes that command the same heater.
     `heater_refusal` is the sentence on heat that the heater refuses, `inactive` that on a managed node that may
-    not heat; '' for none.
+    not heat; '' for none. `unserved` are the heat sources beside the HVCH without which plans are made.
     """
 
     vehicle: Vehicle
@@ -43,6 +52,12 @@ class AdmittedInputs(NamedTuple):
     doubt: str | None = None
     heater_refusal: str = ''
     inactive: str = ''
+    unserved: tuple[Unserved, ...] = ()
+
+    @property
+    def heating_vehicle(self) -> Vehicle:
+        """The vehicle without the sources that are `unserved`."""
+        return without_sources(self.vehicle, tuple(each.name for each in self.unserved))
 
     @property
     def mission(self) -> Mission | None:

@@ -8,19 +8,18 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater import HeaterAnswers
+from bev_preheat.control.heater import Answers
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge, Learning
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
-from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
     from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import StandReport
-    from bev_preheat.control.obstacle import AdmittedInputs
+    from bev_preheat.control.obstacle import AdmittedInputs, Unserved
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
@@ -50,7 +49,8 @@ class State(NamedTuple):
     All that the planner remembers, after the step of `now_ns` [ns].
 
     Inputs: the `inbox`, the `preparation` goal, `inactive`: why a managed node may not heat, '' if it may, and
-    the `answers` of the heater with `heater_refusal`, the sentence on heat that it refuses ('' for none).
+    the `answers` of the heat sources with `heater_refusal`, the sentence on heat that the HVCH refuses ('' for
+    none), and the other sources that are `unserved`.
     `screened` is the latest measurement with the signals that hold, `seen_before` the battery before a restart,
     None: unknown.
 
@@ -70,8 +70,9 @@ class State(NamedTuple):
     seen_before: LastSeen | None = None
     now_ns: int = 0
     preparation: Preparation = Preparation()
-    answers: HeaterAnswers = HeaterAnswers()
+    answers: Answers = Answers()
     heater_refusal: str = ''
+    unserved: tuple[Unserved, ...] = ()
     inactive: str = ''
     screened: Screened = Screened()
     decision_maker: DecisionMaker = DecisionMaker()
@@ -86,10 +87,8 @@ class State(NamedTuple):
     def begun(cls, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
               last_seen: LastSeen | None = None, choices: DriverChoices = NO_CHOICES) -> State:
         """Return the State without input, but with the knowledge from before a restart; None: unknown."""
-        # There is no command for other heat sources yet.
-        vehicle = hvch_alone(vehicle)
-        return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(),
-                   Learning.begun(vehicle, learned, last_seen), last_seen)
+        return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(), Learning.begun(
+            vehicle, learned, last_seen), last_seen, answers=Answers().of_vehicle(vehicle))
 
     # Inputs
 
@@ -155,7 +154,7 @@ class State(NamedTuple):
         """The AdmittedInputs; the measurement without the signals that do not hold."""
         return self.inbox.admitted(
             self.preparation.timetable, self.measurement, self.screened.doubt,
-        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive)
+        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self.unserved)
 
     # Knowledge
 
@@ -200,4 +199,4 @@ class State(NamedTuple):
     @property
     def heater_answer(self) -> HeaterAnswerReport | None:
         """The report on `hvch_status`; None before the first."""
-        return self.answers.report(self.now_ns, self.settings, self.heater_refusal)
+        return self.answers.hvch.report(self.now_ns, self.settings, self.heater_refusal)

@@ -24,9 +24,10 @@ from bev_preheat.control.events import (
     ProgressUnreadable,
     Reconfigured,
 )
+from bev_preheat.control.heater import HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.knowledge import Knowledge, Learning
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.obstacle import find_obstacle, Unserved
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import NO_CHOICES
@@ -87,8 +88,9 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
             elif error is not None:
                 raise error
         before, state = state, heed_heater(state)
-        has_news = bool(events) or state.heater_refusal != before.heater_refusal
-        if state.heater_refusal == before.heater_refusal and events and all(
+        is_heater_news = state is not before
+        has_news = bool(events) or is_heater_news
+        if not is_heater_news and events and all(
                 isinstance(event, WITHOUT_PLAN) for event in events):
             output = StepOutput()
         else:
@@ -138,24 +140,32 @@ def admit(state: State, event: Event) -> tuple[State, Exception | None]:
         case PreparationEnded(goal, ending, explanation):
             preparation = preparation.ended(goal, ending, explanation, state.inputs)
             inbox = inbox if preparation is state.preparation else inbox.with_other_goal()
-        case HeaterStatusArrived(status):
+        case HeaterStatusArrived(status, name):
             try:
-                answers = answers.with_answer(status, now_ns, state.settings)
+                answers = answers.changed(name, lambda each: each.with_answer(status, now_ns, state.settings))
             except InvalidInput as refusal:
-                answers, error = answers.with_problem(refusal), refusal
+                error = refusal
         case HeaterStatusUnreadable():
-            answers, error = answers.with_problem(event.error), event.error
+            error = event.error
         case ActivationChanged():
             state = state._replace(inactive='' if event.is_active else event.why_not)
         case _:
             inbox, error = inbox.taken(event, now_ns)
+    if isinstance(error, InvalidInput) and isinstance(event, HeaterStatusArrived | HeaterStatusUnreadable):
+        problem = error
+        answers = answers.changed(event.name, lambda each: each.with_problem(problem))
     return state._replace(inbox=inbox, preparation=preparation, answers=answers), error
 
 
 def heed_heater(state: State) -> State:
-    """Return the State with the sentence on heat that the heater refuses."""
-    refusal = state.answers.refusal(state.now_ns, state.settings, state.commander.history)
-    return state if refusal == state.heater_refusal else state._replace(heater_refusal=refusal)
+    """Return the State with the sentences on heat that the heat sources refuse."""
+    now_ns, settings, answers = state.now_ns, state.settings, state.answers
+    refusal = answers.hvch.refusal(now_ns, settings)
+    unserved = tuple(
+        Unserved(each.name, sentence, True) for source, each in zip(state.vehicle.heat_sources, answers.others)
+        if not source.cools and (sentence := each.refusal(now_ns, settings)))
+    return state if (refusal, unserved) == (state.heater_refusal, state.unserved) else state._replace(
+        heater_refusal=refusal, unserved=unserved)
 
 
 def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:
@@ -166,12 +176,14 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
     if changes.clock_restarted:
         state = state._replace(
             learning=state.learning.without_instants(), knowledge=state.knowledge.without_instants(),
-            preparation=state.preparation.without_instants(), answers=state.answers.without_instants())
+            preparation=state.preparation.without_instants(),
+            answers=state.answers.each(HeaterAnswers.without_instants))
     if changes.has_new_mission:
         state = _with_new_mission(state, changes.has_new_trip)
     if changes.has_new_trip:
         state = state._replace(
-            learning=state.learning.on_new_trip(), answers=state.answers.on_new_trip(state.now_ns))
+            learning=state.learning.on_new_trip(),
+            answers=state.answers.each(lambda each: each.on_new_trip(state.now_ns)))
     for measurement in changes.measurements:
         state = learn(state, measurement)
     if state.preparation.goal is None:
@@ -183,8 +195,10 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
 
 def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
-    history, vehicle = state.answers.history, state.inbox.vehicle
-    knowledge, known = state.knowledge.seen(measurement, state.inputs, history)
+    vehicle, temperature_c = state.inbox.vehicle, state.temperature_c
+    powers = state.answers.powers(
+        vehicle, measurement.state.temperature_c if temperature_c is None else temperature_c)
+    knowledge, known = state.knowledge.seen(measurement, state.inputs, powers)
     state = state._replace(
         knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
         screened=Screened(measurement, known.measurement, knowledge.obstacle))
@@ -193,14 +207,13 @@ def learn(state: State, measurement: Measurement) -> State:
     if not inputs.settings.estimation:
         return state
     state = state._replace(learning=state.learning.learned(
-        vehicle, known, inputs.active_timetable, history, inputs.mission))
+        vehicle, known, inputs.active_timetable, powers, inputs.mission))
     estimate = state.estimate
     if estimate is None:
         return state
-    answers, is_refuted = state.answers.judged(
-        estimate.heater, state.now_ns, inputs.settings, state.commander.history)
+    hvch, is_refuted = state.answers.hvch.judged(estimate.heater, state.now_ns, inputs.settings)
     learning = state.learning.with_acquitted_heater() if is_refuted else state.learning
-    return state._replace(answers=answers, learning=learning)
+    return state._replace(answers=state.answers._replace(hvch=hvch), learning=learning)
 
 
 def pass_time(state: State) -> State:
@@ -229,7 +242,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
         return state, None
     maker, decision = state.decision_maker.decide(Moment(
         inputs, state.knowledge.regime, now_ns, state.estimate, state.commander.is_heating,
-        state.answers.history.heated_s(now_ns)))
+        state.answers.heated_s(now_ns)))
     # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
     decision.read()
     answers = state.answers
@@ -254,11 +267,11 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
 def give_command(state: State, obstacle: Decision | None) -> State:
     """Return the State with the command of its instant, and the Decision as it is shown with it."""
     inputs, now_ns = state.inputs, state.now_ns
-    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle)
+    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle, state.temperature_c)
     commander, decision = commander.in_words(now_ns, inputs, state.intended)
     return state._replace(
         commander=commander, latest_command=command, decision=decision,
-        answers=state.answers.with_command(now_ns, command.battery_heating_power_w, inputs.settings))
+        answers=state.answers.with_command(now_ns, command, inputs.settings))
 
 
 def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
@@ -274,7 +287,7 @@ def _off(state: State, now_ns: int, reason: Status) -> State:
     commander, command = state.commander.off(now_ns, state.settings, reason)
     return state._replace(
         commander=commander, latest_command=command,
-        answers=state.answers.with_command(now_ns, 0.0, state.settings))
+        answers=state.answers.with_command(now_ns, command, state.settings))
 
 
 def _with_vehicle(state: State, learned: Learned | None) -> State:
@@ -282,7 +295,8 @@ def _with_vehicle(state: State, learned: Learned | None) -> State:
     vehicle, is_new = state.vehicle, state.vehicle is not state.known_vehicle
     if learned or is_new:
         state = state._replace(learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
-    return state._replace(known_vehicle=vehicle, knowledge=Knowledge()) if is_new else state
+    return state._replace(known_vehicle=vehicle, knowledge=Knowledge(), answers=state.answers.of_vehicle(
+        vehicle)) if is_new else state
 
 
 def _with_new_mission(state: State, has_new_trip: bool) -> State:

@@ -261,8 +261,9 @@ class Belief:
         native_car, native = vehicle_in_core(car), self._native()
         lost = native.follow(
             native_car, terms_of(vehicle.heat_path), _elapsing(duration_s), drive, car.battery.leakage,
-            heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
-            (propulsion_w, drive.propulsion_power_w, *_propulsion_noise(drive.propulsion_power_w, duration_s)))
+            [power_w + drive.heater_power_w for power_w in heater_power_w(command_w, limit_w)],
+            _hidden_s2(drive, duration_s), (
+                propulsion_w, drive.propulsion_power_w, *_propulsion_noise(drive.propulsion_power_w, duration_s)))
         return self._of(native)._bounded(lost)
 
     def _followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
@@ -270,8 +271,8 @@ class Belief:
         """
         Return the Belief after `duration_s` [s] in a DriveInputs under a heater command, within its limit [W].
 
-        The drive has floats; its heater power is not read. If its terminal power was measured, that teaches the
-        propulsion power: `propulsion_w` [W] is the measured power minus all other consumers.
+        The drive has floats; its heater power is that of other heat sources. If its terminal power was measured,
+        that teaches the propulsion power: `propulsion_w` [W] is the measured power minus all other consumers.
         """
         belief = self.mixed(duration_s).moved(vehicle, duration_s, drive, command_w, limit_w)
         return belief if drive.terminal_power_w is None else belief.with_propulsion_power(
@@ -370,7 +371,8 @@ class Belief:
     def moved(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
               limit_w: float) -> Belief:
         """Return the Belief after `duration_s` [s] in a DriveInputs, without anything seen; see `followed`."""
-        heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
+        heater_w = np.array(heater_power_w(command_w, limit_w)) + drive.heater_power_w
+        wander = _elapsing(duration_s).wander
         hidden_s2 = _hidden_s2(drive, duration_s)
         after, slopes = moved_with_slopes(
             _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]),

@@ -250,15 +250,15 @@ class Estimator(NamedTuple):
                 continue
             response, logs = response.seen(
                 duration_s,
-                seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
-                command_w, limit_w)
+                seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
+                - drive.heater_power_w, command_w, limit_w)
             if logs is not None:
                 belief = belief.weighed(logs.tolist())
             power, hidden_w2 = power.hidden_w2(drive.power_variance_w2, duration_s)
             heater_w = command_w if self.estimate is None else (
                 min(self.estimate.heater.share * command_w, limit_w))
             power, propulsion_w = power.mean_propulsion_w(
-                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
+                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w - drive.heater_power_w,
                 drive.propulsion_power_w, duration_s)
             belief = belief.followed(vehicle, duration_s, replace(
                 drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2,

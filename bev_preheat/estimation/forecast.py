@@ -100,7 +100,7 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     drive = DriveInputs(*(column[:, np.newaxis] for column in (
         route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
         route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
-        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w)))
+        route.cabin_heating_power_w, route.auxiliary_power_w, plan.command_w)))
     _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Effect on arrival of a kelvin at the end of each step.
@@ -130,7 +130,7 @@ def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     # Of heat of age x, in lags, (1 + x) e^-x changes with the logarithm of the lag.
     changing = (1.0 + ages) * array_exp(-ages)
     slope_k = lag_s * car.hvch.efficiency / car.pack_heat_capacity_j_per_k * float(
-        plan.hvch_battery_power_w @ np.diff(changing))
+        plan.command_w @ np.diff(changing))
     return slope_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
 
 
@@ -138,7 +138,7 @@ def _variance_in_core_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     car = _of_one_mass(trip.vehicle)
     return native_variance(
         vehicle_in_core(car), terms_of(car.heat_path), car.battery.leakage, trip.route.block,
-        plan.hvch_battery_power_w, plan.battery_temperature_c, plan.soc, _arriving_covariance(trip, estimate))
+        plan.command_w, plan.battery_temperature_c, plan.soc, _arriving_covariance(trip, estimate))
 
 
 def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
@@ -201,13 +201,13 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
 def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
     """Return the heat that a Plan can add and save [K], and the end of the latest heating [s]."""
     car, route = trip.vehicle, trip.route
-    heated = np.flatnonzero(plan.hvch_battery_power_w > 0.0)
+    heated = np.flatnonzero(plan.command_w > 0.0)
     if len(heated) == 0:
         return 0.0, 0.0, 0.0
     k_per_j = car.hvch.efficiency / car.pack_heat_capacity_j_per_k
     limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
-    saved_j = float((plan.hvch_battery_power_w * route.duration_s).sum())
-    added_j = float(np.maximum(0.0, limit_w - plan.hvch_battery_power_w) @ route.duration_s)
+    saved_j = float((plan.command_w * route.duration_s).sum())
+    added_j = float(np.maximum(0.0, limit_w - plan.command_w) @ route.duration_s)
     end_s = float(plan.time_s[heated[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
     return k_per_j * added_j, k_per_j * saved_j, end_s
 

@@ -1,22 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Both messages between planner and heater controller: HvchCommand and HvchStatus."""
+"""
+The messages between planner and heater controllers: HvchCommand and HvchStatus.
+
+HeatSourceCommand and HeatSourceStatus are the same for another heat source of the vehicle, with its name.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Any, TYPE_CHECKING
 
-from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
+from bev_preheat.control.events import (
+    HeaterStatusArrived,
+    HeaterStatusUnreadable,
+    SourceStatusArrived,
+    SourceStatusUnreadable,
+)
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.errors import InvalidInput, shortened
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterCommand, Refusal
-from bev_preheat_msgs.msg import HvchCommand, HvchStatus
+from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterator
 
     from bev_preheat.control.decision import Command
+    from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
 REFUSALS = frozenset(map(int, Refusal))
@@ -25,9 +37,9 @@ ABOVE_MAXIMUM = 0.1
 LONGEST_HEATER_REASON = 200
 
 
-def command_message(command: Command, now_ns: int) -> HvchCommand:
-    """Return the HvchCommand of a Command made now."""
-    message = HvchCommand()
+def command_message(command: Command, now_ns: int, message: Any = None) -> Any:
+    """Return the HvchCommand of a Command made now, or fill the same fields of another message but the power."""
+    message = HvchCommand() if message is None else message
     # Filled in place, because rclpy creates the parts of a message anyway and the heater waits for this one.
     stamp, valid_until = message.header.stamp, message.valid_until
     stamp.sec, stamp.nanosec = divmod(now_ns, NS_PER_S)
@@ -37,15 +49,34 @@ def command_message(command: Command, now_ns: int) -> HvchCommand:
     return message
 
 
-def heater_command(message: HvchCommand, sender: Hashable = None) -> HeaterCommand:
+def source_messages(command: Command, vehicle: Vehicle, now_ns: int) -> Iterator[HeatSourceCommand]:
+    """Yield the HeatSourceCommand of each heat source of a Vehicle beside the HVCH, for a Command made now."""
+    for source in vehicle.heat_sources:
+        message = command_message(command, now_ns, HeatSourceCommand(name=source.name))
+        message.battery_heating_power = command.power_w(source.name)
+        yield message
+
+
+def heater_command(message: HvchCommand | HeatSourceCommand, sender: Hashable = None) -> HeaterCommand:
     """Return the HeaterCommand of a message; the controller checks it."""
     return HeaterCommand(float(message.battery_heating_power), nanoseconds(message.header.stamp),
                          nanoseconds(message.valid_until), sender)
 
 
-def heater_status_event(message: HvchStatus,
+def source_status_event(message: HeatSourceStatus,
+                        vehicle: Vehicle) -> HeaterStatusArrived | HeaterStatusUnreadable:
+    """Return the event of a HeatSourceStatus; see `heater_status_event`."""
+    try:
+        event = heater_status_event(message, vehicle.most_w(message.name))
+    except InvalidInput as error:
+        return SourceStatusUnreadable(error, message.name)
+    return (SourceStatusArrived(event.status, message.name) if isinstance(event, HeaterStatusArrived) else
+            SourceStatusUnreadable(event.error, message.name))
+
+
+def heater_status_event(message: HvchStatus | HeatSourceStatus,
                         maximum_power_w: float) -> HeaterStatusArrived | HeaterStatusUnreadable:
-    """Return the event of an HvchStatus; powers up to ABOVE_MAXIMUM above the heater's maximum [W] count as it."""
+    """Return the event of a status; powers up to ABOVE_MAXIMUM above the heater's maximum [W] count as it."""
     most_w = (1.0 + ABOVE_MAXIMUM) * maximum_power_w
     powers = {'requested_power': message.requested_power, 'active_power': message.active_power}
     if message.measured_power_known:
@@ -62,9 +93,13 @@ def heater_status_event(message: HvchStatus,
         min(message.measured_power, maximum_power_w) if message.measured_power_known else None))
 
 
-def status_message(answer: HeaterAnswer, now_ns: int, measured_w: float | None = None) -> HvchStatus:
-    """Return the HvchStatus of an answer at an instant [ns]; `measured_w` [W] None: not measured."""
-    message = HvchStatus(
+def status_message(answer: HeaterAnswer, now_ns: int, measured_w: float | None = None, name: str = HVCH) -> Any:
+    """
+    Return the HvchStatus of an answer at an instant [ns]; `measured_w` [W] None: not measured.
+
+    Of another heat source, by its name, it is a HeatSourceStatus.
+    """
+    message = (HvchStatus if name == HVCH else partial(HeatSourceStatus, name=name))(
         requested_power=answer.requested_w, active_power=answer.active_w,
         measured_power=0.0 if measured_w is None else measured_w, measured_power_known=measured_w is not None,
         refusal=int(answer.refusal), explanation=answer.sentence)

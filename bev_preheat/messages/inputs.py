@@ -22,13 +22,14 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
+from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_event
-from bev_preheat.messages.heater import heater_status_event
+from bev_preheat.messages.heater import heater_status_event, source_status_event
 from bev_preheat.messages.route_plan import is_cancellation, mission_from_message, refused_route_of
 from bev_preheat.messages.route_progress import progress_event
-from bev_preheat_msgs.msg import HvchStatus, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import HeatSourceStatus, HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
     from bev_preheat.control.events import Event
@@ -48,12 +49,13 @@ class Reader(NamedTuple):
 
 
 class Input(NamedTuple):
-    """A topic: its message type and meaning, a message read as an event, whether many publishers are right."""
+    """A topic: message type, meaning, a message read as an event, whether many publishers are right, and depth."""
 
     message_type: Any
     words: str
     event: Callable[[Any, Reader], Event]
     has_many_sources: bool = False
+    depth: int = 1
 
     @property
     def type_name(self) -> str:
@@ -70,6 +72,8 @@ INPUTS = {
     HVCH_STATUS: Input(HvchStatus, "the heater controller's answer, if there is one",
                        lambda message, reader: heater_status_event(
                            message, reader.state.vehicle.hvch.maximum_power_w)),
+    SOURCE_STATUS: Input(HeatSourceStatus, 'the same of the other heat sources',
+                         lambda message, reader: source_status_event(message, reader.state.vehicle), depth=20),
 }
 
 

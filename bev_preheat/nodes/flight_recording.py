@@ -16,7 +16,7 @@ from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import version
 from bev_preheat.messages.diagnostics import entry, OK, WARN
-from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.records import (
@@ -29,6 +29,7 @@ from bev_preheat.recording.records import (
     learned_values,
     recorded_state,
     RecordedStep,
+    SOURCE_COMMAND,
     STEP,
 )
 from bev_preheat.recording.ring import check_folder
@@ -41,7 +42,7 @@ from bev_preheat.recording.writer import (
     STATE_CHANNEL,
     STEP_CHANNEL,
 )
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -56,8 +57,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
-TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, COMMAND: HvchCommand, PLAN: PreheatPlan,
-         PREDICTION: Temperature}
+TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, COMMAND: HvchCommand,
+         SOURCE_COMMAND: HeatSourceCommand, PLAN: PreheatPlan, PREDICTION: Temperature}
 # A replay may start at a recorded state; each takes some milliseconds of the writing thread [ns].
 STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
@@ -184,9 +185,12 @@ class FlightRecorder:
         """Return the entries of a step; called by the writing thread."""
         values = [_values(event, message is not None, self._goals, setup) for event in events]
         step = Entry(STEP_CHANNEL, now_ns, RecordedStep(
-            now_ns, call, tuple(values), what, command_values(command), status))
+            now_ns, call, tuple(values), what, command_values(command), status,
+            () if command is None else command.sources_w))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
+            entries += [Entry(self._topics[SOURCE_COMMAND], now_ns, message)
+                        for message in source_messages(command, state.vehicle, now_ns)]
             entries.append(Entry(self._topics[COMMAND], now_ns, command_message(command, now_ns)))
         latest = state.inbox.latest_mission
         if any(isinstance(event, RouteArrived) and event.mission is latest for event in events):

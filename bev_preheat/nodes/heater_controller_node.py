@@ -4,7 +4,8 @@ Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers
 
 `main(output)` runs it with a car's own heater: `output(power_w)` sets the power [W] and returns the measured one
 [W], or None. The executable writes the power to CAN by a signal map (`signals`); without one it has no heater
-behind it and shows the rules only.
+behind it and shows the rules only. With `heat_source` it executes `heat_source_command` of that source instead,
+and answers with `heat_source_status`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterLimits, Instant, Refusal, Verdict
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
 PARAMETERS = (
     Parameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "
               'config/vehicles or a YAML file.', read_only=True),
+    Parameter('heat_source', '', "Execute heat_source_command for this name in the vehicle's heat_sources. Empty: "
+              'hvch_command.', read_only=True),
     Parameter('period', 0.1, 'The power is set this often', 's', (0.01, 1.0), read_only=True),
     Parameter('power_rise', 0.0, 'The power rises at most at this rate; it falls at once', 'W/s', (1.0, 1e6),
               unset_means='no limit', read_only=True),
@@ -61,9 +65,11 @@ PROGRAM = NodeProgram(
     'heater_controller', 'Executes the heater command within its lease and the limits, and reports the result.',
     PARAMETERS,
     subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),
+                ('heat_source_command', 'bev_preheat_msgs/HeatSourceCommand, with heat_source'),
                 ('battery_state', 'sensor_msgs/BatteryState, if heating_gates look at the battery'),
                 ('vehicle_speed', 'std_msgs/Float64 [m/s], if the vehicle heats only while it stands')),
     publishes=(('hvch_status', 'bev_preheat_msgs/HvchStatus'),
+               ('heat_source_status', 'bev_preheat_msgs/HeatSourceStatus, with heat_source'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
 
@@ -127,23 +133,27 @@ class HeaterControllerNode(ProgramNode):
         """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
         super().__init__(PROGRAM)
         values, vehicle = self.values, load_vehicle(self.values['vehicle'])
-        self.hardware, most_w = vehicle.name, vehicle.hvch.maximum_power_w
+        name = values['heat_source'] or HVCH
+        self.hardware, most_w = vehicle.name, vehicle.most_w(name)
         self._can = open_can_heater(values['signals'], most_w) if values['signals'] else None
         self._bus_problem, self._is_active = '', not values['lifecycle']
         self._execution = HeaterExecution(
             self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
-                               vehicle.heating_gates.power_steps_w, values['longest_lease'],
-                               values['clock_tolerance']),
+                               vehicle.heating_gates.power_steps_w if name == HVCH else (),
+                               values['longest_lease'], values['clock_tolerance']),
             output or self._can or _without_heater, self._obstacle,
-            self.tell, _or_none(values['command_deadline']))
+            self.tell, _or_none(values['command_deadline']), name)
         self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self.tell)
         if values['lifecycle']:
             self.manage(self._on_activation)
         self.steady_timer(min(values['period'], math.inf if self._can is None else self._can.period_s),
                           self._execution.apply)
-        self.watch(('hvch_command', *self._gate_inputs.topics), ('hvch_status',),
-                   single=('hvch_command', 'hvch_status'))
-        self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to {most_w:g} W.')
+        command, status = self._execution.topics
+        self.watch((command, *self._gate_inputs.topics), (status,),
+                   single=(command, status) if name == HVCH else (command,))
+        of_source = '' if name == HVCH else f' of {name}'
+        self.get_logger().info(
+            f'Executing {command}{of_source} for vehicle {vehicle.name}, up to {most_w:g} W.')
 
     def _on_activation(self, is_active: bool) -> None:
         self._is_active = is_active

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers with `hvch_status`."""
+"""Executes commands to a heat source by the rules of `vehicle.heater_controller`, and answers with its status."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from rclpy.qos import LivelinessPolicy, QoSProfile
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import steady_s
+from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import entry, ERROR, judged, OK, WARN
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED, Verdict
-from bev_preheat_msgs.msg import HvchCommand, HvchStatus
+from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -111,9 +113,9 @@ class HeaterExecution:
     """A HeaterController between the topics and an output; call `apply` periodically."""
 
     def __init__(self, node: Node, limits: HeaterLimits, output: Output, obstacle: Callable[[Instant], Verdict],
-                 tell: Callable[[str, bool], object], deadline_s: float | None = None) -> None:
+                 tell: Callable[[str, bool], object], deadline_s: float | None = None, name: str = HVCH) -> None:
         """
-        Start with the heater off.
+        Start with the heat source of a name off.
 
         `obstacle(now)` is the Verdict of the car's own conditions; `tell(sentence, is_refused)` logs; `deadline_s`
         [s] is requested of the publisher, None: nothing.
@@ -125,7 +127,11 @@ class HeaterExecution:
         self._measured_w: float | None = None
         # The latest refusal and requested power [W] that were published, and when [s].
         self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
-        self._status_publisher = node.create_publisher(HvchStatus, 'hvch_status', 1)
+        self._name = name
+        self.topics = ('hvch_command', 'hvch_status') if name == HVCH else ('heat_source_command', SOURCE_STATUS)
+        command_type, status_type = (HvchCommand, HvchStatus) if name == HVCH else (
+            HeatSourceCommand, HeatSourceStatus)
+        self._status_publisher = node.create_publisher(status_type, self.topics[1], 1)
         qos, events = QoSProfile(depth=HEARD_DEPTH), SubscriptionEventCallbacks()
         if deadline_s is not None:
             within = Duration(seconds=deadline_s)
@@ -134,19 +140,21 @@ class HeaterExecution:
             events = SubscriptionEventCallbacks(
                 deadline=lambda event: self._lose_sender('the command missed its deadline'),
                 liveliness=self._on_liveliness)
-        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)
+        node.create_subscription(command_type, self.topics[0], self._on_command, qos, event_callbacks=events)
 
     def _now(self) -> Instant:
         return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
 
-    def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
+    def _on_command(self, message: HvchCommand | HeatSourceCommand, info: Mapping[str, int]) -> None:
         sender = self._senders.sender(info.get('publication_sequence_number'))
+        if getattr(message, 'name', HVCH) != self._name:
+            return
         self._controller.take(heater_command(message, sender), self._now())
         self.apply()
 
     def _on_liveliness(self, event: object) -> None:
         if getattr(event, 'alive_count', 0) == 0:
-            self._lose_sender('no node that publishes hvch_command is alive')
+            self._lose_sender(f'no node that publishes {self.topics[0]} is alive')
 
     def _lose_sender(self, sentence: str) -> None:
         self._controller.lose_sender(sentence)
@@ -171,7 +179,7 @@ class HeaterExecution:
         if sentence:
             self._log(sentence, is_refused)
         self._told, self._told_at_s = news, now_s
-        self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w))
+        self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w, self._name))
 
     def _switch_off(self) -> None:
         try:
@@ -183,7 +191,7 @@ class HeaterExecution:
         """Switch the heater off before the process ends, and say so."""
         self._switch_off()
         self._status_publisher.publish(status_message(
-            HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns))
+            HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns, name=self._name))
         self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
     def entry(self, part: str, hardware: str) -> DiagnosticStatus:

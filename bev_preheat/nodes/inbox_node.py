@@ -17,7 +17,6 @@ from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.topics import RouteListener
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
     from bev_preheat.control.events import Event
@@ -44,8 +43,7 @@ class InboxNode(ProgramNode):
     def __init__(self, program: NodeProgram) -> None:
         """Declare the parameters and subscribe; raises InvalidInput if one is not allowed."""
         super().__init__(program)
-        # As the planner, which has no command for other heat sources.
-        vehicle = hvch_alone(load_vehicle(self.values['vehicle']))
+        vehicle = load_vehicle(self.values['vehicle'])
         self.hardware = vehicle.name
         self.inbox, self.routes = Inbox.empty(vehicle, self.settings()), RouteIntake()
         self.problems: dict[str, str] = {}

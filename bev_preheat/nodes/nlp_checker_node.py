@@ -30,7 +30,6 @@ from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, Sol
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.variants import hvch_alone
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
 
 if TYPE_CHECKING:
@@ -293,7 +292,7 @@ class NlpCheckerNode(InboxNode):
 
     def take_values(self, changed: Values) -> None:
         """Read the route again, and check it."""
-        vehicle = hvch_alone(load_vehicle(changed['vehicle'])) if 'vehicle' in changed else None
+        vehicle = load_vehicle(changed['vehicle']) if 'vehicle' in changed else None
         self.inbox = self.inbox._replace(settings=self.settings(), vehicle=vehicle or self.inbox.vehicle)
         if vehicle is not None:
             self.hardware = vehicle.name

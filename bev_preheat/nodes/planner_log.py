@@ -86,14 +86,10 @@ class PlannerLog:
             self._logger.warning(f'route_plan: {warning}.')
 
     def log_vehicle(self, vehicle: Vehicle, values: Values) -> None:
-        """Log the assumptions of the vehicle file, and its heat sources that the planner cannot command."""
+        """Log the assumptions of the vehicle file."""
         warning = assumption_warning(vehicle, vehicle_file(values['vehicle']))
         if warning is not None:
             self._logger.warning(f'{warning}.')
-        if vehicle.heat_sources:
-            names = ', '.join(source.name for source in vehicle.heat_sources)
-            self._logger.warning(f'vehicle {vehicle.name}: the HVCH heats alone; the planner has no command for '
-                                 f'heat_sources: {names}.')
 
     def log_method(self, values: Values) -> None:
         """Log a method that another one has replaced."""

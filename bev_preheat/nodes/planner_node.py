@@ -23,7 +23,6 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.diagnostics import planner_diagnostics
-from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
@@ -62,6 +61,7 @@ PROGRAM = NodeProgram(
     subscribes=tuple((topic, each.type_name.replace('/msg', '') + (f': {each.words}' if each.words else ''))
                      for topic, each in INPUTS.items()),
     publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
+               ('heat_source_command', 'bev_preheat_msgs/HeatSourceCommand: the same for each other heat source'),
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
@@ -105,11 +105,10 @@ class PlannerNode(ProgramNode):
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
-        state_qos = QoSProfile(
-            depth=1, reliability=qos_profile_sensor_data.reliability)
         for topic, each in INPUTS.items():
             if topic != ROUTE_PLAN:
-                self.create_subscription(each.message_type, topic, partial(self._on_input, topic), state_qos)
+                self.create_subscription(each.message_type, topic, partial(self._on_input, topic), QoSProfile(
+                    depth=each.depth, reliability=qos_profile_sensor_data.reliability))
         RouteListener(self, partial(self._on_input, ROUTE_PLAN), self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._departures = DepartureKeeper(
@@ -216,7 +215,7 @@ class PlannerNode(ProgramNode):
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
         if output.command is not None:
-            self._command_publisher.publish(command_message(output.command, now_ns))
+            self._command_publisher.command(output.command, self._supervisor.state.vehicle, now_ns)
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on preheating, signals, heater, estimation, files and recording."""
@@ -398,7 +397,7 @@ class PlannerNode(ProgramNode):
 def _has_plan_or_heats(output: StepOutput) -> bool:
     decision, command = output.decision, output.command
     return (decision is not None and decision.plan is not None) or (
-        command is not None and command.battery_heating_power_w > 0.0)
+        command is not None and command.total_w > 0.0)
 
 
 def main(loading_node: Node | None = None) -> None:

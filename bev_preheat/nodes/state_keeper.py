@@ -106,8 +106,8 @@ def _as_after_restart(state: State, now_ns: int) -> State:
     if command is not None and command.valid_until_ns <= now_ns:
         off_ns = command.valid_until_ns
         commander = commander.free_to_switch()._replace(
-            switch=commander.switch.forced_off(), history=commander.history.noted(off_ns, 0.0), reason=None)
-        answers = answers._replace(history=answers.history.noted(off_ns, 0.0))
+            switch=commander.switch.forced_off(), reason=None)
+        answers = answers.each(lambda each: each.off_since(off_ns))
     return state._replace(
         commander=commander, answers=answers, inbox=inbox, inactive='', published_status=None,
         preparation=Preparation(memory=preparation.memory, ambient=preparation.ambient))

@@ -22,10 +22,11 @@ from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.nodes.setup_watch import endpoint_name
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import MOST_SEGMENTS
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
+    from bev_preheat.control.decision import Command
     from bev_preheat.nodes.node import ProgramNode
+    from bev_preheat.vehicle.description import Vehicle
 
     # A ROS message; rclpy has no type for it.
     Message = Any
@@ -46,6 +49,7 @@ PUBLICATIONS_KEPT = 256
 # DDS stores the instant of a publication in units of 2^-32 s.
 DDS_RESOLUTION_NS = 1000
 LONGEST_LEASE_NS = 30 * NS_PER_S
+MOST_SOURCES = 20
 
 
 class ListeningPublisher:
@@ -107,7 +111,7 @@ class ListeningPublisher:
 
 class CommandPublisher(ListeningPublisher):
     """
-    Publishes a node's HvchCommands and knows its rivals.
+    Publishes a node's HvchCommands and HeatSourceCommands, and knows its rivals.
 
     A rival exists until the lease of its last received command expires, and only while the graph shows a
     second publisher.
@@ -128,10 +132,20 @@ class CommandPublisher(ListeningPublisher):
         qos = QoSProfile(depth=1, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                          liveliness_lease_duration=lease)
         super().__init__(node, HvchCommand, 'hvch_command', qos, self._on_other_command)
+        # Messages of several sources at once must not replace each other.
+        self._sources = node.create_publisher(HeatSourceCommand, 'heat_source_command', QoSProfile(
+            depth=MOST_SOURCES, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+            liveliness_lease_duration=lease))
         self._lease_ns, self._on_rival = lease_ns, on_rival
         self._heard_ns: int | None = None
         self._believed_ns = 0
         self._names = ''
+
+    def command(self, command: Command, vehicle: Vehicle, now_ns: int) -> None:
+        """Publish a Command of now [ns] to the heat sources of a Vehicle, the HVCH last."""
+        for message in source_messages(command, vehicle, now_ns):
+            self._sources.publish(message)
+        self.publish(command_message(command, now_ns))
 
     def look(self) -> None:
         """Listen while the graph shows another publisher; call it periodically."""

@@ -30,8 +30,16 @@ from bev_preheat.nodes.vehicle_simulator_parameters import departure, PROGRAM
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.simulation.heater import HeaterSide
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
-from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import (
+    HeatSourceCommand,
+    HeatSourceStatus,
+    HvchCommand,
+    HvchStatus,
+    RoutePlan,
+    RouteProgress,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -102,6 +110,15 @@ class VehicleSimulatorNode(ProgramNode):
         self._status_publisher = (
             self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
         self._commands = self.create_subscription(HvchCommand, 'hvch_command', self._on_command, COMMANDS_KEPT)
+        # Of the heat sources beside the HVCH, each with senders of its own numbers.
+        self._source_status_publisher = None
+        if others := self._heater.names[1:]:
+            self._source_senders = CommandSenders()
+            self.create_subscription(HeatSourceCommand, 'heat_source_command', self._on_source_command,
+                                     COMMANDS_KEPT * len(others))
+            if values['heater_status']:
+                self._source_status_publisher = self.create_publisher(
+                    HeatSourceStatus, 'heat_source_status', len(others))
         self.follow_parameters()
 
         self._has_told_route = False
@@ -326,11 +343,23 @@ class VehicleSimulatorNode(ProgramNode):
             self._waits_for_planner = False
             self._start_if_ready()
 
+    @guarded
+    def _on_source_command(self, message: HeatSourceCommand, info: Mapping[str, int]) -> None:
+        sender = self._source_senders.sender(info.get('publication_sequence_number'))
+        if self._car.is_over or self._is_held or message.name not in self._heater.names[1:]:
+            return
+        verdict = self._heater.take(heater_command(message, sender), self._time.start_ns, message.name)
+        if verdict.refusal is not Refusal.NOT_REFUSED:
+            self.tell(f'heat_source_command of {message.name} ignored: {verdict.sentence}')
+
     def _publish_status(self) -> None:
-        """Publish the heater's answer."""
+        """Publish the answers of the heat sources."""
         if self._status_publisher is not None and self._time.start_ns:
-            self._status_publisher.publish(status_message(
-                self._heater.answer(self._time.start_ns), self.now_ns(), self._heater.measured_w))
+            for name in self._heater.names:
+                publisher = self._status_publisher if name == HVCH else self._source_status_publisher
+                assert publisher is not None
+                publisher.publish(status_message(self._heater.answer(self._time.start_ns, name), self.now_ns(),
+                                                 self._heater.measured_w(name), name))
 
     def _publish_state(self, reading: Reading) -> None:
         stamp_ns = self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S)

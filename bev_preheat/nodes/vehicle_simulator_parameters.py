@@ -53,8 +53,8 @@ PARAMETERS = (
     Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
     Parameter('battery_state_period', 1.0,
               'Simulated time between two battery states', 's', (0.01, 60.0)),
-    Parameter('heater_status', False, "Publish hvch_status, the heater controller's answer to each command.",
-              read_only=True),
+    Parameter('heater_status', False, "Publish hvch_status (and heat_source_status), the controllers' answers to "
+              'each command.', read_only=True),
     Parameter('exit_on_arrival', False,
               'End the process some seconds after the drive has ended.'),
 )
@@ -62,11 +62,13 @@ PARAMETERS = (
 PROGRAM = NodeProgram(
     'vehicle_simulator', 'Drives a route in simulated time and heats its battery as hvch_command '
     'allows.', PARAMETERS,
-    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),),
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),
+                ('heat_source_command', 'bev_preheat_msgs/HeatSourceCommand, if the vehicle has heat_sources')),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
                ('route_progress', 'bev_preheat_msgs/RouteProgress, where the scenario has it'),
                ('hvch_status', 'bev_preheat_msgs/HvchStatus, with heater_status'),
+               ('heat_source_status', 'bev_preheat_msgs/HeatSourceStatus, with heater_status and heat_sources'),
                ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 

@@ -38,12 +38,11 @@ from bev_preheat.nonlinear_program.drive_steps import (
     POWER_SCALE_W,
     SOC_SCALE,
 )
-from bev_preheat.planning.heat_mix import HVCH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
-from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
+from bev_preheat.vehicle.description import HVCH, STANDING_MPS, Vehicle
 from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:

@@ -12,22 +12,24 @@ Heat below 0 is cooling, by sources whose heat per watt is negative, in the orde
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol, TYPE_CHECKING
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.tunables import FIRST_STEP_K, LEAST_SOURCE_W
-from bev_preheat.vehicle.description import STANDING_MPS
+from bev_preheat.vehicle.description import HVCH, STANDING_MPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
     from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.description import HeatSource, Vehicle
 
-HVCH = 'hvch'
+# A segment lasts for many commands.
+KEPT_SEGMENTS = 8
 
 
 class Merit(Protocol):
@@ -157,52 +159,86 @@ def _along(value: AnyNumber, widths: list[AnyNumber], others: list[AnyNumber]) -
     return total
 
 
+@dataclass(frozen=True, eq=False)
 class HeatMix:
     """
-    The sources of a vehicle along a route, the HVCH first, the cooling ones last: `names`.
+    The sources of a vehicle along a route, the HVCH first, the cooling ones last.
 
-    `most_heat_w` and `most_cold_w` (N,) are the most and least heat of all at any temperature [W], `most_power_w`
-    (N,) is the electrical power of the larger; `hvch_limit_w` (N,) is the power of the HVCH. `heating` sources
-    heat; `cools`: there are others.
+    `hvch_limit_w` (N,) is the power of the HVCH [W].
     """
 
     is_alone: ClassVar[bool] = False
 
-    def __init__(self, vehicle: Vehicle, route: Route, hvch_limit_w: FloatArray) -> None:
-        """Take a car and the steps of its trip."""
-        sources = sorted(vehicle.heat_sources, key=lambda source: source.cools)
-        self.names = (HVCH, *(source.name for source in sources))
-        self.heating = len(sources) + 1 - sum(source.cools for source in sources)
-        self.cools = self.heating <= len(sources)
-        self.hvch_limit_w = hvch_limit_w
-        self._ambient_c = route.ambient_temperature_c
-        # The temperatures between which all curves are straight.
-        self._axis_c = sorted({point_c for source in sources for curve in (
-            source.maximum_power_w, source.hvch_watts) for point_c in getattr(curve, 'temperature_c', (0.0,))})
+    vehicle: Vehicle
+    route: Route
+    hvch_limit_w: FloatArray
+
+    @cached_property
+    def _others(self) -> tuple[HeatSource, ...]:
+        return tuple(sorted(self.vehicle.heat_sources, key=lambda source: source.cools))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the sources."""
+        return (HVCH, *(source.name for source in self._others))
+
+    @cached_property
+    def heating(self) -> int:
+        """The number of sources that heat."""
+        return 1 + sum(not source.cools for source in self._others)
+
+    @property
+    def cools(self) -> bool:
+        """Whether there are other sources."""
+        return self.heating <= len(self._others)
+
+    @property
+    def most_heat_w(self) -> FloatArray:
+        """The most heat of all at any temperature, as HVCH power [W] (N,)."""
+        return self._most_w[0]
+
+    @property
+    def most_cold_w(self) -> FloatArray:
+        """The least heat of all at any temperature, as HVCH power [W] (N,), at most 0."""
+        return self._most_w[1]
+
+    @property
+    def most_power_w(self) -> FloatArray:
+        """The most electrical power for either at any temperature [W] (N,)."""
+        return self._most_w[2]
+
+    @cached_property
+    def _sources(self) -> list[tuple[Any, ...]]:
+        """Whether each source is open, what cabin heating takes of its power, and the functions of its curves."""
+        route, sources = self.route, []
         stands = route.speed_mps < STANDING_MPS
-        moves = ~stands if not vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
-        self._sources = []
-        for source in sources:
+        moves = ~stands if not self.vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
+        for source in self._others:
             is_open = {'driving': moves, 'standing': stands}.get(source.only_while, stands | moves)
             taken_w = route.cabin_heating_power_w if source.shares_cabin_limit else np.zeros(len(route))
-            self._sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
-                                  source.hvch_watts.function(ARRAYS)))
-        grid_c = np.arange(*vehicle.battery.temperature_range_c, FIRST_STEP_K)
-        heats_w, powers_w = self._each(np.repeat(np.arange(len(route)), len(grid_c)), np.tile(grid_c, len(route)))
+            sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
+                            source.hvch_watts.function(ARRAYS)))
+        return sources
+
+    @cached_property
+    def _most_w(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        steps = len(self.route)
+        grid_c = np.arange(*self.vehicle.battery.temperature_range_c, FIRST_STEP_K)
+        heats_w, powers_w = self._each(np.repeat(np.arange(steps), len(grid_c)), np.tile(grid_c, steps))
         of_all = heats_w, powers_w, -heats_w, powers_w
-        self.most_heat_w, warm_w, cold_w, cool_w = (
-            rows_w[part].sum(axis=0).reshape(len(route), -1).max(axis=1) for rows_w, part in zip(
+        most_w, warm_w, cold_w, cool_w = (
+            rows_w[part].sum(axis=0).reshape(steps, -1).max(axis=1) for rows_w, part in zip(
                 of_all, [slice(self.heating)] * 2 + [slice(self.heating, None)] * 2))
-        self.most_cold_w, self.most_power_w = -cold_w, np.maximum(warm_w, cool_w)
+        return most_w, -cold_w, np.maximum(warm_w, cool_w)
 
     def _each(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return most heat and electrical power [W] (S, P) of the sources in steps and at temperatures (P,)."""
-        shape = temperature_c.shape
+        shape, ambient_c = temperature_c.shape, self.route.ambient_temperature_c[k]
         powers_w, hvch_watts = [np.broadcast_to(self.hvch_limit_w[k], shape)], [np.ones(shape)]
         for is_open, taken_w, most_w, watts in self._sources:
-            power_w = is_open[k] * np.maximum(most_w(self._ambient_c[k], temperature_c) - taken_w[k], 0.0)
+            power_w = is_open[k] * np.maximum(most_w(ambient_c, temperature_c) - taken_w[k], 0.0)
             powers_w.append(np.broadcast_to(power_w, shape))
-            hvch_watts.append(np.broadcast_to(watts(self._ambient_c[k], temperature_c), shape))
+            hvch_watts.append(np.broadcast_to(watts(ambient_c, temperature_c), shape))
         return np.array(powers_w) * np.array(hvch_watts), np.array(powers_w)
 
     def _ordered(self, k: AnyNumber, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -230,11 +266,18 @@ class HeatMix:
             share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]) + 0.0, 0)
         return dict(zip(self.names, split_w))
 
+    def most_w(self, temperature_c: FloatArray) -> dict[str, float]:
+        """Return the most electrical power [W] of each source in the first step at a temperature (1,)."""
+        return dict(zip(self.names, self._each(np.array([0]), temperature_c)[1][:, 0].tolist()))
+
     def for_core(self) -> tuple[FloatArray, ...]:
         """Return the arrays of a `bev_heat_sources`."""
-        axis_c = sorted({*self._axis_c, *(self._axis_c[0] + more_k for more_k in (0.0, 1.0))})
+        # The temperatures between which all curves are straight, two at least.
+        axis_c = sorted({point_c for source in self.vehicle.heat_sources for curve in (
+            source.maximum_power_w, source.hvch_watts) for point_c in getattr(curve, 'temperature_c', (0.0,))})
+        axis_c = sorted({*axis_c, *(axis_c[0] + more_k for more_k in (0.0, 1.0))})
         temperature_c, steps = np.array(axis_c), len(self.hvch_limit_w)
-        ambient_c = np.repeat(self._ambient_c, len(axis_c))
+        ambient_c = np.repeat(self.route.ambient_temperature_c, len(axis_c))
         power_w, watts, taken_w = [np.repeat(self.hvch_limit_w, len(axis_c))], [np.ones(len(ambient_c))], [
             np.zeros(steps)]
         for is_open, cabin_w, most_w, hvch_watts in self._sources:
@@ -243,3 +286,9 @@ class HeatMix:
             taken_w.append(np.where(is_open, cabin_w, np.inf))
         by_source = (np.stack(rows, axis=-1).reshape(steps, len(axis_c), -1) for rows in (power_w, watts))
         return temperature_c, *by_source, np.stack(taken_w, axis=-1), self.most_power_w, self.most_cold_w
+
+
+@lru_cache(maxsize=KEPT_SEGMENTS)
+def mix_in_segment(vehicle: Vehicle, route: Route, segment: int, hvch_limit_w: float) -> HeatMix:
+    """Return the HeatMix of one segment of a route as its first step, with the power of the HVCH [W]."""
+    return HeatMix(vehicle, route.segments(segment, segment + 1), np.array([hvch_limit_w]))

@@ -130,18 +130,21 @@ class Plan:
 
     def power_at_w(self, elapsed_s: float) -> float:
         """
-        Return the electrical heater power [W] at an instant [s] of the plan, 0 before it starts.
+        Return the heat as HVCH power, `command_w`, [W] at an instant [s] of the plan, 0 before it starts.
 
         In a step with a switching instant it is off before the first instant and after the last one, and at
-        full power between them.
+        full power between them; of several heat sources, full power would be that of the dearest, too.
         """
+        if self.source_power_w:
+            step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
+            return self.command_w.item(step) if 0 <= step < len(self.command_w) else 0.0
         last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
         if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:
             return 0.0
         step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
         start_s, end_s = self.time_s.item(step), self.time_s.item(step + 1)
         heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
-        return self.hvch_battery_power_w.item(step) * (end_s - start_s) / heated_s
+        return self.command_w.item(step) * (end_s - start_s) / heated_s
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the plan as `preheat plan --json` writes it: plain numbers, texts and lists."""

@@ -17,7 +17,6 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import heat_until_arrival
-from bev_preheat.planning.heat_mix import HVCH
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
@@ -44,6 +43,7 @@ from bev_preheat.tunables import (
     SHORTFALL_TOLERANCE_K,
     SOC_TOLERANCE,
 )
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import hvch_alone
 

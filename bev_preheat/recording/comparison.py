@@ -63,19 +63,22 @@ class Comparison:
         return self.different == 0
 
     def add(self, number: int, step: RecordedStep, command: Command | None) -> None:
-        """Compare the replayed command of a step: its power, the end of its lease and its reason."""
+        """Compare the replayed command of a step: its powers, the end of its lease and its reason."""
         recorded, replayed = step.command, command_values(command)
+        sources = () if command is None else command.sources_w
         if recorded is None and (replayed is None or self.tolerance_w > 0.0):
             return
         self.commands += 1
         if recorded is not None and replayed is not None:
             self.largest_w = max(self.largest_w, abs(recorded[0] - replayed[0]))
-            if recorded == replayed or (self.tolerance_w > 0.0 and _are_near(
-                    recorded, replayed, self.tolerance_w)):
+            is_same = recorded == replayed and step.sources == sources
+            if is_same or (self.tolerance_w > 0.0 and _are_near(recorded, replayed, self.tolerance_w)):
                 return
         self.different += 1
         if self.first is None:
-            self.first = Difference(number, step.now_ns, *_both_in_words(recorded, replayed))
+            texts = _both_in_words(recorded, replayed) if step.sources == sources else (
+                f'{in_words(recorded)}, {dict(step.sources)}', f'{in_words(replayed)}, {dict(sources)}')
+            self.first = Difference(number, step.now_ns, *texts)
 
 
 def _are_near(recorded: tuple[float, int, int], replayed: tuple[float, int, int], tolerance_w: float) -> bool:

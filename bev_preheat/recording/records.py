@@ -32,6 +32,7 @@ from bev_preheat.control.events import (
     ROUTE_PROGRESS,
     RouteUnreadable,
 )
+from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, quoted, shortened
@@ -216,10 +217,10 @@ def learned_of(values: Any) -> Learned | None:
         np.array(lags['logs'], dtype=float), np.array(lags['variances'], dtype=float)))
 
 
-# Topic of the planner's output.
-COMMAND = 'hvch_command'
+# Topics of the planner's output.
+COMMAND, SOURCE_COMMAND = 'hvch_command', 'heat_source_command'
 # The kinds of events whose message is recorded before the step; the kind is the topic, the source of the event.
-MESSAGE_KINDS = frozenset((BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS))
+MESSAGE_KINDS = frozenset((BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS, SOURCE_STATUS))
 WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
     'PreparationWanted', 'PreparationEnded', 'Reconfigured', 'RouteRefused')
 # Events whose fields are plain values.
@@ -235,7 +236,7 @@ class RecordedStep:
 
     `call` is STEP, FAIL or STOP, `events` are those of the step as plain values, and `what` is the sentence of
     FAIL. `command` is the answer, None: no command was published; `status` the number of the published
-    decision's planning.status.Status, None: no decision.
+    decision's planning.status.Status, None: no decision. `sources` are name and power [W] of other heat sources.
     """
 
     now_ns: int
@@ -244,6 +245,7 @@ class RecordedStep:
     what: str = ''
     command: tuple[float, int, int] | None = None
     status: int | None = None
+    sources: tuple[tuple[str, float], ...] = ()
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values."""
@@ -257,7 +259,8 @@ class RecordedStep:
             return cls(int(values['now_ns']), str(values['call']), tuple(map(dict, values['events'])),
                        str(values['what']),
                        None if command is None else (float(command[0]), int(command[1]), int(command[2])),
-                       _whole(values['status']))
+                       _whole(values['status']),
+                       tuple((str(name), float(power_w)) for name, power_w in values.get('sources', ())))
 
 
 def command_values(command: Command | None) -> tuple[float, int, int] | None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
@@ -18,7 +19,8 @@ class SimulatedSources:
     """
     Commands and powers of the sources by name [W].
 
-    A faulty source delivers a share of its command, in `shares` (0 ... 1). `drawn_w` and `heat_w` are the present
+    A faulty source delivers a share of its command, in `shares` (0 ... 1; inf: all its power, whatever the
+    command). `drawn_w` and `heat_w` are the present
     sums: electrical power, and the HVCH power with their heat. `energy_wh` is the energy of each so far, `heat_j`
     the HVCH energy with their heat.
     """
@@ -58,7 +60,8 @@ class SimulatedSources:
         self.off()
         for name, (source, most_w, hvch_watts) in self._sources.items():
             limit_w = float(most_w(ambient_c, temperature_c)) - (cabin_w if source.shares_cabin_limit else 0.0)
-            wanted_w = self.shares.get(name, 1.0) * self.commands_w.get(name, 0.0)
+            share = self.shares.get(name, 1.0)
+            wanted_w = inf if share == inf else share * self.commands_w.get(name, 0.0)
             power_w = max(0.0, min(wanted_w, limit_w, room_w - self.drawn_w)) if _may(source, speed_mps) else 0.0
             self.powers_w[name] = power_w
             self.drawn_w += power_w

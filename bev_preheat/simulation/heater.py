@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated car's heater: the lease on its power, its faults, and its controller with the car's own gates."""
+"""The simulated car's heat sources: the lease on their power, their faults, their controllers with the gates."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ NO_LEASE = HeaterLease(0.0, -math.inf)
 @dataclass(frozen=True)
 class HeaterFault:
     """
-    From one instant to another [s] the heater delivers `share` (0 ... 1) of the command.
+    From one instant to another [s] a heat source, the HVCH or another, delivers `share` (0 ... 1) of the command.
 
     With `stuck_on` it uses all the power left by the cabin, whatever the command.
     """
@@ -43,12 +44,13 @@ class HeaterFault:
     until_s: float = math.inf
     share: float = 1.0
     stuck_on: bool = False
+    source: str = HVCH
 
 
-def fault_at(faults: Sequence[HeaterFault], instant_s: float) -> HeaterFault | None:
-    """Return the last HeaterFault in the list that is active at an instant [s], or None."""
+def fault_at(faults: Sequence[HeaterFault], instant_s: float, source: str = HVCH) -> HeaterFault | None:
+    """Return the last HeaterFault of a heat source in the list that is active at an instant [s], or None."""
     return next((fault for fault in reversed(faults)
-                 if fault.from_s <= instant_s < fault.until_s), None)
+                 if fault.source == source and fault.from_s <= instant_s < fault.until_s), None)
 
 
 def next_change_s(faults: Sequence[HeaterFault], instant_s: float) -> float:
@@ -63,7 +65,7 @@ SIMULATED_LEASE_S, CLOCK_TOLERANCE_S = 7200.0, 10.0
 
 class HeaterSide:
     """
-    The heater controller of an ImperfectCar.
+    The controllers of the heat sources of an ImperfectCar, by name.
 
     Stamps follow the car's clock, which may jump, and the steady clock is the car's time. `start_ns` is the
     instant of the start of the drive by the clock of the stamps [ns].
@@ -77,30 +79,44 @@ class HeaterSide:
     def restart(self) -> None:
         """Forget all commands and who sent them, as after a restart: time that stands ends no lease."""
         vehicle = self._car.vehicle
-        self._controller = HeaterController(HeaterLimits(
+        limits = HeaterLimits(
             vehicle.hvch.maximum_power_w, steps_w=vehicle.heating_gates.power_steps_w,
-            longest_lease_s=SIMULATED_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S))
+            longest_lease_s=SIMULATED_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S)
+        self._controllers = {HVCH: HeaterController(limits), **{
+            source.name: HeaterController(replace(limits, maximum_power_w=source.most_w))
+            for source in vehicle.heat_sources}}
 
-    def take(self, command: HeaterCommand, start_ns: int) -> Verdict:
-        """Take a command that arrived and return its Verdict."""
-        return self._controller.take(command, self._now(start_ns))
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the sources, the HVCH first."""
+        return tuple(self._controllers)
 
-    def answer(self, start_ns: int) -> HeaterAnswer:
-        """Return the HeaterAnswer of now."""
+    def take(self, command: HeaterCommand, start_ns: int, name: str = HVCH) -> Verdict:
+        """Take a command to a source that arrived and return its Verdict."""
+        return self._controllers[name].take(command, self._now(start_ns))
+
+    def answer(self, start_ns: int, name: str = HVCH) -> HeaterAnswer:
+        """Return the HeaterAnswer of a source now."""
         plant = self._car.plant
-        return self._controller.step(self._now(start_ns), obstacle=self._car.vehicle.heating_gates.verdict(
+        return self._controllers[name].step(self._now(start_ns), obstacle=self._car.vehicle.heating_gates.verdict(
             plant.soc, plant.temperature_c, plant.speed_mps))
 
     def lease(self, start_ns: int) -> HeaterLease:
-        """Return the HeaterLease under which the car drives on; instants after the start of the route."""
-        answer = self.answer(start_ns)
-        return HeaterLease(answer.active_w,
-                           self._car.plant.time_s + self._controller.lease_left_s(self._now(start_ns)))
+        """
+        Return the HeaterLease under which the car drives on; instants after the start of the route.
 
-    @property
-    def measured_w(self) -> float:
-        """The heater's actual power [W]."""
-        return self._car.plant.heater_power_w
+        It ends with the first lease of a source that heats.
+        """
+        powers_w = {name: self.answer(start_ns, name).active_w for name in self._controllers}
+        left_s = {name: controller.lease_left_s(self._now(start_ns))
+                  for name, controller in self._controllers.items()}
+        ends_s = min((left_s[name] for name, power_w in powers_w.items() if power_w > 0.0), default=left_s[HVCH])
+        return HeaterLease(powers_w.pop(HVCH), self._car.plant.time_s + ends_s, powers_w)
+
+    def measured_w(self, name: str = HVCH) -> float:
+        """Return the actual power of a source [W]."""
+        plant = self._car.plant
+        return plant.heater_power_w if name == HVCH else plant.sources.powers_w[name]
 
     def _now(self, start_ns: int) -> Instant:
         return Instant(start_ns + round(self._car.clock_s * NS_PER_S), round(self._car.plant.time_s * NS_PER_S))

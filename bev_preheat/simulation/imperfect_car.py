@@ -334,13 +334,14 @@ class ImperfectCar:
                 self._heats_itself = own_w > 0.0
             until_s = min(to_s, self._asleep_from_s, next_change_s(faults, plant.time_s))
             fault = fault_at(faults, plant.time_s) if faults else None
-            if fault is not None and fault.stuck_on:
-                plant.advance(until_s, plant.vehicle.hvch.maximum_power_w)
-            elif own_w > 0.0:
-                plant.advance(until_s, (1.0 if fault is None else fault.share) * own_w)
-            else:
-                plant.advance_under(lease if fault is None else replace(
-                    lease, power_w=fault.share * lease.power_w), until_s)
+            plant.sources.shares = {
+                name: math.inf if own.stuck_on else own.share for name in plant.sources.energy_wh
+                if (own := fault_at(faults, plant.time_s, name)) is not None}
+            share = 1.0 if fault is None else fault.share
+            uncommanded_w = (plant.vehicle.hvch.maximum_power_w if fault is not None and fault.stuck_on else
+                             share * own_w if own_w > 0.0 else None)
+            plant.advance_under(lease if fault is None else replace(
+                lease, power_w=share * lease.power_w), until_s, uncommanded_w)
 
     def _send(self, letter: _Letter, start_ns: int) -> Mission:
         """Return the Mission of a letter; its route begins at the car's position or at the planned start."""

@@ -236,7 +236,7 @@ def _note(record: DriveRecord, moment: Moment, state: State, car: ImperfectCar) 
     if output.decision is not None:
         record.statuses.add(output.decision.status.name)
     if output.command is not None:
-        reason, power_w = output.command.reason.name, output.command.battery_heating_power_w
+        reason, power_w = output.command.reason.name, output.command.total_w
         record.statuses.add(reason)
         record.commands.append((moment.clock_s, power_w, reason))
         if power_w > 0.0:

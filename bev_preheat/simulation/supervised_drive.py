@@ -19,12 +19,14 @@ from bev_preheat.control.events import (
     HeaterStatusArrived,
     ProgressArrived,
     RouteArrived,
+    SourceStatusArrived,
 )
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater import HeaterSide
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterCommand
 
 if TYPE_CHECKING:
@@ -132,7 +134,7 @@ class _Drive:
                            else self._wire.progress(progress)))
         readings = car.readings()
         if readings and self._told_by_heater is not None:
-            events += self._heater_events(self._told_by_heater)
+            events += [(None, event) for event in self._heater_events(self._told_by_heater)]
         events += [(reading, self._battery_event(reading)) for reading in readings]
         ticks = self._tick_s <= now_s
         if ticks:
@@ -145,10 +147,12 @@ class _Drive:
         if ticks:
             yield self.step()
 
-    def _heater_events(self, told_by_heater: ToldByHeater) -> list[tuple[Reading | None, Event]]:
-        status = told_by_heater(self._heater.answer(START_NS), self._heater.measured_w, START_NS + round(
-            self._car.clock_s * NS_PER_S))
-        return [] if status is None else [(None, HeaterStatusArrived(status))]
+    def _heater_events(self, told_by_heater: ToldByHeater) -> Iterator[Event]:
+        for name in self._heater.names:
+            status = told_by_heater(self._heater.answer(START_NS, name), self._heater.measured_w(name),
+                                    START_NS + round(self._car.clock_s * NS_PER_S))
+            if status is not None:
+                yield HeaterStatusArrived(status) if name == HVCH else SourceStatusArrived(status, name)
 
     def go_on(self) -> None:
         """Drive on to the next instant with an event; sleeping computers have no events."""
@@ -186,8 +190,9 @@ class _Drive:
         if self._wire is not None:
             self._wire.stepped(now_ns, events, output)
         if output.command is not None:
-            self._heater.take(HeaterCommand(
-                output.command.battery_heating_power_w, now_ns, output.command.valid_until_ns), START_NS)
+            for name in self._heater.names:
+                self._heater.take(HeaterCommand(
+                    output.command.power_w(name), now_ns, output.command.valid_until_ns), START_NS, name)
         if reading is not None and not output.refusals:
             self._stale_s = time_s + self._settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)
@@ -259,7 +264,7 @@ def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[tuple[Moment
         if moment.reading is not None:
             measured_c = moment.reading.temperature_c
         if moment.output.command is not None:
-            power_w = moment.output.command.battery_heating_power_w
+            power_w = moment.output.command.total_w
         estimate, plan = supervisor.state.estimate, supervisor.state.decision.plan
         yield moment, Instant(
             moment.time_s, plant.temperature_c, measured_c,

@@ -166,16 +166,21 @@ class VehiclePlant:
             self.sources.off()
         self._elapsed_s, self.time_s = until_s, to_s
 
-    def advance_under(self, lease: HeaterLease, to_s: float) -> None:
-        """Drive on to `to_s` [s] with the power of a HeaterLease, and 0 W after its end."""
+    def advance_under(self, lease: HeaterLease, to_s: float, uncommanded_w: float | None = None) -> None:
+        """
+        Drive on to `to_s` [s] with the powers of a HeaterLease, and 0 W after its end.
+
+        The HVCH takes `uncommanded_w` [W] whatever the lease; None: as the lease says.
+        """
         if self.time_s < lease.until_s:
             self.sources.commands_w = lease.sources_w
-            self.advance(min(to_s, lease.until_s), lease.power_w)
+            self.advance(min(to_s, lease.until_s), lease.power_w if uncommanded_w is None else uncommanded_w)
             self.sources.commands_w = {}
         if self.time_s < to_s:
             since_s = self.time_s
-            self.advance(to_s, 0.0)
-            self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
+            self.advance(to_s, uncommanded_w or 0.0)
+            if uncommanded_w is None:
+                self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
 
     def _drive(self, until_s: float, heater_power_w: float) -> None:
         while self._elapsed_s < until_s and not self.is_standing:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.numerics import Curve, Number
 from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
 
@@ -78,6 +79,8 @@ class HeatPath:
 DIRECT = HeatPath()
 
 
+# The heat source that every vehicle has, beside the names of its `heat_sources`.
+HVCH = 'hvch'
 # Slower than this a vehicle stands [m/s]: positions and wheel pulses jitter.
 STANDING_MPS = 0.3
 
@@ -235,7 +238,8 @@ class HeatSource:
 
     Curves over (ambient temperature, battery temperature) [deg C]: `maximum_power_w`, electrical, and
     `hvch_watts`, the HVCH power with the heat of one watt of this source; below 0 it `cools`. `only_while` is
-    'driving', 'standing' or '' for both; with `shares_cabin_limit` cabin heating comes first.
+    'driving', 'standing' or '' for both; with `shares_cabin_limit` cabin heating comes first. `most_w` is the most
+    electrical power [W].
     """
 
     name: str
@@ -244,6 +248,7 @@ class HeatSource:
     only_while: str = ''
     shares_cabin_limit: bool = False
     cools: bool = False
+    most_w: float = inf
 
 
 @dataclass(frozen=True)
@@ -384,6 +389,14 @@ class Vehicle:
     def pack_heat_capacity_j_per_k(self) -> float:
         """Heat capacity of the whole battery [J/K]: that of `battery`, and of the shell around it."""
         return self.battery.heat_capacity_j_per_k / (1.0 - self.heat_path.shell_share)
+
+    def most_w(self, name: str) -> float:
+        """Return the most electrical power [W] of the heat source of a name; raise InvalidInput without one."""
+        most_w = {HVCH: self.hvch.maximum_power_w, **{each.name: each.most_w for each in self.heat_sources}}
+        if name not in most_w:
+            raise InvalidInput(f'heat source {quoted(name)} is not in vehicle {self.name}, which has '
+                               f'{", ".join(most_w)}')
+        return most_w[name]
 
     def __repr__(self) -> str:
         """Return name, heater and the number of assumed values as one line."""

@@ -65,7 +65,7 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
     hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
         tuple(value / efficiency for value in row) for row in heat.values))
     return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False),
-                      cools)
+                      cools, max(map(max, power.values)))
 
 
 def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath, gates: HeatingGates) -> Iterator[str]:

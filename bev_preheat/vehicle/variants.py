@@ -75,6 +75,13 @@ def hvch_alone(vehicle: Vehicle) -> Vehicle:
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
+def without_sources(vehicle: Vehicle, names: tuple[str, ...]) -> Vehicle:
+    """Return the Vehicle without the heat sources of these names; the same object for the same vehicle."""
+    return vehicle if not names else replace(vehicle, heat_sources=tuple(
+        source for source in vehicle.heat_sources if source.name not in names))
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
 def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant, or its shell."""
     battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
@@ -156,7 +163,8 @@ class DriveInputs:
     `terminal_power_w` is the measured battery power; None if only the route is known. If it is measured,
     `power_variance_w2` is the measured variance, and `hidden_variance_w2` the part of the route's variance
     that the sensors do not show.
-    `heater_power_w` is the HVCH power for the battery.
+    `heater_power_w` is the HVCH power for the battery. In the estimator's inputs it is the heat of other sources,
+    as HVCH power; the HVCH's own is that of its hypotheses.
     """
 
     speed_mps: AnyNumber
@@ -169,6 +177,12 @@ class DriveInputs:
     heater_power_w: AnyNumber
     terminal_power_w: AnyNumber = None
     hidden_variance_w2: AnyNumber = 0.0
+
+
+def with_other_sources(drive: DriveInputs, drawn_w: float, heat_w: float) -> DriveInputs:
+    """Return a DriveInputs with heat [W, as HVCH power] of sources that draw another electrical power [W]."""
+    return replace(drive, heater_power_w=drive.heater_power_w + heat_w,
+                   auxiliary_power_w=drive.auxiliary_power_w + drawn_w - heat_w)
 
 
 # `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).

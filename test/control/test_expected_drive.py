@@ -4,7 +4,7 @@
 import pytest
 
 from bev_preheat.control.expected_drive import intervals_between
-from bev_preheat.control.heater import CommandHistory
+from bev_preheat.control.heater import SourcePowers
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
@@ -34,7 +34,7 @@ def between(from_s, to_s, mission=MISSION):
     """Return (DriveInputs, heater power left by the cabin [W]) of the single step between two instants."""
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
     timetable = None if mission is None else Timetable.of(mission)
-    interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
+    interval, = intervals_between(edges_ns, VEHICLE, timetable, SourcePowers())
     return interval.drive, interval.limit_w
 
 
@@ -69,7 +69,7 @@ def along(places, from_s, to_s):
         stamp_ns = round((START_S + at_s) * NS_PER_S)
         timetable = timetable.at_progress(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
-    interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
+    interval, = intervals_between(edges_ns, VEHICLE, timetable, SourcePowers())
     return interval.drive
 
 

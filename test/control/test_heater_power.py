@@ -194,19 +194,17 @@ def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measur
     assert doubts[-1].startswith(f'hvch_status is in doubt: it reports {measured_w:.0f} W')
 
 
-def answers_with(**fields):
-    return HeaterAnswers().with_answer(HeaterStatus(
+def answers_with(seconds=0.0, **fields):
+    """Return answers to 5 kW that were commanded for some seconds."""
+    commanded = CommandHistory().noted(NOW_NS - round(seconds * NS_PER_S), 5000.0)
+    return HeaterAnswers(commanded=commanded).with_answer(HeaterStatus(
         **{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS, SETTINGS)
 
 
-def commanded_since(seconds):
-    return CommandHistory().noted(NOW_NS - round(seconds * NS_PER_S), 5000.0)
-
-
 def test_silent_heater_refuses_nothing_and_is_reported():
-    answers = answers_with(refusal=Refusal.LOW_CHARGE)
+    answers = answers_with(60.0, refusal=Refusal.LOW_CHARGE)
     later_ns = NOW_NS + 6 * NS_PER_S
-    assert answers.refusal(later_ns, SETTINGS, commanded_since(60.0)) == ''
+    assert answers.refusal(later_ns, SETTINGS) == ''
     assert 'hvch_status is 6 s old' in answers.report(later_ns, SETTINGS, '').silence
     # Commands count as served again.
     answers = answers.with_command(later_ns, 4000.0, SETTINGS)
@@ -254,13 +252,12 @@ def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
 
 
 def test_any_confirmed_heat_is_no_refusal():
-    assert answers_with(active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(
-        NOW_NS, SETTINGS, commanded_since(60.0)) == ''
+    assert answers_with(60.0, active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
 
 
 def test_doubt_ends_with_the_trip():
     answers = answers_with(active_w=5000.0)
-    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
+    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
     assert not is_refuted
     assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
     assert not answers.are_used(NOW_NS, SETTINGS)

@@ -295,12 +295,6 @@ def test_a_new_target_takes_effect_at_once(car):
     assert car.plans.latest.target_battery_temperature == 11.5
 
 
-def test_heat_sources_without_a_command_are_named(car):
-    assert car.set(vehicle='heat_pump_car').successful
-    assert ('vehicle heat_pump_car: the HVCH heats alone; the planner has no command for heat_sources: '
-            'motor, heat_pump.') in car.process.output()
-
-
 def test_a_new_vehicle_takes_effect_at_once_and_its_assumed_values_are_warned_of(car):
     assert car.set(vehicle='mid_size_lfp').successful
     with car.feeding():

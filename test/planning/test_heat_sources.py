@@ -10,8 +10,6 @@ import pytest
 import yaml
 
 from bev_preheat.code_generation.ecu_export import vehicle_source
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.nonlinear_program.solve import solve_optimum
@@ -222,6 +220,5 @@ def test_what_does_not_know_the_sources_uses_the_hvch_alone():
     trip = make_trip(VEHICLE, ROUTE)
     assert (trip.heater_limit_w > trip.hvch_limit_w).all()
     assert trip.hvch_limit_w == pytest.approx(make_trip(ALONE, ROUTE).heater_limit_w)
-    assert Supervisor(VEHICLE, Settings()).state.vehicle.heat_sources == ()
     with pytest.raises(InvalidInput, match='heat_sources are not exported; the export needs a file'):
         vehicle_source(VEHICLE)
