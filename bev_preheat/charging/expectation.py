@@ -274,6 +274,12 @@ class TimeDeviation:
         return dict(vars(self))
 
 
+def arrival_of(vehicle: Vehicle, plan: Plan) -> BatteryState:
+    """Return the state in which a Plan arrives; a car that cools holds its battery at the highest temperature."""
+    state, highest_c = plan.arrival_state, vehicle.battery.temperature_range_c[1]
+    return replace(state, temperature_c=min(state.temperature_c, highest_c)) if vehicle.cools else state
+
+
 def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                    charger_power_w: float, departure_soc: float, prices: Prices) -> TimeDeviation:
     """
@@ -285,7 +291,7 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     the file. At the charger each car heats as the file's car would, by its HeatingChoice under Prices.
     """
     heating = ChargerHeating(vehicle, stop_after(route, charger_power_w, departure_soc), prices)
-    limits = [heating.choose(plan.arrival_state).limit for plan in (
+    limits = [heating.choose(arrival_of(vehicle, plan)).limit for plan in (
         plan_unheated(vehicle, route, state, goal), plan_preheating(vehicle, route, state, goal))]
     squares = [0.0, 0.0, 0.0]
     for index, deviation in factor_deviations(vehicle.uncertainty).items():
@@ -298,7 +304,7 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
             driven = route.with_propulsion(factor) if index == PROPULSION else route
             stop = stop_after(driven, charger_power_w, departure_soc)
             without_s, heated_s = (
-                charge(car, stop, plan.arrival_state, heating=limit).charging_time_s for plan, limit in zip((
+                charge(car, stop, arrival_of(car, plan), heating=limit).charging_time_s for plan, limit in zip((
                     plan_unheated(car, driven, state, goal),
                     plan_preheating(car, driven, state, goal)), limits))
             ends.append((without_s, heated_s, without_s - heated_s))

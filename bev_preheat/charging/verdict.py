@@ -140,35 +140,38 @@ def too_warm(vehicle: Vehicle, stop: ChargingStop, session: Session) -> TooWarm 
 LEAST_COST_DIFFERENCE = 0.01
 
 
+HEATING, COOLING = 'heating', 'cooling'
+
+
 def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, prices: Prices,
-               problem: str | None) -> str:
+               problem: str | None, way: str = HEATING) -> str:
     """
     Return the sentence for the driver; `problem` is why the unheated battery is not charged.
 
-    `break_even` is the least value of time for which heating pays [per h], or infinite.
+    `break_even` is the least value of time for which heating pays [per h], or infinite; `way`: HEATING, COOLING.
     """
     if math.isinf(best.charging_time_s):
         return f'This charger cannot charge the battery that far, heated or not: {problem}.'
-    heating = f'heating the battery to {best.arrival_temperature_c:.1f} degC before arrival'
+    heating = f'{way} the battery to {best.arrival_temperature_c:.1f} degC before arrival'
     if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
-                f'without heating, {problem}.')
+                f'without {way}, {problem}.')
     if 0.0 < without.cost - best.cost < LEAST_COST_DIFFERENCE:
         return (f'It makes no difference: {heating} would save less than {LEAST_COST_DIFFERENCE:.2f} in all. Some '
-                f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
+                f'{way} pays as soon as an hour is worth {break_even:.2f} to you.')
     if best is not without:
         saved = _saved_text(best, without, prices)
         pays = ('' if math.isinf(break_even) else
-                ' Some heating pays whatever your time is worth.' if break_even == 0.0 else
-                f' Some heating pays as soon as an hour is worth {break_even:.2f} to you.')
+                f' Some {way} pays whatever your time is worth.' if break_even == 0.0 else
+                f' Some {way} pays as soon as an hour is worth {break_even:.2f} to you.')
         return f'Worth it: {heating} {saved}.{pays}'
     if math.isinf(break_even):
-        return 'Not worth it: heating before arrival saves neither time nor money at this charger.'
-    return (f'Not worth it at {prices.time_per_h:.2f} an hour: heating pays as soon as an hour is worth '
+        return f'Not worth it: {way} before arrival saves neither time nor money at this charger.'
+    return (f'Not worth it at {prices.time_per_h:.2f} an hour: {way} pays as soon as an hour is worth '
             f'{break_even:.2f} to you.')
 
 
-def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float) -> str:
+def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float, way: str = HEATING) -> str:
     """
     Return the sentence of `verdict_on` with the prospect of charging.
 
@@ -177,12 +180,12 @@ def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float
     if prospect.probability == 1.0 or prospect.wait_s is not None:
         return sentence
     pays = '' if pays_from > 1.0 else (
-        ' Some heating pays at any chance.' if pays_from == 0.0 else
-        f' Some heating pays from {chance_text(pays_from)} chance on.')
+        f' Some {way} pays at any chance.' if pays_from == 0.0 else
+        f' Some {way} pays from {chance_text(pays_from)} chance on.')
     return f'{prospect.in_words} chance of charging: {sentence[0].lower()}{sentence[1:]}{pays}'
 
 
-def bounds_in_words(to_price_per_kwh: float, from_probability: float) -> str:
+def bounds_in_words(to_price_per_kwh: float, from_probability: float, way: str = HEATING) -> str:
     """
     Return the sentence on the price of energy up to which, and the chance of charging from which on heating pays.
 
@@ -195,7 +198,7 @@ def bounds_in_words(to_price_per_kwh: float, from_probability: float) -> str:
     chance = '' if from_probability > 1.0 else (
         ' and at any chance of charging' if from_probability == 0.0 else
         f' and from {chance_text(from_probability)} chance of charging on')
-    return f'Some heating pays {price}{chance}.'
+    return f'Some {way} pays {price}{chance}.'
 
 
 def unheated_at_charger(best: TargetWorth, without: TargetWorth) -> str:

@@ -4,6 +4,7 @@ Worth of heating before the charger: its cost, and the savings at the charger, o
 
     cost = price · bought energy + value of time · charging time + ageing
 
+Targets below the arrival without heating are those of a car that cools.
 Energy spent on heat before arrival is bought back at the charger, so the bought energy includes it. Plans
 are those of the planner, sessions those of `session`, with the heating at the charger that costs least from each
 arrival (`heating_choice`). Cost over the target may have several minima, because
@@ -17,7 +18,7 @@ from functools import partial
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.charging.expectation import Expectation, spent_wh
+from bev_preheat.charging.expectation import arrival_of, Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import (
     CERTAIN,
@@ -35,7 +36,9 @@ from bev_preheat.charging.target_worth import (
 )
 from bev_preheat.charging.verdict import (
     bounds_in_words,
+    COOLING,
     derating_in,
+    HEATING,
     LEAST_TIME_S,
     too_warm,
     unheated_at_charger,
@@ -50,6 +53,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -123,7 +127,7 @@ class Worth:
     `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
     None if it is certain. `pays_from_chance` is the same, also if it is certain. `pays_to_price_per_kwh` is the
     highest price of energy for which some heating pays, infinite if it pays at any price, 0 if at none. `by_rule`
-    has the results of `maker_rules`, if asked for.
+    has the results of `maker_rules`, if asked for. `way` is HEATING, or COOLING if that is what pays.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -138,6 +142,7 @@ class Worth:
     pays_from_chance: float = math.inf
     pays_to_price_per_kwh: float = 0.0
     by_rule: dict[str, TargetWorth] = field(default_factory=dict)
+    way: str = HEATING
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
@@ -172,7 +177,8 @@ class Worth:
     def bounds_in_words(self) -> str:
         """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""
         return bounds_in_words(
-            self.pays_to_price_per_kwh, self.pays_from_chance if self.pays_from_probability is None else math.inf)
+            self.pays_to_price_per_kwh, self.pays_from_chance if self.pays_from_probability is None else math.inf,
+            self.way)
 
     def unheated_in_words(self) -> str:
         """Return the cost at the charger of not heating instead of the best target, as part of a sentence."""
@@ -204,20 +210,30 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
     """
     stop = stop_after(route, charger_power_w, departure_soc)
     _check(vehicle, route, state, goal, stop, prices, prospect)
-    unheated = plan_unheated(vehicle, route, state, goal)
+    unheated, highest_c = plan_unheated(vehicle, route, state, goal), vehicle.battery.temperature_range_c[1]
     refuse_stranded(unheated)
+    if vehicle.cools and unheated.arrival_temperature_c > highest_c:
+        # Cooled no more than the battery needs.
+        unheated = plan_preheating(vehicle, route, state, goal_of(goal, highest_c, math.inf), method)
 
     def plan_to(target_c: float) -> Plan:
-        return plan_preheating(vehicle, route, state, replace(
-            goal, target_temperature_c=target_c, heats_until_arrival=prospect.heats_until_arrival), method)
+        return plan_preheating(vehicle, route, state, replace(goal_of(
+            goal, target_c, unheated.arrival_temperature_c),
+            heats_until_arrival=prospect.heats_until_arrival), method)
 
     search = WorthSearch(
         vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else
-        Expectation(vehicle, route, state, stop, prospect, prices, unheated))
+        Expectation(vehicle, route, state, stop, prospect, prices, unheated), cools=vehicle.cools)
     search.advance(math.inf)
     return replace(search.worth(), by_rule={
         name: search.worth_of(plan_by_rule(name, vehicle, route, state, goal))
         for name in (MAKER_RULES if with_rules else ())})
+
+
+def goal_of(goal: Goal, target_c: float, unheated_c: float) -> Goal:
+    """Return the Goal with a target [deg C]: at least, or below the arrival without heating at most."""
+    return replace(goal, target_temperature_c=target_c,
+                   maximum_arrival_temperature_c=target_c if target_c < unheated_c else math.inf)
 
 
 class _Paused(Exception):
@@ -237,12 +253,12 @@ class WorthSearch:
 
     `vehicle`, `stop` and `unheated` (the Plan without heating) must not change meanwhile, nor the inputs from
     which `plan_to` makes a Plan for a target [deg C]. `usual_c` is the usual target [deg C]; `without` is the
-    TargetWorth without heating.
+    TargetWorth without heating. If the car `cools`, `plan_to` also takes targets below that arrival.
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
                  plan_to: Callable[[float], Plan], expectation: Expectation | None = None,
-                 found: Sequence[Evaluated] = ()) -> None:
+                 found: Sequence[Evaluated] = (), cools: bool = False) -> None:
         """
         Simulate the session without heating; raises what `session.charge` raises.
 
@@ -251,14 +267,14 @@ class WorthSearch:
         """
         self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
-        self._plan_to = plan_to
+        self._plan_to, self._cools = plan_to, cools
         self._heating = ChargerHeating(vehicle, stop, prices)
         self._arrivals: dict[float, BatteryState] = {item.target_c: arrival for item, arrival in found}
         # In any case, because the policy at the charger is found from the first arrival.
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
         if found:
             self.without = found[0].worth
-        self._problem = self._heating.choose(unheated.arrival_state).session.problem
+        self._problem = self._heating.choose(arrival_of(vehicle, unheated)).session.problem
         self._found = {item.target_c: item for item, _ in found} or {self.without.target_c: self.without}
         self._plans_left = 0.0
         self._grid_c = [self.without.target_c, *targets_between(
@@ -274,12 +290,12 @@ class WorthSearch:
         return self._heating.choose(self._arrivals[target_c]).session
 
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
-        self._arrivals[target_c] = plan.arrival_state
+        self._arrivals[target_c] = arrival_of(self._vehicle, plan)
         return replace(self.worth_of(plan), target_c=target_c)
 
     def worth_of(self, plan: Plan) -> TargetWorth:
         """Return the TargetWorth of a Plan of the same drive, which is no target of the search."""
-        choice = self._heating.choose(plan.arrival_state)
+        choice = self._heating.choose(arrival_of(self._vehicle, plan))
         session = choice.session
         item = TargetWorth(
             plan.target_temperature_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
@@ -290,22 +306,34 @@ class WorthSearch:
 
     def choice_after(self, item: TargetWorth) -> HeatingChoice:
         """Return the HeatingChoice at the charger after an evaluated target, with the costs of all decisions."""
-        return self._heating.compare(self._arrivals[max(item.target_c, self.without.target_c)])
+        return self._heating.compare(self._arrivals.get(item.target_c, self._arrivals[self.without.target_c]))
 
     def look_at(self, target_c: float) -> TargetWorth:
-        """Return the TargetWorth of a target [deg C], with a plan and a session for a new target."""
+        """Return the TargetWorth of heating to a target [deg C], with a plan and a session for a new target."""
         if target_c <= self.without.target_c:
             return replace(self.without, target_c=target_c)
+        return self._look_at(target_c)
+
+    def _look_at(self, target_c: float) -> TargetWorth:
         if target_c not in self._found:
             self._found[target_c] = self._worth_of(self._plan_to(target_c), target_c)
         return self._found[target_c]
 
     def _at(self, target_c: float) -> TargetWorth:
-        if target_c > self.without.target_c and target_c not in self._found:
+        if target_c not in self._found:
             if self._plans_left < 1.0:
                 raise _Paused
             self._plans_left -= 1.0
-        return self.look_at(target_c)
+        return self._look_at(target_c)
+
+    def _colder(self) -> list[float]:
+        """Return the whole degrees below the arrival without heating that cooling reaches [deg C], rising."""
+        colder: list[float] = []
+        target_c = math.ceil(self.without.target_c) - GRID_K
+        while self._cools and self._at(target_c).arrival_temperature_c < target_c + SHORTFALL_TOLERANCE_K:
+            colder.insert(0, target_c)
+            target_c -= GRID_K
+        return colder
 
     def advance(self, plans: float) -> bool:
         """Continue the search by at most this many plans; return whether it is finished."""
@@ -318,9 +346,9 @@ class WorthSearch:
 
     def _search(self) -> None:
         """Evaluate all targets that the search needs; known targets take no time."""
-        grid_c = self._grid_c
+        grid_c = [*self._colder(), *self._grid_c]
         scan(grid_c, lambda target_c: self._at(target_c).cost)
-        self._at(self._usual_c)
+        self._at(max(self._usual_c, self.without.target_c))
 
         def pays_from(target_c: float) -> float:
             return self._pays_from_per_h(self._at(target_c))
@@ -339,7 +367,17 @@ class WorthSearch:
 
     def best(self) -> TargetWorth:
         """Return the TargetWorth with the lowest cost so far."""
-        return min(self._found.values(), key=lambda item: (item.cost, item.target_c))
+        return min(self._found.values(), key=lambda item: (item.cost, abs(item.target_c - self.without.target_c)))
+
+    @property
+    def way(self) -> str:
+        """COOLING if the target that pays from the least value of time on, or the best one, is cooled for."""
+        cooled = [item for item in self._found.values()
+                  if item.arrival_temperature_c < self.without.arrival_temperature_c - SHORTFALL_TOLERANCE_K]
+        best, pays_from = self.best(), self.break_even_per_h()
+        if best is not self.without:
+            return COOLING if best in cooled else HEATING
+        return COOLING if any(self._pays_from_per_h(item) <= pays_from for item in cooled) else HEATING
 
     def break_even_per_h(self) -> float:
         """Return the least value of time for which a target evaluated so far pays [per h], or infinity."""
@@ -401,9 +439,11 @@ class WorthSearch:
 
     def verdict(self, item: TargetWorth) -> str:
         """Return the sentence for the driver on an evaluated TargetWorth, also on a battery that gets too warm."""
-        sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
+        sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem,
+                              self.way)
         if self._expectation is not None:
-            sentence = verdict_in_doubt(sentence, self._expectation.prospect, self.pays_from_probability())
+            sentence = verdict_in_doubt(
+                sentence, self._expectation.prospect, self.pays_from_probability(), self.way)
         warm = self._too_warm(item)
         return f'{sentence} {warm}' if warm else sentence
 
@@ -432,7 +472,7 @@ class WorthSearch:
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
             self.verdict(best), self.choice_after(best), self.choice_after(self.without),
             None if self._expectation is None else self.pays_from_probability(),
-            self.pays_from_chance(), self.pays_to_price_per_kwh())
+            self.pays_from_chance(), self.pays_to_price_per_kwh(), way=self.way)
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,

@@ -13,7 +13,7 @@ from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.stop import check_stop, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_range import by_session, by_table, COLUMNS, read_charging_times, targets_in_range
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import check_prices, find_worth
+from bev_preheat.charging.worth import check_prices, find_worth, goal_of
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
 from bev_preheat.commands.parser import completed_by, given_options, NameCompleter, option_group, option_of
@@ -100,13 +100,12 @@ def run(arguments: Namespace) -> int:
     charger = arguments.charger_power, arguments.departure_soc
     worth = find_worth(*inputs, goal, *charger, prices, prospect=prospect, with_rules=True)
     shown = worth.fixed if worth.best is worth.without_heating else worth.best
-    deviation = time_deviation(
-        *inputs, replace(situation.goal, target_temperature_c=shown.target_c,
-                         heats_until_arrival=prospect.heats_until_arrival), *charger, prices)
+    goal = replace(goal_of(goal, shown.target_c, -math.inf if shown is worth.fixed else
+                           worth.without_heating.arrival_temperature_c),
+                   heats_until_arrival=prospect.heats_until_arrival)
+    deviation = time_deviation(*inputs, goal, *charger, prices)
     sensitivity = None
     if worth.best is not worth.without_heating:
-        goal = replace(situation.goal, target_temperature_c=worth.best.target_c,
-                       heats_until_arrival=prospect.heats_until_arrival)
         sensitivity = find_sensitivity(*inputs, goal, plan_preheating(*inputs, goal))
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
@@ -195,7 +194,7 @@ def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviati
         return None
     saved_s = without.charging_time_s - shown.charging_time_s
     return (f'Uncertainty of the model (1 sigma): {duration_text(without.charging_time_s)} '
-            f'+-{duration_text(deviation.without_heating_s)} without heating, '
+            f'+-{duration_text(deviation.without_heating_s)} without {worth.way}, '
             f'{duration_text(shown.charging_time_s)} +-{duration_text(deviation.heated_s)} with '
             f'{shown.target_c:.1f} degC; {"saved" if saved_s >= 0.0 else "lost"} '
             f'{duration_text(abs(saved_s))} +-{duration_text(deviation.saved_s)}.')

@@ -142,7 +142,7 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> No
         cost += (DISCHARGE_PRICE * casadi.sum2(deficit_w) + SOC_PRICE * casadi.sum2(deficit_soc)
                  + TARGET_PRICE * deficit_k)
         constraints.add('lowest_soc', soc + deficit_soc, SOC_SCALE)
-        if cools(vehicle):
+        if vehicle.cools:
             excess_k = variables.variable('excess_k', 1)
             beyond_k, cost = beyond_k - excess_k, cost + TARGET_PRICE * excess_k
     if give is Give.RANGES:
@@ -227,11 +227,6 @@ def unheated_start(problem: Problem) -> Values:
     return driven_start(problem.trip, plan_without_heating(problem.trip, problem.state))
 
 
-def cools(vehicle: Vehicle) -> bool:
-    """Return whether a heat source of a Vehicle cools."""
-    return any(source.cools for source in vehicle.heat_sources)
-
-
 def heated_start(problem: Problem, most_w: FloatArray) -> Values:
     """Return the variables of the trip heated or cooled throughout, as far as the limits allow."""
     return driven_start(problem.trip, drive_as_planned(problem.trip, problem.state, most_w))
@@ -302,7 +297,7 @@ def _constraint_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Flo
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
     defects = {name: 0.0 for name in program.constraints.names if name.endswith('_defect')}
     goal, most_k = problem.goal, np.inf
-    if cools(problem.vehicle) and goal.charging_planned:
+    if problem.vehicle.cools and goal.charging_planned:
         most_k = goal.maximum_arrival_temperature_c - goal.target_temperature_c
     return (program.constraints.pack({'lowest_soc': lowest_soc, 'highest_soc': -np.inf,
                                       'highest_temperature': -np.inf}, otherwise=0.0),

@@ -14,7 +14,6 @@ from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
 from bev_preheat.nonlinear_program.program import (
     Attempt,
     attempt,
-    cools,
     Give,
     heated_start,
     Problem,
@@ -140,7 +139,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     problem = rounded if vehicle.heat_sources else problem
     starts = [unheated_start(problem), *([heated_start(problem, trip.heater_limit_w)]
                                          if limited or vehicle.heat_sources else [])]
-    if cools(vehicle):
+    if vehicle.cools:
         starts.append(heated_start(problem, trip.most_cold_w))
     if limited and limits_hold(trip, unheated):
         # Heat sources that begin at a temperature make several optima, too.

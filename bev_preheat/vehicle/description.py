@@ -386,6 +386,11 @@ class Vehicle:
     heat_sources: tuple[HeatSource, ...] = ()
 
     @property
+    def cools(self) -> bool:
+        """Whether a heat source cools."""
+        return any(source.cools for source in self.heat_sources)
+
+    @property
     def pack_heat_capacity_j_per_k(self) -> float:
         """Heat capacity of the whole battery [J/K]: that of `battery`, and of the shell around it."""
         return self.battery.heat_capacity_j_per_k / (1.0 - self.heat_path.shell_share)
