@@ -39,7 +39,6 @@ class Pool:
                                          text=True, start_new_session=True, env={**os.environ, **kept})
 
     def ask(self, **request):
-        """Return the answer to a request."""
         self._process.stdin.write(json.dumps(request) + '\n')
         self._process.stdin.flush()
         return json.loads(self._process.stdout.readline())
@@ -53,7 +52,6 @@ class Pool:
             folder=os.getcwd()))
 
     def close(self):
-        """End."""
         self._process.stdin.close()
         self._process.wait()
         self._process.stdout.close()
@@ -63,7 +61,6 @@ class ForkedProcess:
     """A process with the methods of subprocess.Popen."""
 
     def __init__(self, pool, pid):
-        """Take a process that was started."""
         self._pool, self.pid, self.returncode = pool, pid, None
 
     def poll(self):
@@ -82,16 +79,13 @@ class ForkedProcess:
         return self.returncode
 
     def send_signal(self, number):
-        """Send it a signal if it runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def terminate(self):
-        """Send SIGTERM."""
         self.send_signal(signal.SIGTERM)
 
     def kill(self):
-        """Send SIGKILL."""
         self.send_signal(signal.SIGKILL)
 
 

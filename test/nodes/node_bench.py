@@ -40,15 +40,14 @@ def repeating(action, period_s):
 
 
 class Record:
-    """The messages of a topic; a subclass says how a wait passes, and calls `_receive`."""
+    """The messages of a topic; a subclass says how a wait passes, and calls `receive`."""
 
     patience_s = TIME_LIMIT_S
 
     def __init__(self, topic):
-        """Begin empty."""
         self._topic, self._received, self.latest = topic, [], None
 
-    def _receive(self, message):
+    def receive(self, message):
         self._received.append((time.monotonic(), message))
         self.latest = message
 
@@ -108,14 +107,13 @@ class Recorder(Record):
     """Keeps every message of a topic, which comes in another thread."""
 
     def __init__(self, node, message_type, topic, qos):
-        """Subscribe."""
         super().__init__(topic)
         self._node, self._changed = node, threading.Condition()
-        self._subscription = node.create_subscription(message_type, topic, self._receive, qos)
+        self._subscription = node.create_subscription(message_type, topic, self.receive, qos)
 
-    def _receive(self, message):
+    def receive(self, message):
         with self._changed:
-            super()._receive(message)
+            super().receive(message)
             self._changed.notify_all()
 
     def _comes(self, condition, timeout_s):
@@ -127,7 +125,6 @@ class Recorder(Record):
         take_down(self._node, lambda: self._node.destroy_subscription(self._subscription))
 
     def wait_for_publisher(self):
-        """Wait for a publisher of the topic."""
         poll_until(self._subscription.get_publisher_count, f'{self._topic}: a publisher')
 
 
@@ -135,7 +132,6 @@ class Sender:
     """A publisher that can wait for its subscriptions."""
 
     def __init__(self, node, message_type, topic, qos):
-        """Advertise."""
         self._node, self._topic = node, topic
         self._publisher = node.create_publisher(message_type, topic, qos)
 
@@ -144,7 +140,6 @@ class Sender:
         take_down(self._node, lambda: self._node.destroy_publisher(self._publisher))
 
     def publish(self, message):
-        """Publish."""
         self._publisher.publish(message)
 
     def wait_for_subscription(self, count=1, timeout_s=TIME_LIMIT_S):
@@ -200,11 +195,9 @@ class Bench:
         return poll_until(condition, what)
 
     def record(self, message_type, topic, qos=10):
-        """Subscribe; returns a Recorder."""
         return Recorder(self.node, message_type, topic, qos)
 
     def publisher(self, message_type, topic, qos=1):
-        """Advertise; returns a Sender."""
         return Sender(self.node, message_type, topic, qos)
 
     def call(self, service_type, name, request, timeout_s=TIME_LIMIT_S):

@@ -25,7 +25,6 @@ def stamped(message, instant_ns):
 
 
 def state_at(instant_ns, **fields):
-    """Return a BatteryState."""
     return stamped(BatteryState(**{'temperature': -7.0, 'percentage': 0.8, **fields}), instant_ns)
 
 
@@ -38,7 +37,6 @@ def route_at(instant_ns, **fields):
 
 
 def heats(command):
-    """Return whether a command heats."""
     return command.battery_heating_power > 0.0
 
 
@@ -80,7 +78,6 @@ class PlannerCar:
         return self.process
 
     def state(self, age_s=0.0, **fields):
-        """Return a battery state of an age."""
         return state_at(self.now_ns - age_s * NS_PER_S, **fields)
 
     def route(self, age_s=0.0, **fields):
@@ -88,7 +85,6 @@ class PlannerCar:
         return route_at(self.now_ns - age_s * NS_PER_S, **fields)
 
     def give(self, message):
-        """Publish an input."""
         self.publishers[type(message)].publish(message)
 
     def send_state(self, **fields):
@@ -96,7 +92,6 @@ class PlannerCar:
         self.give(self.state(**fields))
 
     def send_route(self, **fields):
-        """Publish a route that begins now."""
         self.give(self.route(**fields))
 
     def feeding(self, make_state=None, period_s=STATE_PERIOD_S):
@@ -104,7 +99,6 @@ class PlannerCar:
         return self.bench.repeating(lambda: self.give((make_state or self.state)()), period_s)
 
     def clear(self):
-        """Forget all messages so far."""
         for recorder in (self.commands, self.plans, self.diagnostics):
             recorder.clear()
 
@@ -121,11 +115,9 @@ class PlannerCar:
         return found(self.diagnostics.wait_for(found, f'an entry {name}'))
 
     def enable(self, is_on):
-        """Call ~/enable."""
         return self.bench.call(SetBool, f'{self._namespace}/planner/enable', SetBool.Request(data=is_on))
 
     def set(self, service=SetParameters, **values):
-        """Set parameters; return the result."""
         return set_parameters(self.bench, f'{self._namespace}/planner', service, **values)
 
     # In a rehearsal
@@ -141,7 +133,6 @@ class PlannerCar:
         return self.commands.latest
 
     def repeat(self):
-        """Let every timer fire."""
         self.bench.fire_all()
 
 

@@ -65,11 +65,9 @@ class HandTimer:
         self.due_ns = self._last_ns + self.timer_period_ns
 
     def cancel(self):
-        """Stop."""
         self._is_canceled = True
 
     def is_canceled(self):
-        """Return whether it has stopped."""
         return self._is_canceled
 
     def fires(self):
@@ -90,11 +88,9 @@ class Logger:
     """Keeps the lines of a node's log."""
 
     def __init__(self):
-        """Begin empty."""
         self.lines = []
 
     def get_child(self, name):
-        """Return itself."""
         return self
 
     def __getattr__(self, severity):
@@ -115,7 +111,6 @@ class Endpoint:
     """A publisher or a subscription."""
 
     def __init__(self, rehearsal, owner, message_type, topic, qos):
-        """`owner` is its node."""
         self.topic_name, self.msg_type = topic, message_type
         self.qos_profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
         self._rehearsal, self.owner = rehearsal, owner
@@ -124,11 +119,9 @@ class Endpoint:
 
     @property
     def is_latched(self):
-        """Whether it is transient local."""
         return self.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
 
     def info(self):
-        """Return its entry in the graph."""
         package = self.msg_type.__module__.partition('.')[0]
         return SimpleNamespace(
             node_name=self.owner.get_name(), node_namespace=self.owner.get_namespace(),
@@ -151,12 +144,10 @@ class Publisher(Endpoint):
     """Delivers messages to all subscriptions of its topic."""
 
     def __init__(self, *arguments):
-        """Advertise."""
         super().__init__(*arguments)
         self._count, self.latest = 0, None
 
     def publish(self, message):
-        """Deliver a message."""
         self._count += 1
         sent_ns = time.time_ns()
         self.latest = _Sent(message, {
@@ -173,12 +164,10 @@ class Publisher(Endpoint):
         return True
 
     def wait_for_subscription(self, count=1):
-        """Wait for subscriptions."""
         self._rehearsal.wait_until(lambda: self.get_subscription_count() >= count,
                                    f'{self.topic_name}: {count} subscriptions')
 
     def destroy(self):
-        """Stop advertising."""
         self._rehearsal.topic(self.topic_name).publishers.remove(self)
 
 
@@ -186,7 +175,6 @@ class Subscription(Endpoint):
     """Calls a function with each message, and with its information if it takes two arguments."""
 
     def __init__(self, rehearsal, owner, message_type, topic, qos, callback, raw=False):
-        """Subscribe."""
         super().__init__(rehearsal, owner, message_type, topic, qos)
         self.raw, self._callback = raw, callback
         try:
@@ -196,12 +184,10 @@ class Subscription(Endpoint):
             self._has_info = True
 
     def take(self, sent):
-        """Hand over a message."""
         content = sent.data if self.raw else deserialize_message(sent.data, self.msg_type)
         self._callback(*((content, sent.info) if self._has_info else (content,)))
 
     def destroy(self):
-        """Unsubscribe."""
         self._rehearsal.topic(self.topic_name).subscriptions.remove(self)
 
 
@@ -211,10 +197,9 @@ class Recorder(Record):
     patience_s = TIME_LIMIT_S
 
     def __init__(self, rehearsal, message_type, topic, qos):
-        """Subscribe."""
         super().__init__(topic)
         self._rehearsal = rehearsal
-        self._subscription = rehearsal.subscribe(message_type, topic, qos, self._receive)
+        self._subscription = rehearsal.subscribe(message_type, topic, qos, self.receive)
 
     def _comes(self, condition, timeout_s):
         return self._rehearsal.comes_to(condition, timeout_s)
@@ -224,7 +209,6 @@ class Recorder(Record):
         self._subscription.destroy()
 
     def wait_for_publisher(self):
-        """Wait for a publisher."""
         self._rehearsal.wait_until(lambda: self._rehearsal.count_publishers(self._subscription.topic_name),
                                    f'{self._topic}: a publisher')
 
@@ -248,7 +232,6 @@ class RehearsedNode(Node):
     arguments = ()
 
     def __init__(self, name):
-        """Take part in the rehearsal."""
         self.log = Logger()
         super().__init__(name, context=self.rehearsal.context, cli_args=['--ros-args', *self.arguments],
                          use_global_arguments=False, enable_rosout=False)
@@ -303,7 +286,6 @@ class RehearsedProcess:
     """In place of a NodeProcess: the node and its end."""
 
     def __init__(self, rehearsal, node):
-        """Take a node that runs."""
         self._rehearsal, self.node, self._exit_status = rehearsal, node, None
 
     @property
@@ -314,7 +296,6 @@ class RehearsedProcess:
         return self._exit_status
 
     def output(self):
-        """Return the log so far."""
         return '\n'.join(self.node.log.lines)
 
     def wait(self):
@@ -323,7 +304,6 @@ class RehearsedProcess:
         return self.exit_status
 
     def end(self, exit_status=0):
-        """End it as a signal does."""
         if self._exit_status is None:
             if hasattr(self.node, 'last_words'):
                 self.node.last_words()
@@ -366,7 +346,6 @@ class Rehearsal:
         return self._processes[-1]
 
     def record(self, message_type, topic, qos=10):
-        """Subscribe; returns a Recorder."""
         return Recorder(self, message_type, topic, qos)
 
     def subscribe(self, message_type, topic, qos, callback, raw=False):
@@ -379,7 +358,6 @@ class Rehearsal:
         return self.add_publisher(self._tester, message_type, _absolute(topic), qos)
 
     def call(self, service_type, name, request):
-        """Return the response of a service."""
         with self._acting():
             return self._services[_absolute(name)](request, service_type.Response())
 
@@ -393,7 +371,6 @@ class Rehearsal:
             timer.cancel()
 
     def advance(self, seconds):
-        """Let time pass."""
         end_ns = self.now_ns + round(seconds * NS_PER_S)
         while self._go_on(end_ns):
             pass
@@ -450,7 +427,6 @@ class Rehearsal:
         return len(self.topic(name).publishers)
 
     def add_publisher(self, owner, message_type, name, qos):
-        """Advertise."""
         self.topic(name).publishers.append(Publisher(self, owner, message_type, name, qos))
         return self.topic(name).publishers[-1]
 
@@ -464,7 +440,6 @@ class Rehearsal:
         return added
 
     def add_service(self, name, service_type, callback):
-        """Offer a service."""
         self._services[name] = callback
         return SimpleNamespace(srv_name=name, srv_type=service_type)
 
@@ -483,7 +458,6 @@ class Rehearsal:
                                 if subscription.msg_type is publisher.msg_type]
 
     def remove(self, node):
-        """Take a node out of the graph."""
         self._timers = [each for each in self._timers if each[1] is not node]
         prefix = f'{node.get_fully_qualified_name()}/'
         self._services = {name: callback for name, callback in self._services.items()
@@ -554,7 +528,6 @@ class _Time:
         return self._rehearsal.now_ns / NS_PER_S
 
     def clock(self, *, clock_type):
-        """Return a clock of rclpy."""
         if clock_type != ClockType.STEADY_TIME:
             return Clock(clock_type=clock_type)
         return SimpleNamespace(clock_type=clock_type, now=lambda: Time(

@@ -83,7 +83,6 @@ class Drive:
         routes.publish(message)
 
     def answer(self, second, **changed):
-        """Return the answer at an instant."""
         self._bench.now_ns = second * 10**9
         state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)
         state.header.stamp = Time(sec=second)

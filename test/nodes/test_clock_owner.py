@@ -55,15 +55,6 @@ def test_a_running_simulator_ends_if_another_clock_appears_and_stays(rehearsal, 
     assert '/tester also publishes /clock' in line
 
 
-def test_a_clock_of_somebody_else_is_left_alone(rehearsal, errors):
-    clock = rehearsal.record(Clock, '/clock', MANY)
-    with ticking(rehearsal):
-        assert rehearsal.start('vehicle_simulator').wait() == 2
-    (line,) = errors()
-    assert '/tester also publishes /clock; set publish_clock:=false' in line
-    assert {message.clock.sec for message in clock.messages} == {START_S}
-
-
 def test_without_a_clock_of_its_own_it_can_drive_in_real_time(rehearsal):
     states = rehearsal.record(BatteryState, 'battery_state', MANY)
     rehearsal.start('vehicle_simulator', '-p', 'publish_clock:=false', '-p', 'battery_state_period:=0.1')

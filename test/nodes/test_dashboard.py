@@ -64,7 +64,6 @@ class Tab:
 
 
 def ask(host, **values):
-    """Return the answer to a request."""
     request = Request(f'http://{host}/ask', json.dumps(values).encode(), {
         'Origin': f'http://{host}', 'Content-Type': 'application/json'})
     with urlopen(request, timeout=LIMIT_S) as answer:
@@ -132,7 +131,6 @@ def test_planners_come_answer_go_and_come_back(bench):
 
 
 def assert_it_answers(host, tab):
-    """Ask all that the page can ask."""
     assert ask(host, planner='/planner', kind='disable') == {
         'isAccepted': True, 'text': 'Preheating is switched off.'}
     tab.watch('/planner', lambda tab: tab.view['status'] == 'DISABLED' and tab.view['enabled'] is False, 'off')

@@ -47,13 +47,6 @@ def test_a_sensor_that_contradicts_the_standing_time_is_a_warning():
     assert float(values['offset of the temperature sensor [K]']) > 1.0
 
 
-@pytest.mark.parametrize('temperature_c, standing_time_s', [(-7.0, 36_000.0), (-2.0, 0.0)])
-def test_a_sensor_that_agrees_or_cannot_be_told_is_none(temperature_c, standing_time_s):
-    entry, values = estimation_entry([temperature_c], standing_time_s)
-    assert entry.level == DiagnosticStatus.OK
-    assert ('temperature expected after standing [degC]' in values) is (standing_time_s > 0.0)
-
-
 @pytest.mark.parametrize('power_nats, as_likely', [(math.log(4.0), '4'), (None, 'power is not known')])
 def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
     report = HeaterReport(Heater.ANSWERS, 0.2, 1.0, SuspectedFault(Heater.DEAD, 0.8, 70.0, 1.5, power_nats))

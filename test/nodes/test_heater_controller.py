@@ -18,10 +18,10 @@ from bev_preheat.files.input_files import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes import heater_controller_node
 from bev_preheat.nodes.heater_controller_node import GateInputs
-from bev_preheat.nodes.heater_execution import CommandSenders, RefusalNews
+from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.description import HeatingGates
-from bev_preheat.vehicle.heater_controller import HeaterAnswer, Instant, Refusal
+from bev_preheat.vehicle.heater_controller import Instant, Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
@@ -71,7 +71,6 @@ class Controlled:
         self.commands.publish(message)
 
     def heats(self, power_w=2500.0, lease_s=1.0):
-        """Wait until commands are served."""
         self.statuses.clear()
         with self.bench.repeating(lambda: self.give(power_w, lease_s=lease_s), PERIOD_S):
             self.statuses.wait_for(lambda status: status.active_power == power_w, 'heat')
@@ -126,6 +125,8 @@ def test_bad_command_ends_the_heat_of_the_good_one_before(controlled, bad, refus
     controlled.give(**bad)
     assert text in controlled.refused(refusal).explanation
     controlled.names(text)
+    controlled.heats()
+    assert 'is over; the command is served' in controlled.process.output()
 
 
 def test_second_commander_switches_off_and_is_named(installed):
@@ -255,21 +256,3 @@ def test_gates_close_once_the_state_has_expired(monkeypatch, arrives_s, stamp_s,
     gates = Gates(monkeypatch)
     assert (gates.refusal(arrives_s, stamp_s, look_s) is Refusal.NOT_REFUSED) is is_open
     assert bool(gates.told) is (abs(arrives_s - stamp_s) > GATE_TIMEOUT_S)
-
-
-# The log
-
-SILENT = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no valid command is in force')
-SERVED = HeaterAnswer(2500.0, 2500.0)
-CONFLICT = HeaterAnswer(0.0, 0.0, Refusal.COMMAND_CONFLICT, '2 nodes command the heater')
-LIMITED = HeaterAnswer(2500.0, 2000.0, Refusal.CABIN_FIRST, 'the cabin leaves 2000 W')
-
-
-def test_a_refusal_is_told_when_it_begins_and_when_it_is_over():
-    news = RefusalNews()
-    told = [news.sentence(answer)
-            for answer in (SILENT, SERVED, SERVED, CONFLICT, CONFLICT, SERVED, LIMITED, SERVED)]
-    assert [sentence for _, sentence in told] == [
-        '', '', '', 'COMMAND_CONFLICT: 2 nodes command the heater', '',
-        'COMMAND_CONFLICT is over; the command is served', '', '']
-    assert [is_refused for is_refused, _ in told][3:6] == [True, True, False]

@@ -57,11 +57,6 @@ def test_every_panel_has_a_place_and_every_place_a_panel():
     assert sorted(leaves(panels['layout'])) == sorted(panels['configById'])
 
 
-def test_both_layouts_show_the_same_curves():
-    assert set(plotjuggler_paths()) <= {*foxglove_paths('Plot'), *foxglove_paths('StateTransitions')}
-    assert set(foxglove_paths('Plot')) <= set(plotjuggler_paths())
-
-
 # Analyzers
 
 ANALYZERS = {name: node for name, node in yaml.safe_load(
@@ -72,10 +67,6 @@ ANALYZERS = {name: node for name, node in yaml.safe_load(
 # The simulator is no part of a car, and the dashboard has no entries of its own.
 EXECUTABLES = sorted({path.name.partition('.')[0] for path in (CONFIG / 'sros2').iterdir()}
                      - {'vehicle_simulator', 'dashboard'})
-
-
-def test_executables_are_found():
-    assert {'planner', 'heater_controller', 'bus_gateway'} <= set(EXECUTABLES)
 
 
 @pytest.mark.parametrize('executable', EXECUTABLES)

@@ -5,11 +5,9 @@ import ast
 from pathlib import Path
 
 import pytest
-from rclpy.logging import get_logger
 
 import bev_preheat
 from bev_preheat.nodes.node import RepetitionFilter
-from bev_preheat.nodes.state_keeper import StateKeeper
 
 
 class Clock:
@@ -59,22 +57,8 @@ def chosen_severities(source):
             and 'logger' in ast.unparse(value.value)]
 
 
-def test_a_chosen_severity_is_found():
-    assert chosen_severities('log = self.get_logger().info if good else self.get_logger().warning') == [1, 1]
-    assert chosen_severities('log = logger.error\nlogger.info(error.problem if error.fatal else text)') == [1]
-
-
 @pytest.mark.parametrize('room', ['nodes', 'bus', 'monitoring', 'recording', 'vehicle'])
 def test_no_line_logs_with_several_severities(room):
     files = sorted((PACKAGE / room).glob('*.py'))
     assert files
     assert {path.name: lines for path in files if (lines := chosen_severities(path.read_text()))} == {}
-
-
-def test_a_foreign_state_file_and_a_damaged_one_are_logged(tmp_path):
-    keeper = StateKeeper(get_logger('test_log_lines'))
-    cases = ('notes', 'bread, milk', True), ('state', '{"bev_preheat_state_file": 2}', False)
-    for name, contents, is_foreign in cases:
-        (tmp_path / name).write_text(contents)
-        keeper.attach(str(tmp_path / name), b'a car')
-        assert (bool(keeper.report().problem), keeper.report().is_foreign) == (True, is_foreign)

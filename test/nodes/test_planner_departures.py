@@ -89,16 +89,6 @@ def test_a_departure_is_prepared_skipped_and_skipped_after_a_restart(car):
     assert car.heats()
 
 
-def test_with_prices_it_heats_in_the_cheap_hour_until_it_is_skipped(car):
-    # 05:30 ... 06:30 is cheap; at 06:00 there is time left.
-    car.at(READY_NS - 5400 * NS_PER_S)
-    car.start('-p', f'grid_prices:={car.prices}')
-    assert car.heats()
-    car.plans.wait_for(lambda plan: 'in the cheapest hours' in plan.explanation, 'the sentence')
-    response = car.skip()
-    assert response.success and car.heats(is_heating=False)
-
-
 def test_a_file_that_cannot_be_used_is_an_error_and_nothing_is_heated(car):
     car.week.write_text(WEEK.replace('07:30', '7h30'))
     car.start()

@@ -14,7 +14,6 @@ START_S = 1_700_000_000
 
 @pytest.fixture
 def planner(rehearsal):
-    """Return a planner that heats."""
     planner = PlannerCar(rehearsal)
     planner.at(START_S * NS_PER_S)
     planner.start()

@@ -13,8 +13,6 @@ import pytest
 from bev_preheat.files.input_files import configuration_folder
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
-# As version 0.2.0 wrote it, cut off in the middle.
-DAMAGED = '{\n "format": 1,\n "vehicle_file_sha256": "58d0'
 NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file that does ' \
     'not exist yet'
 
@@ -140,19 +138,3 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     planner.end()
     assert len(json.loads(path.read_text())['cars']) == 2
     assert f'state_file: {path} is written again' in planner.process.output()
-
-
-def test_a_damaged_file_is_kept_aside(start, tmp_path):
-    path = tmp_path / 'state.json'
-    path.write_text(DAMAGED)
-    planner = start('-p', f'state_file:={path}')
-    planner.says(WARN, f'{path}: is damaged: it cannot be read: ')
-    planner.learn()
-    assert planner.change(vehicle='small_car') == ''
-    aside = os.path.realpath(f'{path}.damaged')
-    assert planner.says(OK, ' s ago')['damaged file kept as'] == aside
-    planner.end()
-    assert (tmp_path / 'state.json.damaged').read_text() == DAMAGED
-    # Nothing was learned about the small car.
-    assert sum('log_factors' in car for car in json.loads(path.read_text())['cars'].values()) == 1
-    assert f'the damaged file was kept as {aside}' in planner.process.output()

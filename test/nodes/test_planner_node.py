@@ -84,7 +84,6 @@ def fresh_car(rehearsal):
 
 @pytest.fixture
 def car(fresh_car):
-    """Return a car that heats."""
     fresh_car.send_route()
     fresh_car.expect_heat()
     return fresh_car
@@ -168,12 +167,6 @@ def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone
 
 
 # Bad battery states
-
-
-def test_a_good_battery_state_after_a_bad_one_heats_again(car):
-    with car.feeding(lambda: car.state(temperature=nan)):
-        car.commands.wait_for(is_off_for(Status.INVALID_INPUT), 'off')
-    car.expect_heat()
 
 
 def test_silence_of_the_battery_switches_off_within_the_timeout_and_it_heats_again_after_that(car):
@@ -388,15 +381,3 @@ def test_diagnostics_tell_the_figures(car):
             'vehicle': 'reference', 'route_id': 'home', 'enabled': 'true',
             'command [W]': f'{FULL_POWER_W:.0f}', 'battery temperature [degC]': '-6.50',
             'state of charge [1]': '0.7500'}
-
-
-# The clock
-
-def test_a_clock_that_restarts_is_followed(car):
-    car.at(50 * NS_PER_S)
-    # The old route starts in the new future.
-    car.give_state()
-    assert not heats(car.commands.latest)
-    car.send_route()
-    car.expect_heat()
-    assert car.commands.latest.header.stamp.sec < 200

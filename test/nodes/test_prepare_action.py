@@ -2,7 +2,6 @@
 """The action ~/prepare_battery and `preheat prepare`, beside the installed planner."""
 
 from datetime import datetime
-import io
 from math import inf, nan
 import os
 from pathlib import Path
@@ -20,7 +19,6 @@ from planner_car import heats, PlannerCar
 import pytest
 from rclpy.action import ActionClient
 from refusals import problems_of
-from rich.console import Console
 from spinning import take_down
 from waiting import poll_until
 import yaml
@@ -37,10 +35,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.prepare_battery import preparation_goal_of
 from bev_preheat.monitoring import planner_client
-from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.planner_client import feedback_line, Wanted
-from bev_preheat.monitoring.seen import plan_seen
-from bev_preheat.monitoring.watch import line, page
 from bev_preheat.nodes.optimality_report import case_of_plan
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput
@@ -161,16 +156,6 @@ def test_a_plan_for_a_goal_is_not_taken_for_the_routes(preparation_goals):
     case = case_of_plan(supervisor.state.mission, Inbox(
         supervisor.state.vehicle, supervisor.state.settings).goal_of, [measurement], plan)
     assert (case is None) is bool(preparation_goals)
-
-
-def test_the_monitor_shows_the_plan_for_a_goal():
-    _, _, plan = planned(PreparationGoal(0, 20.0))
-    board = Board()
-    board.see_plan(plan_seen(plan), 0.0)
-    assert 'Preparing the battery. Heating' in line(board.view(0.0))
-    console = Console(width=100, file=io.StringIO())
-    console.print(page(board, 0.0, 'planner'))
-    assert 'HEATING: Preparing the battery. Heating' in console.file.getvalue()
 
 
 class PlannerThatAnswersLate:

@@ -5,17 +5,14 @@ import json
 import math
 import signal
 
-from planner_car import heats, LATCHED, PlannerCar, values_of
+from planner_car import heats, PlannerCar, values_of
 import pytest
-from sensor_msgs.msg import BatteryState
 from waiting import poll_until
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
-from bev_preheat.recording.recordings import open_recording, Sources
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
@@ -139,39 +136,6 @@ def test_whatever_the_node_got_the_step_without_ros_says_the_same(rehearsal, car
                         PreheatPlan.NO_CHARGING_PLANNED, PreheatPlan.STALE_INPUT}
     replayed = replay(read_flight(tmp_path))
     assert replayed.comparison.is_reproduced and replayed.comparison.commands > 200, replayed.comparison
-
-
-@pytest.mark.needs('mcap')
-def test_a_recording_of_the_topics_is_reproduced(rehearsal, car, tmp_path):
-    """As `ros2 bag` records them: bytes and times of arrival, in a process of its own."""
-    from mcap.writer import Writer
-    recorded = []
-
-    def record(message_type, topic, qos):
-        name = f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
-        return rehearsal.subscribe(message_type, topic, qos, lambda data: recorded.append(
-            (f'/{topic}', name, rehearsal.now_ns, data)), raw=True)
-
-    subscriptions = [record(BatteryState, 'battery_state', 10), record(RoutePlan, 'route_plan', LATCHED),
-                     record(HvchCommand, 'hvch_command', 10)]
-    car.start()
-    car.wait_for_heat()
-    car.commands.wait_for_count(20)
-    for subscription in subscriptions:
-        subscription.destroy()
-    with open(tmp_path / 'drive.mcap', 'wb') as file:
-        writer = Writer(file)
-        writer.start('ros2', 'rosbag2')
-        channels = {topic: writer.register_channel(topic, 'cdr', writer.register_schema(name, 'ros2msg', b''))
-                    for topic, name, _, _ in recorded}
-        for topic, _, received_ns, data in recorded:
-            writer.add_message(channels[topic], received_ns, data, received_ns)
-        writer.finish()
-    flight = open_recording(tmp_path / 'drive.mcap', Changes('reference', parameters={
-        'command_period': 0.2, 'battery_state_timeout': 60.0, 'command_lease': LEASE_S}), Sources())
-    replayed = replay(flight)
-    assert replayed.comparison.commands > 10 and replayed.comparison.different == 0, replayed.comparison
-    assert replayed.course.heating
 
 
 def kill(process):
