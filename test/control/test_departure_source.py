@@ -23,7 +23,6 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 
@@ -181,17 +180,6 @@ def test_a_charge_that_falls_outranks_the_file_until_the_vehicle_is_charged_agai
     assert car.goal.is_plugged_in and car.source.report.plugged_in
 
 
-def test_the_battery_alone_keeps_its_reserve():
-    lowest = VEHICLE.battery.soc_range[0]
-    car = Car(week(work(is_plugged_in=False)), now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
-    car.soc = lowest
-    assert car.tick() == 0.0
-    assert car.supervisor.state.decision.status in (Status.SOC_LIMITED, Status.OUT_OF_CHARGE)
-    grid = Car(now_ns=car.now_ns)
-    grid.soc = lowest
-    assert grid.tick() == pytest.approx(FULL_W)
-
-
 def test_a_vehicle_that_drives_is_not_prepared():
     car = Car()
     car.tick()
@@ -226,14 +214,6 @@ def test_without_any_ambient_temperature_it_is_off_and_says_why():
     assert len(car.outcomes) == 2
 
 
-def test_without_fresh_battery_states_it_is_off_and_says_why():
-    car = Car()
-    car.act()
-    assert car.goal is None and 'no valid battery state' in car.source.report.reason
-    car.tick()
-    assert car.goal is not None
-
-
 # Calendar and clock
 
 
@@ -266,30 +246,6 @@ def test_a_clock_that_was_never_set_prepares_nothing():
 
 
 # Skipping
-
-
-def test_a_skipped_departure_ends_at_once_survives_a_restart_and_can_be_taken_back():
-    car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
-    assert car.tick() == pytest.approx(FULL_W)
-    event, sentence = car.source.skip_next(car.supervisor.state, car.now_ns)
-    assert sentence == ('Skipped: work, Wed 2026-11-25 07:30 CET; the next departure is work, '
-                        'Thu 2026-11-26 07:30 CET.')
-    car.step(event)
-    assert car.act() == 0.0 and car.goal is None
-    assert car.outcomes[-1].ending is PreparationEnding.CANCELED
-    assert car.source.report.skipped_words == 'work, Wed 2026-11-25 07:30 CET'
-    choices = car.supervisor.state.choices.after_restart(car.now_ns)
-    again = Car(now_ns=car.now_ns, last_seen_ns=car.now_ns)
-    again.supervisor = Supervisor(VEHICLE, Settings(estimation=False), choices=choices)
-    assert again.tick() == 0.0 and again.goal is None
-    again.go(11 * MINUTE)
-    assert again.source.report.latest == ''
-    assert again.supervisor.state.choices.after_restart(again.now_ns).skipped_until_ns is None
-    event, sentence = car.source.unskip(car.now_ns)
-    assert 'The next departure is work, Wed 2026-11-25' in sentence
-    car.step(event)
-    car.act()
-    assert car.goal is not None
 
 
 def test_a_skip_by_a_wrong_clock_does_not_last_for_years():

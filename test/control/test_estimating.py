@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor with estimation, on simulated cars: uncertainty, and heaters that do not obey."""
 
-import json
 import re
 
-import numpy as np
 import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.estimation.state_file import as_entry, from_entry, learned_from
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault, HeaterLease
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.tunables import LAG_DEVIATION, NOMINAL_HEAT_LAG_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import HeatPath
 
 pytestmark = pytest.mark.costly
 
@@ -91,24 +86,6 @@ def test_the_plan_aims_at_the_target_and_no_further(healthy):
     assert max(aimed_k) < 0.1
 
 
-# test/estimation/test_memory.py keeps learned values and reads them back, daily.
-@pytest.mark.deep
-def test_a_second_drive_begins_with_the_lags_of_the_first():
-    slow = HeatPath(60.0, 20e3, 500.0, 60.0)
-    first = Ride(temperature_c=18.0, heat_path=slow)
-    first.until(1490.0)
-    learned = from_entry(json.loads(json.dumps(as_entry(
-        learned_from(first.supervisor.state.estimate)))))
-    second = Ride(temperature_c=18.0, seed=4, learned=learned, heat_path=slow)
-    second.until(1490.0)
-    for ride in (first, second):
-        assert ride.car.plant.temperature_c == pytest.approx(25.0, abs=0.5)
-    assert np.sqrt(learned.lags.variances[0]) < 0.6 * LAG_DEVIATION
-    # 60 s of the heater, and 20 kJ/K / 500 W/K of the coolant.
-    lag_s = NOMINAL_HEAT_LAG_S * np.exp(learned.lags.logs[0])
-    assert 0.7 * 100.0 < lag_s < 1.5 * 100.0
-
-
 def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
     ride = Ride(heater_faults=(HeaterFault(600.0, share=0.0),))
     assert ride.until(590.0).status is Status.HEATING
@@ -145,18 +122,6 @@ def test_a_heater_that_is_stuck_on_is_commanded_off():
     assert ride.command_w == 0.0
     # The uncommanded heat is predicted.
     assert decision.plan.arrival_temperature_c > 30.0
-
-
-@pytest.mark.deep
-def test_a_heavier_car_is_heated_longer_and_arrives_as_warm():
-    heated_s = {}
-    for capacity in (0.9, 1.1):
-        ride = Ride(temperature_c=20.0, mismatch=Mismatch(heat_capacity=capacity))
-        ride.until(1490.0)
-        heated_s[capacity] = sum(command_w > 0.0 for _, _, command_w in ride.seen)
-        assert ride.car.plant.temperature_c == pytest.approx(25.0, abs=0.5)
-    # A 22 % larger heat capacity; the initial uncertainty blurs the difference a little.
-    assert heated_s[1.1] > 1.1 * heated_s[0.9]
 
 
 def test_a_new_route_forgets_how_sure_the_old_one_was():

@@ -151,6 +151,3 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
     # The expectation includes the lag.
     assert asked[-2].heat_lag_s == pytest.approx(40.0)
     assert forecast_plan.plan.battery_temperature_c is asked[-2].plan.battery_temperature_c
-
-
-# A plan as of now

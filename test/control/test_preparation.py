@@ -485,21 +485,6 @@ def test_a_charge_that_falls_is_not_plugged_in(soc, goes_on):
         assert 'has fallen from 60.0 % to 57.5 %' in car.ended(preparation_goal).explanation
 
 
-@pytest.mark.parametrize('event', [
-    RivalsChanged('/other'), BatteryStateUnreadable(InvalidInput('temperature: nan'))])
-def test_what_keeps_the_heater_off_for_a_minute_ends_the_goal(event):
-    car = Car(replace(MEASURED, battery_state_timeout_s=60.0))
-    preparation_goal = car.want()
-    car.step(event)
-    assert car.command[0] == 0.0 and car.supervisor.state.preparation_goal is preparation_goal
-    car.now_s = 59.0
-    car.step()
-    assert not car.outcomes
-    car.now_s = 60.0
-    car.step()
-    assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST
-
-
 def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
     car = Car()
     preparation_goal = car.want(1800.0, is_plugged_in=True)

@@ -158,21 +158,6 @@ def test_stops_behind_may_be_left_out():
     assert feed_on(supervisor, 1.0)[0] > 0.0
 
 
-# A vehicle that the route does not fit
-
-def test_a_route_that_does_not_fit_a_new_vehicle_holds_again_when_it_fits():
-    supervisor = heating_supervisor(make_mission())
-    mild, wide = make_mission(), VEHICLE
-    narrow = replace(wide, battery=replace(wide.battery, temperature_range_c=(-7.5, 20.0)))
-    supervisor.vehicle = narrow
-    with pytest.raises(InvalidInput, match='target battery temperature: 25 is not allowed'):
-        supervisor.revise_mission(mild)
-    assert feed(supervisor, NOW_NS + ns(1.0)) == OFF
-    supervisor.vehicle = wide
-    supervisor.revise_mission(mild)
-    assert feed_on(supervisor, 2.0)[0] > 0.0
-
-
 # Cancellation
 
 def test_a_cancelled_trip_is_off_and_stays_off():
@@ -195,6 +180,3 @@ def test_a_cancellation_is_not_held_up_by_the_minimum_on_time():
     feed(supervisor, NOW_NS)
     supervisor.cancel()
     assert outcome(supervisor, NOW_NS + ns(0.1)) == (0.0, Status.NO_CHARGING_PLANNED)
-
-
-# A route that starts later: the times of the sentence count from now

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The timetable of a trip with a reported position."""
 
-from dataclasses import replace
 from math import inf, nan
 
 from hypothesis import given
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 from steady_drives import NOW_NS, ns
 
-from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
+from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
@@ -18,12 +17,6 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import KNOWN_TO_M
 
 SETTINGS = Settings(route_progress_timeout_s=8.0, clock_tolerance_s=0.5)
-
-
-def stand(driven, from_s, until_s, distance_m):
-    for at_s in range(from_s, until_s + 1, 5):
-        driven.tell(float(at_s), distance_m)
-    return driven.timetable.stood_ns / NS_PER_S
 
 
 def a_leg(durations_s, speeds_mps, **fields):
@@ -36,8 +29,6 @@ def a_leg(durations_s, speeds_mps, **fields):
 # 2000 m, 90 s of standing, 3000 m.
 LEG = a_leg([100.0, 90.0, 120.0], [20.0, 0.0, 25.0], start_ns=NOW_NS)
 MISSION = Mission('home', (LEG,))
-# The same twice, with a stop of 600 s between them.
-TWO_LEGS = Mission('far', with_stops((LEG, replace(LEG)), (600.0,)))
 
 
 class Driven:
@@ -87,25 +78,6 @@ def test_the_delay_is_that_with_which_the_vehicle_is_where_it_is(at_s, distance_
     assert driven.tell(at_s, distance_m) == pytest.approx(delay_s)
     assert driven.timetable.mission.legs[0].start_ns == NOW_NS + driven.timetable.delay_ns
     assert driven.timetable.planned is MISSION
-
-
-def test_a_stop_lasts_as_long_as_planned_from_the_arrival():
-    driven = Driven(TWO_LEGS)
-    assert driven.tell(400.0, 5000.0 - 200.0) == pytest.approx(400.0 - 302.4)
-    # The last 200 m took it 5 s instead of 8.
-    assert driven.tell(405.0, 5000.0) == pytest.approx(405.0 - 309.6)
-    late_ns = driven.timetable.delay_ns
-    first, second = driven.timetable.mission.legs
-    assert (first.arrival_ns - LEG.arrival_ns, second.start_ns) == (
-        late_ns, NOW_NS + ns(910.0) + late_ns)
-    # It leaves before that.
-    assert driven.tell(700.0, 5000.0 + 500.0) == pytest.approx(700.0 - (910.0 + 24.5))
-
-
-# Standing
-
-
-# Pace
 
 
 # Refusals
@@ -201,26 +173,3 @@ def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
     if late_s >= 0.0:
         assert all(after_s >= before_s - 1e-6 for before_s, after_s in zip(delays_s, delays_s[1:]))
         assert all(delay_s <= late_s + 1e-6 for delay_s in delays_s)
-
-
-@given(SEGMENTS, st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(-9.9, 9.9)), max_size=30))
-def test_exactly_on_plan_is_without_delay(segments, steps):
-    mission = Mission('home', (a_leg(*map(list, zip(*segments)), start_ns=NOW_NS),))
-    driven, places = Driven(mission), mission.places
-    at_s = furthest_m = 0.0
-    for step_s, noise_m in steps:
-        at_s += step_s
-        distance_m = places.distance_at_m(at_s) + noise_m
-        furthest_m = max(furthest_m, distance_m)
-        if furthest_m - places.distance_at_m(at_s) >= KNOWN_TO_M - 0.01:
-            # The furthest of noisy positions counts where the vehicle stands.
-            break
-        assert driven.tell(at_s, max(distance_m, 0.0)) == 0.0
-        assert driven.timetable.mission is mission
-
-
-def test_who_stands_unplanned_is_known():
-    driven = Driven()
-    assert stand(driven, 50, 350, 1000.0) == pytest.approx(300.0 - 0.5)
-    driven.tell(355.0, 1000.0 + KNOWN_TO_M + 0.1)
-    assert driven.timetable.stood_ns == 0
