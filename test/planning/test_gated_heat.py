@@ -78,13 +78,6 @@ def test_powers_are_those_of_the_heater(method):
     assert 'The heater has steps of power (1500, 4000, 7000 W).' in plan.explanation
 
 
-def test_gates_that_do_not_bind_change_no_digit():
-    free, gated = planned(NO_GATES), planned(HeatingGates(minimum_soc=0.05, maximum_temperature_c=59.0))
-    assert gated.hvch_battery_power_w.tolist() == free.hvch_battery_power_w.tolist()
-    assert gated.soc.tolist() == free.soc.tolist()
-    assert gated.explanation == free.explanation
-
-
 @pytest.mark.parametrize('gates, at, refusal', [
     (HeatingGates(minimum_soc=0.2), (0.199, 0.0, 0.0), Refusal.LOW_CHARGE),
     (HeatingGates(minimum_soc=0.2), (math.nan, 0.0, 0.0), Refusal.LOW_CHARGE),

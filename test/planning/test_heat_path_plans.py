@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
@@ -211,21 +211,6 @@ def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, sta
         + energy.joule + heat.lost_electric_wh, abs=1e-6)
 
 
-# The step of switching off has its mean power throughout: the shorter the step, the less that matters.
-FINE_ROUTE = ROUTE.before(2700.0).followed_by(ROUTE.after(2700.0).divided(2.0))
-
-
-@given(st.floats(4.0, 90.0), st.floats(1.05, 3.0), st.sampled_from([0.0, 15e3]))
-# In steps of 30 s, switching off at the end of the second-to-last step was best here, and 0.4 Wh dearer.
-@example(6.0, 1.5, 0.0)
-def test_more_lag_never_costs_less(lag_s, factor, coolant_j_per_k):
-    paths = [HeatPath(each_s, coolant_j_per_k, 400.0) for each_s in (lag_s, factor * lag_s)]
-    sooner, later = (plan_preheating(slow(path), FINE_ROUTE, STATE, GOAL, 'optimal_switch') for path in paths)
-    # The switch-on instant is found to 1 ms in both plans.
-    a_millisecond_wh = slow(paths[0]).hvch.maximum_power_w * 1e-3 / 3600.0
-    assert later.energy_wh.battery_total > sooner.energy_wh.battery_total - 2.0 * a_millisecond_wh
-
-
 # --- The ends ---
 
 
@@ -247,22 +232,6 @@ def test_the_method_of_the_paper_knows_no_path_and_arrives_colder():
     assert drive(COOLANT, ROUTE, STATE, between(plan.heating_start_s, 1e9))[0] == pytest.approx(
         plan.arrival_temperature_c, abs=0.02)
     assert plan.arrival_temperature_c < plain.arrival_temperature_c - 1.0
-
-
-@pytest.mark.parametrize('deviation_k', [1.0, 2.0])
-def test_what_is_uncertain_begins_earlier_and_arrives_at_the_target(deviation_k):
-    plan, careful = plan_of(BOTH, 'value_function'), plan_preheating(
-        slow(BOTH), ROUTE, STATE, GOAL, uncertainty=Uncertainty(deviation_k))
-    assert careful.heating_start_s < plan.heating_start_s - 30.0
-    assert careful.arrival_temperature_c == pytest.approx(25.0, abs=0.05)
-
-
-def test_json_holds_the_course_of_the_heat():
-    plan = plan_of(BOTH)
-    heat = plan.as_dictionary()['heat']
-    assert heat == {key: value.tolist() if hasattr(value, 'tolist') else value
-                    for key, value in asdict(plan.heat).items()}
-    assert len(heat['heater_power_w']) == len(plan.time_s) == len(heat['drawn_power_w']) + 1
 
 
 @ENGINES

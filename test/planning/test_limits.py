@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics import FLOATS
-from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near, run_within_limits
 from bev_preheat.planning.methods import plan_by_values
@@ -18,7 +17,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.model import make_runge_kutta_4, make_terminal_limits
+from bev_preheat.vehicle.model import make_terminal_limits
 
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
 DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))
@@ -125,16 +124,6 @@ def test_battery_heater_and_brake_stay_within_their_limits(take_surplus, segment
     assert ((brake_w >= 0.0) & (brake_w <= np.maximum(-trip.route.propulsion_power_w, 0.0))).all()
 
 
-@MORE
-@given(segments=SEGMENTS, state=STATES)
-def test_heater_is_cut_no_further_than_the_limit(segments, state):
-    trip, wanted_w, schedule = drawn_run(segments, state)
-    power_w, _, discharge_w = power_in_steps_w(trip, schedule)
-    cut = (schedule.heater_power_w > 0.0) & (schedule.heater_power_w < wanted_w - 1e-6)
-    # At one end of the step no margin is left.
-    assert (1.0 - power_w / discharge_w).min(axis=0)[cut] == pytest.approx(0.0, abs=1e-6)
-
-
 # A full battery whose limit still allows 10 kW: 1 W of regeneration for 1 s.
 @example(segments=[{
     'duration_s': 1.0, 'speed_mps': 0.0, 'propulsion_power_w': -1.0, 'deviation_w': 0.0,
@@ -150,19 +139,6 @@ def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
     braked = ~filled & (schedule.brake_power_w > 0.0)
     left_w = np.maximum(7000.0 - trip.route.cabin_heating_power_w, 0.0)
     assert schedule.heater_power_w[braked].tolist() == left_w[braked].tolist()
-
-
-@given(segments=SEGMENTS, state=STATES)
-def test_brake_takes_no_more_than_the_battery_may_not(segments, state):
-    trip, _, schedule = drawn_run(segments, state)
-    power_w, charge_w, _ = power_in_steps_w(trip, schedule)
-    # A full battery accepts nothing, whatever its limit.
-    full = schedule.soc[1:] >= 1.0 - 1e-9
-    braked = ~full & (schedule.brake_power_w > 0.0) & (
-        schedule.brake_power_w < -trip.route.propulsion_power_w)
-    # At one end of the step it may accept no more.
-    assert ((power_w - charge_w) / np.maximum(-charge_w, 1e3)).min(axis=0)[braked] == pytest.approx(
-        0.0, abs=1e-6)
 
 
 def test_brake_keeps_a_battery_from_being_overfilled():
@@ -201,29 +177,6 @@ def test_plan_is_what_is_driven_within_limits(segments, state, target_c):
 # Driven as planned
 
 
-@given(segments=SEGMENTS, state=STATES)
-def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):
-    gentle = [dict(segment, propulsion_power_w=0.1 * abs(segment['propulsion_power_w']))
-              for segment in segments]
-    trip, wanted_w = trip_of(gentle)
-    soc, temperature_c = run_forward(
-        trip, make_runge_kutta_4, state.soc, state.temperature_c, wanted_w)
-    driven = drive_as_planned(trip, state, wanted_w)
-    assert (driven.soc.tolist(), driven.temperature_c.tolist(), driven.heater_power_w.tolist(),
-            driven.brake_power_w.any()) == (
-                soc.tolist(), temperature_c.tolist(), wanted_w.tolist(), False)
-
-
-def test_surplus_of_one_step_by_hand():
-    # At -12 degC and half full: 0.3 of the way from cold to warm.
-    charge_w = 0.5 * (0.7 * -12e3 + 0.3 * -130e3) + 0.5 * 0.3 * -20e3
-    u, r = 365.0 + 37.5 + 1.875, 4.2 / 33.0
-    least_w = charge_w - r * (charge_w / u)**2
-    schedule = run(steady_trip(1), BatteryState(-12.0, 0.5), [0.0])
-    assert (schedule.heater_power_w[0], schedule.brake_power_w[0]) == pytest.approx(
-        (5500.0, least_w - (-50e3 + 1500.0 + 400.0 + 5500.0)), rel=1e-9)
-
-
 def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_limit():
     car = replace(CAR, battery=replace(
         CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((2e6,),))))
@@ -237,10 +190,3 @@ def test_heater_is_off_at_the_highest_temperature():
     schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
                    [5500.0] * 3)
     assert schedule.heater_power_w.tolist() == [0.0] * 3
-
-
-def test_battery_at_the_highest_temperature_takes_no_more_than_it_may():
-    trip = steady_trip(3, ambient_temperature_c=60.0)
-    power_w, charge_w, _ = power_in_steps_w(
-        trip, run(trip, BatteryState(60.0, 0.9), [5500.0] * 3))
-    assert (power_w >= charge_w * (1.0 + 1e-6)).all()

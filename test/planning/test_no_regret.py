@@ -108,16 +108,6 @@ def test_a_car_that_stands_only_cools(stranded):
     assert plan.battery_temperature_c[first:] == pytest.approx(closed_c, abs=1e-9)
 
 
-def test_its_energies_balance(stranded):
-    state, plan, _ = stranded
-    energy = plan.energy_wh
-    stored_wh = 377376.0 * (plan.arrival_temperature_c - COLD) / 3600.0
-    assert (energy.joule + energy.drivetrain_heat + energy.hvch_heat + energy.leakage
-            == pytest.approx(stored_wh, abs=1e-6))
-    # 200 Ah at 365 ... 455 V: the energy from the cells is in between.
-    assert 365.0 * 200.0 * state.soc - 1e-6 <= energy.battery_total <= 390.0 * 200.0 * state.soc + 1e-6
-
-
 def test_a_heater_that_cannot_be_switched_off_heats_until_the_car_stands():
     plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), heats_throughout=True)
     trip, energy = make_trip(REFERENCE, REFERENCE_ROUTE), plan.energy_wh
@@ -147,14 +137,6 @@ def test_surplus_may_be_heated_with_though_the_charge_does_not_carry():
     assert plan.energy_wh.hvch_electric > 100.0
     assert {interval.reason for interval in plan.intervals} == {Reason.SURPLUS}
     assert plan.explanation.endswith('only surplus regeneration heats the battery.')
-
-
-def test_without_charging_it_is_said_too():
-    plan = plan_preheating(REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2),
-                           Goal(25.0, charging_planned=False))
-    assert plan.status is Status.NO_CHARGING_PLANNED
-    assert 'The battery will be empty in 38:' in plan.explanation
-    assert plan.soc.min() == 0.0
 
 
 # A climb that no plan can deliver
@@ -360,48 +342,6 @@ def keeps_limits(name, route, state):
     """Whether a trip without heating reaches no limit of the battery."""
     trip = make_trip(CARS[name], route)
     return limits_hold(trip, plan_without_heating(trip, state))
-
-
-def is_limited_while_heating(vehicle, route, plan):
-    """Whether the heater gives way: partial power in more steps than those of switching."""
-    limit_w = make_trip(vehicle, route).heater_limit_w
-    is_part = (plan.hvch_battery_power_w > 0.0) & (plan.hvch_battery_power_w < (1.0 - 1e-9) * limit_w)
-    return is_part.sum() > 2
-
-
-@st.composite
-def falling_charges(draw):
-    """A situation, and falling states of charge, each enough for the trip without heating."""
-    name, route, state, goal = draw(situations(within_limits=True))
-    # More charge is never worse without regeneration, so the least sufficient charge, to 1/32, can be found by
-    # halving.
-    least = bisect_left(range(32), True, key=lambda level: keeps_limits(
-        name, route, replace(state, soc=level / 32)))
-    socs = draw(st.lists(st.floats(least / 32, 1.0), min_size=2, max_size=4, unique=True))
-    return name, route, state, goal, sorted(socs, reverse=True)
-
-
-@pytest.mark.costly
-@pytest.mark.parametrize('method', METHODS)
-@given(situation=falling_charges())
-def test_less_charge_never_means_more_paid_heating(method, situation):
-    name, route, state, goal, socs = situation
-    efficiency, fuller_wh, fuller_joule_wh, fuller_c = CARS[name].hvch.efficiency, math.inf, 0.0, 0.0
-    for soc in socs:
-        state = replace(state, soc=soc)
-        assert keeps_limits(name, route, state)
-        plan = plan_preheating(CARS[name], route, state, goal, method)
-        wh, joule_wh = paid_wh(plan), plan.energy_wh.joule
-        if is_limited_while_heating(CARS[name], route, plan):
-            # Heating that gives way to the drive begins earlier, and more leaks away.
-            return
-        # An emptier battery has less voltage, so it makes more Joule heat and needs less from the heater; unless
-        # its resistance falls with the charge, then the heater makes up for that. Method paper does not arrive
-        # exactly at the target. Half a watt-hour is rounding.
-        warmer_wh = max(0.0, plan.arrival_temperature_c - fuller_c) * (
-            CARS[name].battery.heat_capacity_j_per_k / JOULES_PER_WH)
-        assert wh <= fuller_wh + (max(0.0, fuller_joule_wh - joule_wh) + warmer_wh) / efficiency + 0.5
-        fuller_wh, fuller_joule_wh, fuller_c = wh, joule_wh, plan.arrival_temperature_c
 
 
 # Charge of a situation beyond the least sufficient one.

@@ -137,26 +137,6 @@ def test_target_above_the_fully_heated_arrival_is_unreachable(segments, start_c,
     assert plan.shortfall_k == pytest.approx(colder_k, abs=1e-9)
 
 
-@pytest.mark.costly
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, higher_k=st.floats(0.0, 9.0))
-def test_higher_target_never_starts_later(segments, start_c, soc, share, higher_k):
-    state = BatteryState(start_c, soc)
-    target_c = drawn_target(segments, state, share)
-    lower, higher = (plan_of(segments, state, target_c + more_k) for more_k in (0.0, higher_k))
-    # Arrival is met to 5e-6 K, which even a weak heater provides in some milliseconds.
-    assert higher.heating_start_s <= lower.heating_start_s + 0.1
-
-
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE, warmer_k=st.floats(0.0, 9.0))
-def test_warmer_start_never_costs_more(segments, start_c, soc, share, warmer_k):
-    cold, warm = BatteryState(start_c, soc), BatteryState(start_c + warmer_k, soc)
-    target_c = drawn_target(segments, cold, share)
-    cold_wh, warm_wh = (plan_of(segments, state, target_c).energy_wh.battery_total
-                        for state in (cold, warm))
-    # 5e-6 K of arrival is 0.6 mWh, on either side.
-    assert warm_wh <= cold_wh + 2e-3
-
-
 def planned(number, **drawn):
     """Return (trip, state, goal, its Schedule of one switch) of a situation."""
     vehicle, route, state, goal = short_stretches.draw(number, **drawn)
@@ -218,41 +198,6 @@ def test_where_no_step_is_cheaper_no_choice_of_steps_saves_more_than_that(number
     saved_wh = (best_of_all_steps(trip, state, goal.target_temperature_c) - float(schedule.soc[-1])) * whole_wh(
         trip, float(schedule.soc[-1]))
     assert saved_wh < LEAST_SAVING_WH or is_cheaper_elsewhere(trip, schedule)
-
-
-def moved_saving_wh(trip, state, schedule):
-    """Return the most that moving heat from one step to another saves, at the same arrival temperature."""
-    most_wh, here_soc = 0.0, float(schedule.soc[-1])
-    heated = np.flatnonzero(schedule.heater_power_w > 0.0)
-    for to in np.flatnonzero(schedule.heater_power_w < trip.heater_limit_w)[::3]:
-        heater_w = schedule.heater_power_w.copy()
-        heater_w[to] = trip.heater_limit_w[to]
-        given_w = 0.0
-        for k in heated:
-            # The latest heat is the cheapest, but near high power; the earliest of the interval is given up.
-            low_w, high_w = 0.0, schedule.heater_power_w[k]
-            heater_w[k] = 0.0
-            if arrival(trip, state, heater_w)[1] > schedule.temperature_c[-1]:
-                given_w += high_w
-                continue
-            for _ in range(30):
-                heater_w[k] = 0.5 * (low_w + high_w)
-                if arrival(trip, state, heater_w)[1] < schedule.temperature_c[-1]:
-                    low_w = heater_w[k]
-                else:
-                    high_w = heater_w[k]
-            break
-        most_wh = max(most_wh, (arrival(trip, state, heater_w)[0] - here_soc) * whole_wh(trip, here_soc))
-    return most_wh
-
-
-def test_what_moving_heat_saves_is_known_in_advance():
-    situations = [planned(number) for number in range(30)]
-    saves = [moved_saving_wh(trip, state, schedule) >= LEAST_SAVING_WH for trip, state, _, schedule in situations]
-    known = [is_cheaper_elsewhere(trip, schedule) for trip, _, _, schedule in situations]
-    # By an upper bound: it may expect too much, but not too little.
-    assert all(is_known for is_known, is_saved in zip(known, saves) if is_saved)
-    assert any(saves) and not all(known)
 
 
 def test_a_plan_heats_where_it_is_cheapest_and_says_so():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method `paper` against Algorithms 1 and 2 written out a second time, and its sentences."""
+"""Method `paper` against Algorithms 1 and 2 written out a second time, and its refusals."""
 
 from dataclasses import replace
 import math
@@ -82,7 +82,6 @@ def route_of(segments):
 
 
 def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
-    """Segments of a steady drive."""
     return [{'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
              'ambient_temperature_c': ambient_c, 'cabin_heating_power_w': cabin_w,
              'auxiliary_power_w': 500.0}] * round(minutes * 60 / step_s)
@@ -190,34 +189,3 @@ def test_state_goal_or_route_refused_in_words(state, goal, ambient_c, problem):
         plan_preheating(FORMULA_CAR, route_of(drive(ambient_c=ambient_c)), state, goal,
                         method='paper')
     assert refused.value.problems == [problem]
-
-
-@pytest.mark.parametrize('segments, state, target_c, status', [
-    pytest.param(drive(minutes=0.5), START, 18.0, Status.TARGET_UNREACHABLE, id='one_segment'),
-    pytest.param(drive(minutes=0.01, step_s=1e-3), START, -6.993, Status.WAITING,
-                 id='milliseconds_close_target'),
-    pytest.param(drive(minutes=0.01, step_s=1e-3), START, 18.0, Status.TARGET_UNREACHABLE,
-                 id='milliseconds'),
-    pytest.param(drive(cabin_w=7000.0), START, 18.0, Status.TARGET_UNREACHABLE, id='no_heater'),
-    pytest.param(drive(power_w=900.0), BatteryState(6.0, 0.5), 6.0, Status.WAITING,
-                 id='target_is_start'),
-    pytest.param(drive(), BatteryState(-7.0, 1.0), 18.0, Status.WAITING, id='full'),
-    pytest.param(drive(minutes=10, power_w=0.0, cabin_w=0.0), BatteryState(-7.0, 0.0), 18.0,
-                 Status.OUT_OF_CHARGE, id='empty'),
-    pytest.param(drive(), BatteryState(-40.0, 0.88), 60.0, Status.TARGET_UNREACHABLE,
-                 id='coldest_to_hottest')])
-def test_extreme_trips_have_a_status_and_finite_numbers(segments, state, target_c, status):
-    plan = plan_of(segments, target_c, state)
-    finite = np.isfinite([*plan.battery_temperature_c, *plan.soc, *plan.hvch_battery_power_w,
-                          *vars(plan.energy_wh).values()]).all()
-    assert (plan.status, finite) == (status, True)
-
-
-@given(segments=SEGMENTS, temperature_c=st.floats(-40.0, 60.0), soc=st.floats(0.1, 1.0),
-       target_c=st.floats(-40.0, 60.0))
-def test_heater_power_never_exceeds_what_the_cabin_leaves_and_is_none_without_a_start(
-        segments, temperature_c, soc, target_c):
-    plan = plan_of(segments, target_c, BatteryState(temperature_c, soc))
-    left_w = np.maximum([7000.0 - segment['cabin_heating_power_w'] for segment in segments], 0.0)
-    assert ((0.0 <= plan.hvch_battery_power_w) & (plan.hvch_battery_power_w <= left_w)).all()
-    assert (plan.heating_start_s is None) == (not plan.hvch_battery_power_w.any())

@@ -139,7 +139,6 @@ def test_energies_of_a_drive_that_is_not_finished_are_unknown():
 
 
 def sentence(**changes):
-    """Return the words of a heated plan."""
     return replace(module.Sensitivity(96.84, 0.0, 22.04, -34.1, (-40.0, 60.0), 19.84, 2646.4, True),
                    **changes).in_words()
 

@@ -18,7 +18,6 @@ from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import (
-    as_driven,
     plan_preheating,
     plan_unheated,
 )
@@ -167,32 +166,6 @@ def test_limits_hold_and_what_can_be_reached_is_reached(number, target_c):
 
 @pytest.mark.costly
 @DEAR
-@given(number=st.integers(0, 10**6), warmer_k=st.floats(0.1, 20.0),
-       shares=st.lists(st.floats(-0.1, 1.2), min_size=2, max_size=2))
-def test_more_that_is_asked_never_costs_less_and_one_switch_never_less_either(number, warmer_k, shares):
-    """As the optimum; a plan is at most ABOVE_OPTIMUM_WH above it."""
-    trip = draw_limit_trip(VEHICLE, 17, number)
-    trip = replace(trip, goal=replace(trip.goal, minimum_arrival_soc=0.0))
-    inputs = trip.vehicle, trip.route, trip.state, trip.goal
-    plan, hotter = planned(trip), planned(
-        trip, target_temperature_c=min(trip.goal.target_temperature_c + warmer_k, 60.0))
-    warm = planned(replace(trip, state=replace(
-        trip.state, temperature_c=trip.state.temperature_c + min(warmer_k, 10.0))))
-    switch = as_driven(plan_preheating(*inputs, 'optimal_switch'), *inputs)
-    # A plan minimises the power deficit first, then arrives, at any cost.
-    for cheaper, dearer in ((plan, hotter), (warm, plan), (plan, switch)):
-        if cheaper.undeliverable_power_w == dearer.undeliverable_power_w == 0.0 and (
-                max(cheaper.shortfall_k, dearer.shortfall_k) < 1e-3 or dearer is hotter):
-            assert cheaper.energy_wh.battery_total <= dearer.energy_wh.battery_total + ABOVE_OPTIMUM_WH
-    cold = run_unheated(make_trip(trip.vehicle, trip.route), trip.state)
-    # Heat before a descent may bring charge.
-    reserves = sorted(plan.arrival_soc + share * (float(cold.soc[-1]) - plan.arrival_soc) for share in shares)
-    less, more = (planned(trip, minimum_arrival_soc=min(max(reserve, 0.0), 1.0)) for reserve in reserves)
-    assert more.energy_wh.hvch_electric <= less.energy_wh.hvch_electric + ABOVE_OPTIMUM_WH
-
-
-@pytest.mark.costly
-@DEAR
 @given(number=st.integers(0, 10**6), start_c=st.floats(50.0, 60.0), target_c=st.floats(55.0, 60.0))
 def test_heating_never_leads_beyond_the_highest_temperature(number, start_c, target_c):
     trip = replace(draw_limit_trip(VEHICLE, 17, number), state=BatteryState(start_c, 0.8))
@@ -259,9 +232,6 @@ def test_heat_above_the_target_brings_more_energy_than_it_costs(number):
         assert plan.energy_wh.hvch_electric == 0.0 or saved_wh > 0.4
 
 
-# Reserve.
-
-
 # Extremes: a status and finite numbers, neither an exception nor a warning.
 
 EXTREMES = {
@@ -301,6 +271,3 @@ def test_an_extreme_trip_has_a_status_and_finite_numbers(name):
         *plan.battery_temperature_c, *plan.soc, *plan.hvch_battery_power_w,
         *plan.friction_brake_power_w, *vars(plan.energy_wh).values()]).all()
     assert status in (None, plan.status)
-
-
-# The method of earlier versions.
