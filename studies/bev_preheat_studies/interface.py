@@ -36,10 +36,11 @@ class StudyResult(Result):
 
     methods: tuple[str, ...]
     summary: dict[str, Any]
+    trips: tuple[Any, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return summary and trips as in the JSON of the command."""
-        return {'summary': self.summary, 'results': [asdict(trip) for trip in self._trips]}
+        return {'summary': self.summary, 'results': [asdict(trip) for trip in self.trips]}
 
     def to_frame(self) -> DataFrame:
         """Return one row for each trip and method; needs pandas."""
@@ -47,11 +48,7 @@ class StudyResult(Result):
         import pandas
         return pandas.DataFrame([
             {'trip': trip.number, 'method': method, **asdict(trip.methods[method])}
-            for trip in self._trips for method in self.methods if method in trip.methods]).set_index('trip')
-
-    @property
-    def _trips(self) -> Sequence[Any]:
-        raise NotImplementedError
+            for trip in self.trips for method in self.methods if method in trip.methods]).set_index('trip')
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,10 +56,6 @@ class SweepResult(StudyResult):
     """Methods beside the nonlinear program on drawn trips."""
 
     trips: tuple[GapResult, ...]
-
-    @property
-    def _trips(self) -> Sequence[GapResult]:
-        return self.trips
 
     def in_words(self) -> str:
         """Return the number of trips and the largest gap of each method as one line."""
@@ -92,10 +85,6 @@ class RobustnessResult(StudyResult):
     """The planner in closed loop with drawn cars that differ from their vehicle file."""
 
     trips: tuple[CarResult, ...]
-
-    @property
-    def _trips(self) -> Sequence[CarResult]:
-        return self.trips
 
     def in_words(self) -> str:
         """Return the number of trips and the worst error on arrival of each method as one line."""

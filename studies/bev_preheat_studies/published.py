@@ -79,10 +79,6 @@ class ComputedTime:
         """Whether the curve was fitted to this very time."""
         return self.fitted_min is not None and (self.start_soc, self.end_soc) == PUBLISHED_SPAN
 
-    def as_dictionary(self) -> dict[str, Any]:
-        """Return it as JSON-compatible data."""
-        return asdict(self)
-
 
 def computed_times(path: Path = FIGURES) -> list[ComputedTime]:
     """Return the ComputedTime of each published time of a file; raise InvalidInput naming file and car."""
@@ -107,8 +103,7 @@ def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
     times = [(time['from'] / PERCENT, time['to'] / PERCENT, float(time['minutes']), time['source'],
               time.get('remark')) for time in node.get('times', ())]
     for start, end, *_ in times:
-        if not start < end:
-            raise InvalidInput(f'times: from {PERCENT * start:g} to {PERCENT * end:g} % must rise')
+        _check_rise(PERCENT * start, PERCENT * end, '%')
     cars: list[Vehicle | None] = [described(sheet)]
     curve = node.get('curve')
     cars.append(None if curve is None else described(replace(sheet, charging_curves=(checked_curve(
@@ -183,9 +178,9 @@ def computed_warmth(path: Path = FIGURES) -> tuple[list[ComputedWarmth], list[Co
     return runs, sessions
 
 
-def _check_rise(start_c: float, end_c: float) -> None:
-    if not start_c < end_c:
-        raise InvalidInput(f'from {start_c:g} to {end_c:g} degC must rise')
+def _check_rise(start: float, end: float, unit: str = 'degC') -> None:
+    if not start < end:
+        raise InvalidInput(f'from {start:g} to {end:g} {unit} must rise')
 
 
 def _run(vehicle: Vehicle, node: dict[str, FileData], drive: dict[str, FileData]) -> ComputedWarmth:
@@ -206,8 +201,7 @@ def _session(vehicle: Vehicle, node: dict[str, FileData]) -> ComputedWarmth:
     """Return the ComputedWarmth of a session in which the car does not heat its battery."""
     start_c, start, end = float(node['start_c']), node['from'] / PERCENT, node['to'] / PERCENT
     _check_rise(start_c, node['end_c'])
-    if not start < end:
-        raise InvalidInput(f'sessions: from {node["from"]:g} to {node["to"]:g} % must rise')
+    _check_rise(node['from'], node['to'], '%')
     car = replace(vehicle, charging=replace(session_charging(vehicle), battery_heating=False))
     session = charge(car, ChargingStop(W_PER_KW * node['charger_kw'], end, float(node['air_c']), 0.0,
                                        vehicle.defaults.auxiliary_power_w), BatteryState(start_c, start))
@@ -236,7 +230,7 @@ def run(arguments: Namespace) -> int:
     runs, sessions = computed_warmth()
     if arguments.json:
         write_json(arguments.json, {
-            'times': [time.as_dictionary() for time in times],
+            'times': [asdict(time) for time in times],
             'heating_runs': [run.as_dictionary() for run in runs],
             'sessions': [session.as_dictionary() for session in sessions]})
     console = result_console(arguments.json)
@@ -255,7 +249,11 @@ def run(arguments: Namespace) -> int:
         if session.not_comparable:
             console.say(f'{session.car}, {_span(session)}: not comparable: {session.not_comparable}.')
     if arguments.sources:
-        _print_sources(console, times, runs, sessions)
+        figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
+        for figure in figures:
+            console.say(f'{figure.car}, {_span(figure)}: {figure.source}')
+        for run in runs:
+            console.say(f'{run.car}, heated for {run.minutes:g} min: {run.source}')
     return 0
 
 
@@ -265,24 +263,14 @@ def _print_times(console: ResultConsole, times: Sequence[ComputedTime]) -> None:
         def text(minutes: float | None, published_min: float = time.published_min) -> str:
             return '' if minutes is None else f'{minutes:.1f} {100.0 * (minutes / published_min - 1.0):+.0f} %'
 
-        rows.append((time.car, _span(time), f'{time.published_min:.1f}',
-                     text(time.data_sheet_min), text(time.curve_min),
+        rows.append((time.car, _span(time), f'{time.published_min:.1f}', text(time.data_sheet_min),
+                     text(time.curve_min),
                      'given' if time.is_fitted else text(time.fitted_min), text(time.shipped_min)))
     print_records(console, 'Charging times in min', (
-        'car', 'span', 'published', 'data sheet', 'curve', 'time', 'shipped'), rows,
-        ('left', 'right', 'right', 'right', 'right', 'right', 'right'))
+        'car', 'span', 'published', 'data sheet', 'curve', 'time', 'shipped'), rows, ('left', *('right',) * 6))
     for time in times:
         if time.remark is not None:
             console.say(f'{time.car}, {_span(time)}: {time.remark}.')
-
-
-def _print_sources(console: ResultConsole, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],
-                   sessions: Sequence[ComputedWarmth]) -> None:
-    figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
-    for figure in figures:
-        console.say(f'{figure.car}, {_span(figure)}: {figure.source}')
-    for run in runs:
-        console.say(f'{run.car}, heated for {run.minutes:g} min: {run.source}')
 
 
 def _span(figure: ComputedTime | ComputedWarmth) -> str:

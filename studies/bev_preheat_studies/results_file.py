@@ -172,17 +172,10 @@ def sources() -> str:
 
 def digest_of(value: Any) -> str:
     """Return a digest of a tree of dataclasses, arrays and plain values; equal trees have equal digests."""
-    return sha256(json.dumps(_plain(value)).encode()).hexdigest()[:DIGITS]
+    return sha256(json.dumps(value, default=_plain).encode()).hexdigest()[:DIGITS]
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, '__dataclass_fields__'):
-        return {type(value).__name__: {name: _plain(getattr(value, name))
-                                       for name in value.__dataclass_fields__}}
-    return value
+    return {type(value).__name__: {name: getattr(value, name) for name in value.__dataclass_fields__}}

@@ -140,16 +140,17 @@ def add_study_arguments(parser: ArgumentParser) -> None:
                       'from it')
 
 
-def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath] = (),
+def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath] = (), wanted: str = 'trips',
                           **limits: tuple[float, float]) -> None:
     """
     Check the arguments of a study before it starts; `inputs` are the files that it reads.
 
-    `limits` are (low, high) of the study's own options. Raises InvalidInput.
+    `wanted` is the option with the number of situations; `limits` are (low, high) of the study's own options.
+    Raises InvalidInput.
     """
     problems = []
-    for name, (low, high) in {**LIMITS, **limits}.items():
-        value = getattr(arguments, name)
+    for name, (low, high) in {**LIMITS, wanted: (1, MOST_SITUATIONS), **limits}.items():
+        value = getattr(arguments, name, None)
         if value is not None and not low <= value <= high:
             problems.append(f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}')
     if problems:

@@ -106,8 +106,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'reproduce', help="the paper's Table II beside ours",
         description='Table II of the paper, ours, and the difference of each cell; names the cells '
         'to which the reference vehicle was fitted, and the predicted ones.')
-    parser.add_argument('--fit', action='store_true',
-                        help='repeat the fit and print its parameters')
+    parser.add_argument('--fit', action='store_true', help='repeat the fit and print its parameters')
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -147,12 +146,10 @@ def print_result(console: Console, result: Reproduction) -> None:
                      f'{cell.paper:.1f}', f'{cell.ours:.1f}', f'{cell.ours - cell.paper:+.1f}',
                      f'{cell.difference_percent:+.2f}', cell.origin))
         column = cell.column
-    print_records(console, 'Table II',
-                  ('', 'row', 'paper', 'ours', 'diff.', 'diff. (%)', 'cell was'), rows,
+    print_records(console, 'Table II', ('', 'row', 'paper', 'ours', 'diff.', 'diff. (%)', 'cell was'), rows,
                   ('left', 'left', *['right'] * 5))
     best = result.optimum.plan
-    for name, plan in (('paper, soc_f = 0.6', result.heuristic),
-                       ('optimal_switch', result.optimal_switch)):
+    for name, plan in (('paper, soc_f = 0.6', result.heuristic), ('optimal_switch', result.optimal_switch)):
         gap_wh = energy_gap_wh(plan, best)
         against = f'{gap_wh:+.4f} Wh' if gap_wh is not None else difference(plan, best)
         console.print(f'{name}: {against} compared with the NLP, arrives at '
@@ -170,18 +167,15 @@ def reproduce(vehicle: Vehicle | None = None) -> Reproduction:
     cells = []
     for column, plan, which in (('heuristic', heuristic, 0), ('NLP', optimum.plan, 1)):
         for row, *papers_wh in TABLE_II:
-            cells.append(Cell(column, row, 'Wh', papers_wh[which],
-                              getattr(plan.energy_wh, row),
+            cells.append(Cell(column, row, 'Wh', papers_wh[which], getattr(plan.energy_wh, row),
                               ORIGINS.get((column, row), 'predicted')))
-        cells.append(Cell(column, 'heating lasts', 's', HEATING_BEFORE_ARRIVAL_S,
-                          _heated_s(plan),
+        cells.append(Cell(column, 'heating lasts', 's', HEATING_BEFORE_ARRIVAL_S, _heated_s(plan),
                           ORIGINS.get((column, 'heating lasts'), 'predicted')))
     return Reproduction(tuple(cells), heuristic, optimal_switch, optimum)
 
 
 def _heuristic(vehicle: Vehicle, route: Route) -> Plan:
-    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', no_regret=False,
-                           terminal_soc=TERMINAL_SOC)
+    return plan_preheating(vehicle, route, STATE, GOAL, 'paper', no_regret=False, terminal_soc=TERMINAL_SOC)
 
 
 def _heated_s(plan: Plan) -> float:
@@ -220,9 +214,7 @@ def fit_reference() -> Fit:
     def scaled(factors: FloatArray) -> Vehicle:
         capacity, leakage, resistance_factor = factors
         return replace(vehicle, battery=replace(
-            battery,
-            heat_capacity_j_per_k=battery.heat_capacity_j_per_k * capacity,
-            leakage=replace(
+            battery, heat_capacity_j_per_k=battery.heat_capacity_j_per_k * capacity, leakage=replace(
                 battery.leakage,
                 gamma_0_w_per_k=battery.leakage.gamma_0_w_per_k * leakage,
                 gamma_v_w_per_k_per_mps=battery.leakage.gamma_v_w_per_k_per_mps * leakage),
@@ -230,9 +222,7 @@ def fit_reference() -> Fit:
 
     def misses(factors: FloatArray) -> list[float]:
         plan = _heuristic(scaled(factors), route)
-        heated_s = _heated_s(plan)
-        return [heated_s - HEATING_BEFORE_ARRIVAL_S,
-                plan.energy_wh.joule - wanted['joule'],
+        return [_heated_s(plan) - HEATING_BEFORE_ARRIVAL_S, plan.energy_wh.joule - wanted['joule'],
                 plan.energy_wh.leakage - wanted['leakage']]
 
     found = root(misses, np.ones(3), options={'eps': 1e-5})

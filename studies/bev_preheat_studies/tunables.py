@@ -11,7 +11,7 @@ number from which another one is computed when its module is loaded moves nothin
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 import re
@@ -135,21 +135,18 @@ def effect_of(drives: Drives, as_they_are: Figures, found: Sequence[Tunable], nu
         try:
             later_k, later_wh, later_ons, later_verdicts = drives.figures()
         except Exception as error:
-            moves.append(Effect(*_head(effect), failed=f'{factor:g}: {type(error).__name__}: {error}'[:120]))
+            moves.append(replace(effect, failed=f'{factor:g}: {type(error).__name__}: {error}'[:120]))
             continue
         finally:
             for module in before:
                 setattr(module, tunable.name, tunable.value)
         moved_k = [abs(later - first) for later, first in zip(later_k, errors_k)]
-        moves.append(Effect(
-            *_head(effect), abs(sum(later_k) - sum(errors_k)) / len(errors_k), max(moved_k),
-            abs(sum(later_wh) - sum(energies_wh)) / len(energies_wh), abs(later_ons - switch_ons),
-            len(set(later_verdicts) ^ set(verdicts)) + abs(len(later_verdicts) - len(verdicts))))
+        moves.append(replace(
+            effect, mean_k=abs(sum(later_k) - sum(errors_k)) / len(errors_k), worst_k=max(moved_k),
+            energy_wh=abs(sum(later_wh) - sum(energies_wh)) / len(energies_wh),
+            switch_ons=abs(later_ons - switch_ons),
+            verdicts=len(set(later_verdicts) ^ set(verdicts)) + abs(len(later_verdicts) - len(verdicts))))
     return max(moves, key=lambda move: (move.failed != '', move.worst_k, move.energy_wh))
-
-
-def _head(effect: Effect) -> tuple[str, float, str]:
-    return effect.tunable, effect.value, effect.reason
 
 
 def set_everywhere(tunable: Tunable, value: float | int) -> list[Any]:

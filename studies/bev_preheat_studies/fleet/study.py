@@ -36,14 +36,7 @@ from bev_preheat_studies.fleet.winter_trips import (
     USUAL,
     WAYS,
 )
-from bev_preheat_studies.study import (
-    add_study_arguments,
-    check_study_arguments,
-    distribution,
-    MOST_SITUATIONS,
-    Study,
-    text_of,
-)
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study, text_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -119,7 +112,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, trips=(1, MOST_SITUATIONS))
+    check_study_arguments(arguments)
 
     def show(console: Console, results: list[FleetResult]) -> dict[str, Any]:
         summary = summarise_fleet(results)

@@ -74,7 +74,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, [vehicle_file(arguments.vehicle)], cars=(1, 100_000))
+    check_study_arguments(arguments, [vehicle_file(arguments.vehicle)], 'cars')
     require('casadi', 'scipy')
     heats = not arguments.without_heater
 

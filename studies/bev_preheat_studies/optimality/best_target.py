@@ -20,13 +20,7 @@ from bev_preheat.optional_packages import require
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
-from bev_preheat_studies.study import (
-    add_study_arguments,
-    check_study_arguments,
-    distribution,
-    MOST_SITUATIONS,
-    Study,
-)
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -93,7 +87,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, trips=(1, MOST_SITUATIONS))
+    check_study_arguments(arguments)
     require('casadi')
     return Study(
         partial(compare_trip, arguments.seed), WorthGap, arguments.trips,

@@ -82,18 +82,10 @@ STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperat
           ('coolant_excess', 'charging_coolant_excess', 1.0))
 
 
-@dataclass(frozen=True)
-class ChargingSteps:
-    """The result of a session in a program: its duration [s] and the energy bought [J]."""
-
-    duration_s: casadi.MX
-    bought_j: casadi.MX
-
-
 def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variables: Blocks,
-                       constraints: Blocks) -> ChargingSteps:
+                       constraints: Blocks) -> tuple[casadi.MX, casadi.MX]:
     """
-    Add the steps of the session after a drive to a program, and return the session's result.
+    Add the steps of the session after a drive to a program; return its duration [s] and the energy bought [J].
 
     Variables: `charging_time` [s], each state of the drive at the ends of the steps, and for a car that can
     heat at the charger `charging_heater`, the highest power of its heater in each step [W].
@@ -121,10 +113,8 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     for (_, charging_name, scale), at_end, end in zip(STATES, reached, ends):
         if end is not None:
             constraints.add(f'{charging_name}_defect', at_end / scale - end, scale)
-    bought_j = duration_s * (
-        casadi.sum2(terminal_w + drawn_w) / steps
-        + stop.cabin_heating_power_w + stop.auxiliary_power_w)
-    return ChargingSteps(duration_s, bought_j)
+    return duration_s, duration_s * (casadi.sum2(terminal_w + drawn_w) / steps
+                                     + stop.cabin_heating_power_w + stop.auxiliary_power_w)
 
 
 def can_heat(vehicle: Vehicle) -> bool:
@@ -169,8 +159,7 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
         heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w,
         idle_w, leakage_w_per_k)
     soc_end, temperature_end_c, _, powers = make_charging_step(rates)(
-        soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_w + arriving_w,
-        leakage_w_per_k)
+        soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_w + arriving_w, leakage_w_per_k)
     excess_end_k = (coolant_c - temperature_end_c if vehicle.heat_path.has_coolant else excess_k)
     return casadi.Function('charging_step', inputs, [
         soc_end, temperature_end_c, heater_end_w, excess_end_k, powers.terminal_w, drawn_w + powers.cooling_w])
@@ -221,7 +210,6 @@ class SessionAttempt:
 
     start: float
     status: str
-    iterations: int
     program_cost: float
     driven: ChargedDrive | None
 
@@ -232,7 +220,6 @@ class ChargingOptimum:
 
     best: ChargedDrive | None
     attempts: tuple[SessionAttempt, ...]
-    solve_time_s: float
 
 
 class ChargingProgram:
@@ -253,11 +240,10 @@ class ChargingProgram:
         unheated = plan_without_heating(self._trip, state)
         self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
         variables, constraints = self._variables, self._constraints = Blocks(), Blocks()
-        drive = add_drive_steps(
-            vehicle, len(self._trip.route), self._limited, variables, constraints)
-        session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
-        cost = (prices.energy_per_kwh * session.bought_j / (JOULES_PER_WH * WH_PER_KWH)
-                + prices.time_per_h * session.duration_s / S_PER_H)
+        drive = add_drive_steps(vehicle, len(self._trip.route), self._limited, variables, constraints)
+        duration_s, bought_j = add_charging_steps(drive, stop, charging_steps, variables, constraints)
+        cost = (prices.energy_per_kwh * bought_j / (JOULES_PER_WH * WH_PER_KWH)
+                + prices.time_per_h * duration_s / S_PER_H)
         # Scales the cost to about 1 in any currency.
         self._cost_scale = max(prices.energy_per_kwh * 30.0 + prices.time_per_h * 0.5, 1e-6)
         self._solver = casadi.nlpsol('charging_optimum', 'ipopt', {
@@ -267,20 +253,17 @@ class ChargingProgram:
     def attempt(self, start: Plan) -> SessionAttempt:
         """Return the SessionAttempt that starts from a Plan of the same drive."""
         drive = self._charged(start)
-        guess = self._guess(drive)
         low, high = self._bounds()
         result = self._solver(
-            x0=self._variables.pack(guess), lbx=low, ubx=high, lbg=0.0,
+            x0=self._variables.pack(self._guess(drive)), lbx=low, ubx=high, lbg=0.0,
             ubg=self._constraints.pack(dict.fromkeys(RESERVES, np.inf), otherwise=0.0),
             p=drive_parameters(self._trip, Corrections()))
-        statistics = self._solver.stats()
-        status = statistics['return_status']
+        status = self._solver.stats()['return_status']
         driven = None
         if status in SOLVED:
             found = self._variables.unpack(np.asarray(result['x']).ravel())
             driven = self._driven(found['heater'], self._limit_of(found))
-        return SessionAttempt(drive.cost, status, int(statistics['iter_count']),
-                              float(result['f']) * self._cost_scale, driven)
+        return SessionAttempt(drive.cost, status, float(result['f']) * self._cost_scale, driven)
 
     def _charged(self, plan: Plan, limit: HeatingLimit | None = None) -> ChargedDrive:
         """Return the ChargedDrive of a Plan with the chosen heat at the charger, or a limit if that costs less."""
@@ -374,9 +357,7 @@ def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
             if plan.arrival_temperature_c > max(
                     start.arrival_temperature_c for start in starts) + SAME_START_K:
                 starts.append(plan)
-    started = perf_counter()
     attempts = tuple(map(program.attempt, starts))
     found = [attempt.driven for attempt in attempts
              if attempt.driven is not None and math.isfinite(attempt.driven.cost)]
-    return ChargingOptimum(min(found, key=lambda driven: driven.cost, default=None), attempts,
-                           perf_counter() - started)
+    return ChargingOptimum(min(found, key=lambda driven: driven.cost, default=None), attempts)

@@ -25,7 +25,7 @@ from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import hvch_alone
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, MOST_SITUATIONS, Study
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -63,7 +63,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, trips=(1, MOST_SITUATIONS))
+    check_study_arguments(arguments)
     identity = {'study': 'heat_sources', 'vehicle': arguments.vehicle, 'seed': arguments.seed}
     return Study(partial(solve, arguments.vehicle, arguments.seed), SourcesResult, arguments.trips,
                  identity).conduct(arguments, partial(_show, arguments.plot))

@@ -24,17 +24,11 @@ from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
 from bev_preheat_studies.results_file import digest_of
-from bev_preheat_studies.study import (
-    add_study_arguments,
-    check_study_arguments,
-    distribution,
-    MOST_SITUATIONS,
-    Study,
-)
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study, text_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from rich.console import Console
 
@@ -61,7 +55,6 @@ NO_HEATING_WH = 0.01
 # Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 PERCENTILES = {'median': 50.0, '95 %': 95.0, 'worst': 100.0}
-LIMITS = {'feasible': (1, MOST_SITUATIONS)}
 
 
 @dataclass(frozen=True)
@@ -120,7 +113,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0. An interrupted study is summarised up to that point."""
-    check_study_arguments(arguments, (vehicle_file(arguments.vehicle),), **LIMITS)
+    check_study_arguments(arguments, (vehicle_file(arguments.vehicle),), 'feasible')
     require('casadi')
     methods = tuple(dict.fromkeys(arguments.methods or METHODS))
 
@@ -200,8 +193,7 @@ EXPECTED = {
     NOT_NEEDED: (Status.NOT_NEEDED.name,),
     UNREACHABLE: (Status.TARGET_UNREACHABLE.name, Status.SOC_LIMITED.name),
     # An empty battery is also short of power.
-    RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name,
-                     Status.OUT_OF_CHARGE.name),
+    RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
     POWER_LACKING: (Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
     # Plans heat only within the range; above it, the car's cooling takes over.
     BEYOND_RANGE: (Status.NOT_NEEDED.name, Status.WAITING.name, Status.HEATING.name),
@@ -260,7 +252,7 @@ def print_summary(console: Console, summary: Figures) -> None:
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items())
     console.print(f'{summary["trips"]} trips: {outcomes}', soft_wrap=True)
     print_figures(console, 'Compared with the nonlinear program, on the feasible trips', ('', *PERCENTILES), [
-        (f'{method}: {heading}', *_texts(figures[key], factor))
+        (f'{method}: {heading}', *(text_of(figures[key].get(name), '.4g', factor) for name in PERCENTILES))
         for method, figures in summary['methods'].items()
         for heading, key, factor in (
             ('energy gap (Wh)', 'gap_wh', 1.0), ('arrival error (K)', 'arrival_error_k', 1.0),
@@ -281,8 +273,3 @@ def print_summary(console: Console, summary: Figures) -> None:
     for failure in summary['solver_failures']:
         console.print(f'solver failed on trip {failure["number"]}: {failure["detail"]}',
                       markup=False, soft_wrap=True)
-
-
-def _texts(values: Mapping[str, float], factor: float) -> list[str]:
-    """Return the texts of a distribution, which is empty without trips."""
-    return [f'{factor * values[name]:.4g}' if values else '–' for name in PERCENTILES]

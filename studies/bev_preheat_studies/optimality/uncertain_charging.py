@@ -25,21 +25,14 @@ from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import FLOATS
+from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
-from bev_preheat_studies.study import (
-    add_study_arguments,
-    check_study_arguments,
-    distribution,
-    MOST_SITUATIONS,
-    Study,
-    text_of,
-)
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study, text_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -62,7 +55,6 @@ ARRIVALS = 11
 # Starts and durations of heating on the grid, its points that are refined, and the step at which that ends [s].
 STARTS, DURATIONS, REFINED, LEAST_STEP_S = 12, 6, 2, 15.0
 LONGEST_SESSION_S = 24.0 * 3600.0
-J_PER_WH = 3600.0
 PERCENTILES = {'least': 0.0, 'median': 50.0, '95 %': 95.0, 'worst': 100.0}
 
 
@@ -155,7 +147,7 @@ class Judge:
         voltage_v = battery.open_circuit_voltage.function(FLOATS)
         socs = np.linspace(from_soc, to_soc, 21)
         volts = np.array([voltage_v(soc, temperature_c) for soc in socs.tolist()])
-        return float(np.sum(0.5 * (volts[1:] + volts[:-1]) * np.diff(socs))) * battery.capacity_as / J_PER_WH
+        return float(np.sum(0.5 * (volts[1:] + volts[:-1]) * np.diff(socs))) * battery.capacity_as / JOULES_PER_WH
 
 
 def between(start_s: float, end_s: float) -> Callable[[Trip, float], FloatArray]:
@@ -239,7 +231,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, drives=(1, MOST_SITUATIONS))
+    check_study_arguments(arguments, wanted='drives')
     return Study(
         partial(compare, arguments.seed), Gap, arguments.drives,
         {'study': 'uncertain_charging', 'seed': arguments.seed}, lambda gap: gap.outcome == COMPARED,

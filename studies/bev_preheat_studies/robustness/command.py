@@ -28,7 +28,7 @@ from bev_preheat_studies.robustness.drawn_cars import (
 )
 from bev_preheat_studies.robustness.driven import COMPARED
 from bev_preheat_studies.robustness.signals import CASES, drive_case, print_cases, SignalResult, summarise_cases
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, MOST_SITUATIONS, Study
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -46,7 +46,7 @@ HILLY = ('alpine_pass',)
 # Driven part of each route with wrong signals [s].
 DRIVEN_S = 1500.0
 # (low, high) that the options allow; the period is that of the node's lease, timeout and commands.
-LIMITS = {'trips': (1, MOST_SITUATIONS), 'period': (0.1, 10.0), 'traffic': (0.0, 0.5)}
+LIMITS = {'period': (0.1, 10.0), 'traffic': (0.0, 0.5)}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -113,7 +113,7 @@ def run(arguments: Namespace) -> int:
     trips = DEFAULT_TRIPS[kind] if arguments.trips is None else arguments.trips
     arguments.route = arguments.route or (list(ROUTES_OF_DAYS) if kind == 'days' else ['reference'])
     check_study_arguments(
-        arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)), **LIMITS)
+        arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)), 'trips', **LIMITS)
     conditions = _conditions(arguments)
     if kind == 'days':
         return _run_days(arguments, conditions, trips)
