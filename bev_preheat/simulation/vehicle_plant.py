@@ -106,7 +106,6 @@ class VehiclePlant:
             curve.function(SATURATING_FLOATS)
             for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
         self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-        self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
         self.empty_at_s: float | None = None
@@ -340,12 +339,6 @@ class VehiclePlant:
             leakage=self._leakage_j / JOULES_PER_WH,
             hvch_electric=self._heater_j / JOULES_PER_WH + sum(self.sources.energy_wh.values()),
             battery_total=self._battery_j / JOULES_PER_WH)
-
-    @property
-    def coolant_heat_wh(self) -> float:
-        """Heat that the coolant has taken up since the start [Wh]; 0 without coolant."""
-        capacity_j_per_k = self.vehicle.heat_path.coolant_heat_capacity_j_per_k
-        return capacity_j_per_k * (self.coolant_c - self._coolant_started_c) / JOULES_PER_WH
 
     @property
     def undeliverable_energy_wh(self) -> float:
