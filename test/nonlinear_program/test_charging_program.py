@@ -144,6 +144,3 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     assert states[0] == pytest.approx(0.5, abs=1e-4)
     assert states[1] == pytest.approx(session.battery_temperature_c[-1], abs=0.05)
     assert bought_j / 3600.0 == pytest.approx(session.bought_energy_wh, rel=3e-4)
-
-
-# --- rounded corners ---

@@ -16,7 +16,6 @@ from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]
@@ -67,14 +66,3 @@ def test_its_states_are_those_of_a_drive_under_its_commands(path):
     assert plan.heat.coolant_excess_k == pytest.approx(excess_k, abs=1e-6)
     if path.heater_lag_s:
         assert plan.heat.heater_power_w == pytest.approx(heater_w, abs=1e-3)
-
-
-# Without a heat path, in test_optimum.py, daily.
-@pytest.mark.deep
-def test_corrections_give_the_optimum_of_the_corrected_car():
-    vehicle, *others = situation(BOTH)
-    corrections = Corrections(1.08, 0.9, 1.1, 0.96)
-    together = solve_optimum(vehicle, *others, corrections=corrections).plan
-    alone = solve_optimum(corrected_vehicle(vehicle, corrections), *others).plan
-    assert together.energy_wh.battery_total == pytest.approx(alone.energy_wh.battery_total, abs=1e-3)
-    assert together.battery_temperature_c == pytest.approx(alone.battery_temperature_c, abs=1e-4)

@@ -7,6 +7,7 @@ them; the program must not exceed its energy, and can hardly fall below.
 """
 
 from dataclasses import asdict, replace
+from functools import cache
 import math
 
 import numpy as np
@@ -32,7 +33,6 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 pytestmark = pytest.mark.costly
@@ -104,27 +104,6 @@ class Car:
     def heater_limit_w(self, route):
         return np.maximum(self.vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
 
-    def switched_at(self, route, state, instant_s):
-        """The end of a continuous drive with full heating from one instant on."""
-        from scipy.integrate import solve_ivp
-        y, start_s = np.array([state.soc, state.temperature_c, 0.0]), 0.0
-        for segment, limit_w in zip(segments_of(route), self.heater_limit_w(route)):
-            end_s = start_s + segment['duration_s']
-            instants = [start_s, *([instant_s] if start_s < instant_s < end_s else []), end_s]
-            for begin_s, stop_s in zip(instants, instants[1:]):
-                heater_w = limit_w if begin_s >= instant_s else 0.0
-                y = solve_ivp(lambda t, y: self.rates(y, segment, heater_w), (begin_s, stop_s), y,
-                              method='DOP853', rtol=1e-8, atol=1e-8).y[:, -1]
-            start_s = end_s
-        return y
-
-    def cheapest_switch(self, route, state, target_c):
-        """Instant [s] from which heating just reaches the target, and its energy [Wh]."""
-        from scipy.optimize import brentq
-        instant_s = brentq(lambda s: self.switched_at(route, state, s)[1] - target_c,
-                           0.0, route.total_duration_s, xtol=1e-2)
-        return instant_s, self.switched_at(route, state, instant_s)[2]
-
 
 def segments_of(route):
     columns = {name: values.tolist() for name, values in asdict(route).items()}
@@ -170,23 +149,12 @@ TRIPS = {
 }
 # Trips on which no limit but the heater's is active.
 UNLIMITED = ('reference', 'uneven', 'small_car')
-solutions, cheapest_switches = {}, {}
 
 
+@cache
 def solution_of(name):
     """Optimum of a trip in TRIPS; each is solved once."""
-    if name not in solutions:
-        solutions[name] = solve_optimum(*TRIPS[name])
-    return solutions[name]
-
-
-def cheapest_switch_of(name):
-    """Instant [s] and energy [Wh] of the cheapest switch; each is searched once."""
-    if name not in cheapest_switches:
-        vehicle, route, state, goal = TRIPS[name]
-        cheapest_switches[name] = Car(vehicle).cheapest_switch(
-            route, state, goal.target_temperature_c)
-    return cheapest_switches[name]
+    return solve_optimum(*TRIPS[name])
 
 
 @pytest.fixture(params=TRIPS)
@@ -228,26 +196,6 @@ def test_powers_states_and_arrival_keep_their_limits(trip):
             power_w = car.heat_and_power(*state, segment, heater_w[k], brake_w[k])[2]
             assert bilinear(battery.charge_power_limit, *state) - 1e-3 <= power_w
             assert power_w <= bilinear(battery.discharge_power_limit, *state) + 1e-3
-
-
-# The gap to optimal_switch below is daily, and so are test/planning's searches for its switching instant.
-@pytest.mark.deep
-@pytest.mark.parametrize('name', UNLIMITED)
-def test_energy_is_that_of_the_best_switching_instant(name):
-    _, energy_wh = cheapest_switch_of(name)
-    vehicle, route, state, goal = TRIPS[name]
-    # A continuous drive may switch within a step, which the program can only do to within 10 s here,
-    # and has no integration error.
-    plan = solve_optimum(vehicle, route.divided(10.0), state, goal).plan
-    assert plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.02)
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize('name', UNLIMITED)
-def test_heating_starts_at_the_best_switching_instant(name):
-    instant_s, _ = cheapest_switch_of(name)
-    # The step in which the heater is switched on has its mean, to a second.
-    assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
 
 
 @pytest.mark.parametrize('name', UNLIMITED)
@@ -421,23 +369,6 @@ def fresh_vehicle():
     return replace(REFERENCE)
 
 
-@pytest.mark.parametrize('name', ['small_car', pytest.param('reference', marks=pytest.mark.deep)])
-def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program(name):
-    vehicle, route, state, goal = TRIPS[name]
-    corrections = Corrections(heat_capacity=0.93, leakage=1.21, resistance=1.34,
-                              heater_efficiency=0.88)
-    corrected = solve_optimum(corrected_vehicle(vehicle, corrections), route, state, goal)
-    solve_optimum(vehicle, route, state, goal)
-    built = program.build_program.cache_info().misses
-    optimum = solve_optimum(vehicle, route, state, goal, corrections=corrections)
-    assert program.build_program.cache_info().misses == built
-    assert optimum.solver_status == SUCCESS
-    assert optimum.plan.energy_wh.battery_total == pytest.approx(
-        corrected.plan.energy_wh.battery_total, abs=1e-4)
-    np.testing.assert_allclose(optimum.plan.battery_temperature_c,
-                               corrected.plan.battery_temperature_c, atol=1e-4)
-
-
 def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
     monkeypatch.setitem(program.IPOPT_OPTIONS, 'ipopt.max_iter', 2)
     with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
@@ -497,13 +428,3 @@ def test_nothing_is_heated_where_no_charging_is_planned():
     idle_wh = Car(vehicle).drive(route, state, np.zeros(len(route)))[-1, 2]
     assert (optimum.plan.status, optimum.deficit) == (Status.NO_CHARGING_PLANNED, ())
     assert optimum.plan.energy_wh.battery_total == pytest.approx(idle_wh, abs=1e-2)
-
-
-def test_dictionary_has_the_solver_in_it():
-    optimum = solution_of('reference')
-    dictionary = optimum.as_dictionary()
-    assert {key: dictionary[key] for key in (
-        'method', 'solver_status', 'solve_time_s', 'iterations', 'infeasible')} == {
-            'method': 'nlp', 'solver_status': SUCCESS,
-            'solve_time_s': optimum.solve_time_s,
-            'iterations': optimum.iterations, 'infeasible': []}

@@ -247,18 +247,6 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
-# test/test_wheel.py has the commands without CasADi, daily.
-@pytest.mark.deep
-def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch):
-    (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
-    monkeypatch.syspath_prepend(tmp_path)
-    let_it_start(new_solver)
-    new_solver.ask(QUESTION, PATIENCE_S)
-    failure = answer_of(new_solver)
-    assert failure.explanation == "ModuleNotFoundError: No module named 'casadi'"
-    assert new_solver.process_id is not None
-
-
 def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
     owner = subprocess.Popen([sys.executable, '-c', OWNER, *map(str, Path(__file__).parents[:2])],
                              stdout=subprocess.PIPE, text=True)
