@@ -10,7 +10,7 @@ import numpy as np
 from plain_car import plain_car
 import pytest
 
-from bev_preheat.charging.expectation import Expectation, SessionCosts
+from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
@@ -148,13 +148,6 @@ def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
     assert nearly.charged_cost == pytest.approx(exact.charged_cost, rel=3e-4)
     assert nearly.not_charged_cost == pytest.approx(exact.not_charged_cost, rel=1e-3)
     assert nearly.cost == pytest.approx(0.4 * nearly.charged_cost + 0.6 * nearly.not_charged_cost, rel=1e-12)
-
-
-def test_the_cost_between_simulated_sessions_is_that_of_a_session():
-    stop = stop_after(ROUTE, 150e3, 0.8)
-    costs, heating = SessionCosts(REFERENCE, stop, PRICES), ChargerHeating(REFERENCE, stop, PRICES)
-    for state in (BatteryState(12.3, 0.313), BatteryState(-3.2, 0.455)):
-        assert costs.cost(state) == pytest.approx(heating.choose(state).cost, rel=3e-4)
 
 
 def test_a_probability_above_one_is_refused():

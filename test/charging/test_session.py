@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charging session: closed forms, balances, halved steps, an independent integration, endless sessions."""
+"""The charging session: closed forms, balances, an independent integration, endless sessions."""
 
 from dataclasses import replace
 import math
@@ -200,17 +200,6 @@ def test_a_power_limit_that_falls_with_the_charge():
                      BatteryState(5.0, 0.25))
     assert session.charging_time_s == pytest.approx(
         3600.0 * math.log(0.75 / 0.2) * VOLTAGE_V * CAPACITY_AH / 80e3, rel=1e-7)
-
-
-@pytest.mark.parametrize('vehicle, charger_w', [
-    (REFERENCE, 150e3), (REFERENCE, 50e3), (REFERENCE, 11e3), (SMALL, 100e3),
-    (replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0)), 150e3)],
-    ids=['150 kW', '50 kW', '11 kW', 'small_car', 'heat path'])
-def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
-    stop = ChargingStop(charger_w, 0.8, -9.0, 1700.0, 450.0)
-    whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
-    assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
-    assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
 
 
 def test_heat_under_way_at_arrival_arrives_at_the_charger():

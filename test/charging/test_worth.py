@@ -54,7 +54,6 @@ def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
 
 
 def money(session, prices):
-    """Return the cost of a Session."""
     aged = 0.0 if session.ageing is None else own_session_cost(session)
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
             + prices.time_per_h * session.charging_time_s / 3600.0 + aged)
@@ -181,9 +180,6 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     # Three quarters and a half of the assumed deviations; the consumption's is always the same.
     assert (variances[0] - variances[1]) / (variances[0] - variances[2]) == pytest.approx(
         (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
-
-
-# --- the search in parts ---
 
 
 # --- refused inputs ---

@@ -115,7 +115,7 @@ def test_a_file_that_vanished_is_written_anew(state_file):
 
 # Last seen, and the driver
 
-SEEN, SEEN_LATER = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001), LastSeen(-3.25, 0.75, 7)
+SEEN = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001)
 
 
 def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_path):

@@ -19,7 +19,7 @@ from bev_preheat.vehicle.model import TRIP_COLUMNS
 CAR = drawn_situations.car(drawn_situations.CARS[0])
 COLUMNS = [name for name in TRIP_COLUMNS if hasattr(Trip, name)]
 
-BAD_ARGUMENT, BAD_INPUT = -1, -3
+BAD_ARGUMENT = -1
 
 
 def call(steps=3, null=None, duration_s=30.0):

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.planning.engine import plan_by_paper, plan_switch, trip_in_core
+from bev_preheat.planning.engine import plan_switch, trip_in_core
 from bev_preheat.planning.heat_run import roll_heated
 from bev_preheat.planning.limits import limits_along
-from bev_preheat.planning.methods import is_best, plan_optimal_switch
-from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.methods import plan_optimal_switch
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -83,57 +82,6 @@ def test_two_switches_of_what_cannot_be_are_refused():
         unknown = idle.copy()
         unknown[row, 5] = nan
         assert status(idle_states=unknown) < 0
-
-
-def test_plans_without_active_limits_are_the_same():
-    seen, whole = set(), 0
-    for number in range(80):
-        *situation, goal = drawn_situations.draw_without_limits(number)
-        method = ('value_function', 'optimal_switch')[number % 2]
-        trip, aimed = make_trip(*situation[:2]), goal
-        if not (goal.charging_planned and goal.heating_pays):
-            aimed = replace(goal, target_temperature_c=trip.vehicle.battery.temperature_range_c[0])
-        switched = plan_switch(trip, situation[2], aimed.target_temperature_c, method == 'optimal_switch')
-        if not (switched.unheated_keeps_limits and is_best(trip, aimed, switched)):
-            # A limit is active: the charge that must be left, or the battery's; test_same_plans.py.
-            continue
-        whole += 1
-        found, expected = in_both(lambda: plan_preheating(*situation, goal, method).as_dictionary())
-        for plan in (found, expected):
-            del plan['planning_time_s']
-        energies_wh = [plan.pop('energy_wh') for plan in (found, expected)]
-        intervals = [plan.pop('stretches') for plan in (found, expected)]
-        assert found == expected, number
-        assert energies_wh[0] == pytest.approx(energies_wh[1], rel=1e-12, abs=1e-9), number
-        for interval, expected_interval in zip(*intervals, strict=True):
-            wh, expected_wh = interval.pop('energy_wh'), expected_interval.pop('energy_wh')
-            assert interval == expected_interval and wh == pytest.approx(expected_wh, rel=1e-12), number
-        seen.add(found['status'])
-    assert {'NOT_NEEDED', 'WAITING', 'TARGET_UNREACHABLE', 'NO_CHARGING_PLANNED', 'NOT_WORTH_IT'} <= seen
-    assert 40 < whole < 80
-
-
-def test_plans_of_the_paper_are_the_same_to_the_last_bit():
-    seen, whole = set(), 0
-    situations = [*map(drawn_situations.draw_without_limits, range(40)),
-                  *(drawn_situations.draw(number, 20)[:4] for number in range(20))]
-    for number, (vehicle, *others) in enumerate(situations):
-        situation = replace(vehicle, heat_path=HeatPath()), *others
-        plans = [plan.as_dictionary() for plan in in_both(lambda: plan_preheating(*situation, 'paper'))]
-        for plan in plans:
-            del plan['planning_time_s']
-        # Sums of the steps, which are taken in another order.
-        energies_wh = [plan.pop('energy_wh') for plan in plans]
-        intervals_wh = [[interval.pop('energy_wh') for interval in plan['stretches']] for plan in plans]
-        assert plans[0] == plans[1], number
-        assert energies_wh[0] == pytest.approx(energies_wh[1], rel=1e-12, abs=1e-9), number
-        assert intervals_wh[0] == pytest.approx(intervals_wh[1], rel=1e-12), number
-        seen.add(plans[0]['status'])
-        switched = plan_by_paper(make_trip(*situation[:2]), situation[2], situation[3].target_temperature_c)
-        whole += switched.unheated_keeps_limits and switched.keeps_limits
-    assert {'NOT_NEEDED', 'WAITING', 'TARGET_UNREACHABLE', 'NOT_WORTH_IT'} <= seen
-    # In the others something limits the plan.
-    assert 15 < whole < 50
 
 
 SWITCH, PAPER = 'bev_plan_switch', 'bev_plan_paper'

@@ -95,21 +95,6 @@ def test_a_wrong_change_is_one_line_and_2(recorded, capsys, words, told):
     assert told in line
 
 
-@pytest.mark.deep
-def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
-    """Whatever byte the file ends at, all whole steps before it are read."""
-    _, folder = recorded
-    whole = read_flight(folder)
-    data = whole.paths[0].read_bytes()
-    for share in (0.999, 0.7, 0.3141):
-        path = tmp_path / f'cut_{share}.mcap'
-        path.write_bytes(data[:int(share * len(data))])
-        cut = read_flight(path)
-        assert 0 < len(cut.given) <= len(whole.given)
-        assert len(cut.given) > 0.5 * share * len(whole.given)
-        assert replay(cut).comparison.is_reproduced
-
-
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
     _, folder = recorded
     flight = read_flight(folder)

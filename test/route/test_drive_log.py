@@ -1,21 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drive logs: means, root mean squares, gaps and faults, on small synthetic logs."""
 
-from dataclasses import asdict, fields, replace
-import os
-from pathlib import Path
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.identification.recorded_route import load_drive_logs
-from bev_preheat.planning.engine import run_forward
-from bev_preheat.planning.trip import make_trip
-from bev_preheat.route.segments import make_route, Route
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Defaults
-from bev_preheat.vehicle.model import make_runge_kutta_4
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
 HEADER = 'time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c,aircon_w'
@@ -253,58 +247,3 @@ def test_current_of_the_wrong_sign_is_refused_until_it_is_repaired(write):
         load_drive_logs([path], DEFAULTS)
     assert len(refused.value.problems) == 1
     assert_same_route(load_drive_logs([path], DEFAULTS, repair=True).route, right, rtol=1e-9)
-
-
-# Measured drives --------------------------------------------------------------------------------
-
-def measured_logs():
-    """Return nine winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235), not in this project."""
-    folder = os.environ.get('BEV_PREHEAT_DRIVE_LOGS')
-    folder = Path(folder) if folder else (
-        Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips')
-    return sorted(folder.glob('Trip*.csv'))
-
-
-needs_measured_logs = pytest.mark.skipif(not measured_logs(), reason=(
-    'needs the measured winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235) in the '
-    'folder BEV_PREHEAT_DRIVE_LOGS'))
-
-
-@needs_measured_logs
-def test_measured_drives():
-    for path in measured_logs():
-        made = load_drive_logs([path], DEFAULTS)
-        table = np.genfromtxt(path, delimiter=',', names=True)
-        route = made.route
-        terminal_w = (route.propulsion_power_w + route.cabin_heating_power_w + route.auxiliary_power_w)
-        # These logs have no gaps: no remarks, no losses.
-        assert made.remarks == ()
-        assert route.total_duration_s == len(table)
-        assert route.distance_m == pytest.approx(table['speed_mps'].sum())
-        assert terminal_w @ route.duration_s == pytest.approx(table['voltage_v'] @ table['current_a'], rel=1e-9)
-        # A third or more of the mean square is variation that the means hide.
-        assert (route.propulsion_power_rms_w**2 @ route.duration_s
-                > 1.5 * route.propulsion_power_w**2 @ route.duration_s)
-
-
-@needs_measured_logs
-def test_a_measured_hour_in_steps_of_half_a_minute_warms_as_it_was_driven():
-    """At the paper's share of the drivetrain's heat, compared with the model driven second by second."""
-    car = load_vehicle('small_car')
-    car = replace(car, drivetrain=replace(car.drivetrain, efficiency=0.9, heat_recovery_efficiency=0.8))
-
-    def arrival_c(route):
-        trip = make_trip(car, route)
-        return run_forward(trip, make_runge_kutta_4, 0.9, 0.0)[1][-1]
-
-    hour = measured_logs()[:3]
-    driven = load_drive_logs(hour, car.defaults, 1.0).route
-    planned = load_drive_logs(hour, car.defaults, 30.0).route
-    unknown = make_route({**asdict(planned), 'propulsion_power_magnitude_w': None}, None)
-    assert driven.total_duration_s > 3600.0
-    driven_c = arrival_c(driven)
-    assert arrival_c(planned) == pytest.approx(driven_c, abs=0.5)
-    assert arrival_c(unknown) == pytest.approx(driven_c, abs=0.5)
-    # The magnitude of the mean alone would not give this.
-    still = replace(planned, propulsion_power_magnitude_w=np.abs(planned.propulsion_power_w))
-    assert arrival_c(still) < driven_c - 1.5

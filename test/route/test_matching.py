@@ -98,17 +98,6 @@ def test_the_deviation_is_an_honest_one():
     assert np.max(np.abs(ratios)) < 4.0
 
 
-@settings(max_examples=settings.default.max_examples // 4)
-@given(seed=st.integers(0, 1000), speed_mps=st.floats(4.0, 40.0), period_s=st.sampled_from([0.5, 1.0, 5.0]))
-def test_it_never_falls_back_by_much_on_a_vehicle_that_drives_on(seed, speed_mps, period_s):
-    drive = Drive(COUNTRY, seed=seed, speed_mps=speed_mps, period_s=period_s)
-    drive.true_m, drive.seconds = drive.true_m[:150], drive.seconds[:150]
-    told_m = [match.distance_m for _, match, _ in drive.run().told if match.distance_m is not None]
-    assert told_m
-    # Noise of the fixes only: no more than three deviations of their difference.
-    assert np.diff(told_m).min() > -3.0 * math.sqrt(2.0) * 4.3
-
-
 def turned(road, angle, east_m=0.0, north_m=0.0, origin=None):
     cosine, sine = math.cos(angle), math.sin(angle)
     return Road(cosine * road.east_m - sine * road.north_m + east_m,

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The power of mean speeds against that of the same drive sampled each second."""
 
-import csv
-import os
-from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,12 +21,6 @@ from bev_preheat.vehicle import load_vehicle
 CAR = RoadVehicle(mass_kg=1500.0, drag_area_m2=0.6, rolling_resistance=0.01, drivetrain_efficiency=0.8,
                   maximum_regeneration_power_w=40e3)
 VEHICLE = load_vehicle('small_car')
-FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
-    Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
-DRIVES = sorted(path.stem for path in FOLDER.glob('Trip*.csv'))
-# A drive in town with accelerations of 3 m/s^2, twice those of the public cycles: nothing in its mean speeds
-# shows it.
-HARD_DRIVEN, HARD_DEVIATION = 'TripB38', 0.07
 
 
 def test_the_share_within_segments_is_that_of_a_simulated_process():
@@ -82,19 +73,3 @@ def test_mean_speeds_of_a_road_with_stops_have_nearly_its_energy():
     assert estimated.energy_wh == pytest.approx(exact.energy_wh, rel=0.03)
     assert plain.energy_wh < 0.96 * exact.energy_wh
     assert estimated.magnitude_w == pytest.approx(exact.magnitude_w, rel=0.1)
-
-
-@pytest.mark.skipif(not DRIVES, reason='needs the measured winter drives of a BMW i3 (TU Munich, doi '
-                    '10.21227/6jr9-5235) in the folder BEV_PREHEAT_DRIVE_LOGS')
-@pytest.mark.parametrize('name', DRIVES)
-def test_mean_speeds_of_measured_drives_have_their_energy(name):
-    """Speeds of nine measured drives, level: means over 30 s against the samples, and without accelerations."""
-    with open(FOLDER / f'{name}.csv', encoding='utf-8') as file:
-        speed = np.array([float(row['speed_mps']) for row in csv.DictReader(file)])
-    motion = Motion(np.ones(len(speed) - 1), 0.5 * (speed[1:] + speed[:-1]), np.zeros(len(speed)), speed)
-    exact, estimated, plain = compare_averages(motion, VEHICLE, np.zeros(len(speed) - 1), 30.0)
-    allowed = HARD_DEVIATION if name == HARD_DRIVEN else 0.03
-    assert estimated.energy_wh == pytest.approx(exact.energy_wh, rel=allowed)
-    assert estimated.magnitude_w == pytest.approx(exact.magnitude_w, rel=0.2)
-    assert estimated.rms_w == pytest.approx(exact.rms_w, rel=0.3)
-    assert plain.energy_wh < 0.95 * exact.energy_wh

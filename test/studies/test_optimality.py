@@ -55,18 +55,6 @@ def free_trips():
 
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
-def test_methods_and_program_agree_on_trips_without_limits(free_trips):
-    assert {result.outcome for result in free_trips} >= {FEASIBLE, sweep.NOT_NEEDED, sweep.UNREACHABLE}
-    assert [disagreements(free_trips, method) for method in METHODS] == [[]] * len(METHODS)
-    gaps_wh = {method: [result.methods[method].gap_wh for result in free_trips if result.is_feasible]
-               for method in METHODS}
-    # Lower by at most IPOPT's tolerance, higher by the rest of a partial step.
-    assert -1e-3 < min(gaps_wh['optimal_switch']) and max(gaps_wh['optimal_switch']) < 0.1
-    assert max(gaps_wh['paper']) > 1.0
-
-
-@pytest.mark.costly
-@pytest.mark.needs('casadi')
 @pytest.mark.parametrize('deficit, outcome', [
     ((TARGET,), sweep.UNREACHABLE), ((TARGET, ARRIVAL_SOC), sweep.RESERVE_MISSED),
     ((TARGET, DISCHARGE_POWER), sweep.POWER_LACKING), ((HIGHEST_TEMPERATURE,), sweep.BEYOND_RANGE)])

@@ -20,12 +20,11 @@ from bev_preheat.vehicle.charging_curve import (
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 
 HEADER = 'state_of_charge_percent,power_kw\n'
-NMC, LFP = map(load_chemistry, ('nmc', 'lfp'))
+NMC = load_chemistry('nmc')
 
 
 @pytest.fixture
 def curve_of(tmp_path):
-    """Return the curve of a file's text."""
     def read(text):
         file = tmp_path / 'curve.csv'
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
