@@ -26,7 +26,6 @@ class Browser:
         self._driver, self.messages = driver, []
 
     def open(self, url):
-        """Open a page."""
         self._driver.get(url)
 
     def forget_cookies(self):
@@ -34,7 +33,6 @@ class Browser:
         self._driver.execute_cdp_cmd('Network.clearBrowserCookies', {})
 
     def run(self, script, *arguments):
-        """Return the value of a script."""
         return self._driver.execute_script(script, *arguments)
 
     def texts(self, *ids):
@@ -42,7 +40,6 @@ class Browser:
         return self.run('return arguments[0].map((id) => document.getElementById(id).innerText)', list(ids))
 
     def text(self, name):
-        """Return the text of an element."""
         return self.texts(name)[0]
 
     def is_visible(self, name):
@@ -63,7 +60,6 @@ class Browser:
         field.send_keys(text)
 
     def press(self, *keys):
-        """Press keys in the focused element."""
         from selenium.webdriver.common.keys import Keys
         self._driver.switch_to.active_element.send_keys(*(getattr(Keys, key, key) for key in keys))
 
@@ -77,7 +73,6 @@ class Browser:
         return value
 
     def page_text(self):
-        """Return all visible text."""
         return self.run('return document.body.innerText')
 
     def size(self, width, height, dark=False):

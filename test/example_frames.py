@@ -41,7 +41,6 @@ def temperature_frame(mean_c, count, low_c=None, high_c=None):
 
 
 def heater_frame(power_w, count, refusal=0):
-    """Return the data of HVCH_Status."""
     return packed(4, [(0, 10, round(power_w / 10)), (10, 1, power_w > 0.0), (11, 3, refusal), (16, 4, count)])
 
 

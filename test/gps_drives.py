@@ -77,11 +77,9 @@ class Road:
 
     @property
     def length_m(self):
-        """Length of the road."""
         return float(self.along_m[-1])
 
     def at(self, distance_m):
-        """Return (east, north) at distances."""
         along_m = self.along_m
         return np.interp(distance_m, along_m, self.east_m), np.interp(distance_m, along_m, self.north_m)
 

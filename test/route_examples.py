@@ -97,7 +97,6 @@ def osrm(legs=1, annotations=True, geometry='polyline', penalty=1.1):
 
 
 def valhalla(units='kilometers'):
-    """Return an answer of Valhalla."""
     metres = {'kilometers': 1000.0, 'miles': 1609.344}[units]
     maneuvers = [{'length': share * LENGTH_M / metres, 'time': share * LENGTH_M / SPEED_MPS, 'type': 1}
                  for share in (0.25, 0.35, 0.4, 0.0)]

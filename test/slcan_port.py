@@ -37,7 +37,6 @@ class SlcanPort:
             pass
 
     def close(self):
-        """Unplug the adapter."""
         self._open = False
         self._thread.join()
         os.close(self._mine)

@@ -41,9 +41,6 @@ class Stepwise(Supervisor):
     def accept_mission(self, mission):
         self.run(self._now_ns, RouteArrived(mission))
 
-    def revise_mission(self, mission):
-        self.run(self._now_ns, Reconfigured(self.vehicle, self.settings, mission))
-
     def refuse_route(self, error, refused=RefusedRoute()):
         self.step_through(self._now_ns, RouteUnreadable(error, refused))
 
@@ -75,14 +72,12 @@ class Stepwise(Supervisor):
         self.run(self._now_ns, Reconfigured(vehicle, self.settings))
 
     def replan(self, now_ns):
-        """Return the Decision at an instant."""
         if now_ns != self._now_ns:
             # Every event causes a plan, even if it changes nothing.
             self.run(now_ns, PreheatingSwitched(self.state.is_enabled))
         return self.state.decision
 
     def refresh(self, now_ns):
-        """Let time pass."""
         self.run(now_ns)
 
     def command(self, now_ns):

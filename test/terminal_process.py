@@ -52,11 +52,9 @@ class TerminalProcess:
         self.views, self.tail = 0, b''
 
     def __enter__(self) -> TerminalProcess:
-        """Return the process."""
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """End the process."""
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
@@ -64,7 +62,6 @@ class TerminalProcess:
 
     @property
     def process_id(self) -> int:
-        """Its process id."""
         return self._process.pid
 
     @property
@@ -86,11 +83,9 @@ class TerminalProcess:
                 and self.tail.rfind(FIRST_SCREEN) >= self.tail.rfind(OTHER_SCREEN))
 
     def resize(self, columns: int, rows: int) -> None:
-        """Set the size of the terminal."""
         fcntl.ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack('HHHH', rows, columns, 0, 0))
 
     def type(self, keys: bytes) -> None:
-        """Type bytes."""
         os.write(self._terminal, keys)
 
     def read(self, duration_s: float) -> bytes:

@@ -13,7 +13,6 @@ from importlib.util import find_spec
 import os
 from pathlib import Path
 import pkgutil
-import shutil
 import subprocess
 import sys
 
@@ -117,29 +116,6 @@ def test_rooms_use_only_rooms_below_them():
     """Lazy imports count."""
     kept, printed = contracts_kept(CHECKOUT)
     assert kept, printed
-
-
-@pytest.mark.costly
-def test_the_contracts_see_what_breaks_them(tmp_path):
-    shutil.copy(CHECKOUT / 'setup.cfg', tmp_path)
-    for package in PACKAGES:
-        shutil.copytree(Path(find_spec(package).origin).parent, tmp_path / package,
-                        ignore=shutil.ignore_patterns('__pycache__'))
-    for file, text in (
-            ('planning/status.py', 'def late():\n    import bev_preheat.control.settings\n'),
-            ('control/settings.py', 'def measure():\n    import bev_preheat_studies.cost\n')):
-        with open(tmp_path / 'bev_preheat' / file, 'a', encoding='utf-8') as module:
-            module.write(text)
-    kept, printed = contracts_kept(tmp_path)
-    assert not kept
-    assert 'bev_preheat.planning is not allowed to import bev_preheat.control' in printed
-    assert 'bev_preheat is not allowed to import bev_preheat_studies' in printed
-    # Checked before all contracts, so alone.
-    (tmp_path / 'bev_preheat' / 'forecourt').mkdir()
-    (tmp_path / 'bev_preheat' / 'forecourt' / '__init__.py').touch()
-    kept, printed = contracts_kept(tmp_path)
-    assert not kept
-    assert 'bev_preheat.forecourt' in printed
 
 
 def circle(*packages):

@@ -54,7 +54,6 @@ class Broker:
         self._server.start()
 
     def close(self):
-        """End all connections."""
         self._server.stop(0.0).wait()
 
     def set(self, path, value, stamp_s=None):
