@@ -71,7 +71,7 @@ def test_what_fails_after_the_command_each_time_lets_no_heat_through_in_between(
 
 def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, monkeypatch):
     with monkeypatch.context() as meanwhile:
-        meanwhile.setattr('bev_preheat.nodes.planner_node.command_message', fail)
+        meanwhile.setattr('bev_preheat.nodes.topics.command_message', fail)
         given = len(planner.commands.messages)
         after_state(planner, 1)
         planner.repeat()
@@ -83,15 +83,15 @@ def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, mo
 
 @pytest.mark.parametrize('failing', [1, 2])
 def test_the_last_words_are_off_and_all_else_is_done_where_one_of_them_fails(planner, monkeypatch, failing):
-    from bev_preheat.nodes import planner_node
-    calls, saved, command_message = count(1), [], planner_node.command_message
+    from bev_preheat.nodes import topics
+    calls, saved, command_message = count(1), [], topics.command_message
 
     def fail_now_and_then(*arguments):
         if next(calls) == failing:
             fail()
         return command_message(*arguments)
 
-    monkeypatch.setattr(planner_node, 'command_message', fail_now_and_then)
+    monkeypatch.setattr(topics, 'command_message', fail_now_and_then)
     monkeypatch.setattr(
         'bev_preheat.nodes.state_keeper.StateKeeper.save', lambda keeper, state: saved.append(state))
     monkeypatch.setattr('bev_preheat.nodes.prepare_action.PrepareAction.shut_down', fail)
