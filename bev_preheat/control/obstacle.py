@@ -56,8 +56,10 @@ class AdmittedInputs(NamedTuple):
 
     @property
     def heating_vehicle(self) -> Vehicle:
-        """The vehicle without the sources that are `unserved`."""
-        return without_sources(self.vehicle, tuple(each.name for each in self.unserved))
+        """The vehicle without the sources that are `unserved`, or that cool: no command cools."""
+        names = {*(each.name for each in self.unserved), *(
+            source.name for source in self.vehicle.heat_sources if source.cools)}
+        return without_sources(self.vehicle, tuple(sorted(names)))
 
     @property
     def mission(self) -> Mission | None:
