@@ -73,7 +73,8 @@ INPUTS = {
                        lambda message, reader: heater_status_event(
                            message, reader.state.vehicle.hvch.maximum_power_w)),
     SOURCE_STATUS: Input(HeatSourceStatus, 'the same of the other heat sources',
-                         lambda message, reader: source_status_event(message, reader.state.vehicle), depth=20),
+                         lambda message, reader: source_status_event(message, reader.state.vehicle),
+                         has_many_sources=True, depth=20),
 }
 
 
