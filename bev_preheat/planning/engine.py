@@ -10,7 +10,6 @@ appropriate exception. No other module of planning knows that there are two.
 from __future__ import annotations
 
 from ctypes import addressof, byref, c_double, c_int32
-from dataclasses import replace
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
-from bev_preheat.planning.one_interval import is_driven_as_planned, SwitchPlan
+from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
 from bev_preheat.planning.schedule import HeatingInterval, REASONS, Schedule, ScheduleOutcome
 from bev_preheat.planning.two_switches import switched_off
@@ -37,8 +36,7 @@ from bev_preheat.vehicle.core_structs import (
     TripTermsStruct,
     ValueGoalStruct,
 )
-from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4, TRIP_COLUMNS, TripColumns
-from bev_preheat.vehicle.variants import without_heat_path
+from bev_preheat.vehicle.model import make_runge_kutta_4, TRIP_COLUMNS, TripColumns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -154,21 +152,7 @@ def _plan_switch_in_core(trip: Trip, state: BatteryState, target_c: float,
                          in_one_interval: bool = False) -> SwitchPlan:
     if not trip.vehicle.heat_path.is_direct:
         return _plan_two_switches(trip, state, target_c)
-    return _plan_one_switch('bev_plan_switch', trip, make_runge_kutta_4, state, target_c, in_one_interval)
-
-
-def _plan_by_paper_in_core(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
-    if trip.vehicle.heat_path.is_direct:
-        return _plan_one_switch('bev_plan_paper', trip, make_euler, state, target_c)
-    direct = replace(trip, vehicle=without_heat_path(trip.vehicle))
-    planned = _plan_one_switch('bev_plan_paper', direct, make_euler, state, target_c).schedule
-    start = initial_states(state)
-    unheated = _run_heated_in_core(trip, start, np.zeros(len(trip.route)))
-    schedule = replace(_run_heated_in_core(trip, start, planned.heater_power_w),
-                       heating_start_s=planned.heating_start_s)
-    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated, _limits_of_steps_w_in_core),
-                      is_driven_as_planned(trip, schedule, _limits_of_steps_w_in_core), True,
-                      float(schedule.soc.min()))
+    return _plan_one_switch(trip, state, target_c, in_one_interval)
 
 
 def _plan_two_switches(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
@@ -189,20 +173,19 @@ def _plan_two_switches(trip: Trip, state: BatteryState, target_c: float) -> Swit
     return SwitchPlan(unheated, schedule, unheated_is_kept, is_kept, True, float(schedule.soc.min()))
 
 
-def _plan_one_switch(function: str, trip: Trip, make_integrator: Integrator, state: BatteryState, target_c: float,
-                     *options: bool) -> SwitchPlan:
-    """Return the SwitchPlan of a function of the core, with its own options."""
+def _plan_one_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interval: bool) -> SwitchPlan:
     (vehicle, native), steps = _both(trip), len(trip.route)
     memory, plan = np.empty(room('BEV_SWITCH_MEMORY', steps)), SwitchPlanStruct()
     (soc, temperature_c), heater_w, idle_w = np.empty((2, steps + 1)), np.empty(steps), np.zeros(steps)
-    call(function, vehicle.address, native.address, state.soc, state.temperature_c, target_c, *options,
+    call('bev_plan_switch', vehicle.address, native.address, state.soc, state.temperature_c, target_c,
+         in_one_interval,
          place(memory), place(soc), place(temperature_c), place(heater_w), addressof(plan))
     # The memory begins with the unheated run.
     unheated = Schedule(None, idle_w, idle_w, memory[:steps + 1], memory[steps + 1:2 * steps + 2],
                         make_runge_kutta_4)
     instant_s: float = plan.switching_instant_s
     schedule = Schedule(None if instant_s != instant_s else instant_s, heater_w, idle_w, soc, temperature_c,
-                        make_integrator)
+                        make_runge_kutta_4)
     is_kept, costs_least = bool(plan.keeps_limits), bool(plan.costs_least)
     return SwitchPlan(unheated, schedule, bool(plan.unheated_keeps_limits), is_kept, costs_least, plan.least_soc,
                       _outcome(trip, plan, schedule.heating_start_s) if is_kept and costs_least else None)
@@ -272,6 +255,6 @@ limits_of_steps_w = operation(_limits_of_steps_w_in_core, dynamics.limits_of_ste
 keep_accounts = operation(_keep_accounts_in_core, dynamics.keep_accounts)
 # Plans.
 plan_switch = operation(_plan_switch_in_core, one_interval.plan_switch)
-plan_by_paper = operation(_plan_by_paper_in_core, one_interval.plan_by_paper)
+plan_by_paper = one_interval.plan_by_paper
 find_values = operation(_find_values_in_core, recursion.find_values)
 follow_values = operation(_follow_values_in_core, recursion.follow_values)

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.dynamics import FindLimits
     from bev_preheat.planning.schedule import ScheduleOutcome
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
@@ -273,9 +272,9 @@ def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPla
                       is_driven_as_planned(trip, schedule), True, float(schedule.soc.min()))
 
 
-def is_driven_as_planned(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
-    """Return whether a run has no power deficit and is described (`outcome`); `find_w` as in `limits_along`."""
-    _, most_w = limits_along(trip, schedule, find_w)
+def is_driven_as_planned(trip: Trip, schedule: Schedule) -> bool:
+    """Return whether a run has no power deficit and is described (`outcome`)."""
+    _, most_w = limits_along(trip, schedule, limits_of_steps_w)
     return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()
                 and schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
                 and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -77,7 +77,6 @@ _SIGNATURES = {
     'bev_limits_of_steps': 'PIPPPPP',
     'bev_drive_as_planned': 'PPPDIPPPP',
     'bev_keep_accounts': 'PIPPPP',
-    'bev_plan_paper': 'PPDDDPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPP',
     'bev_follow': 'PPPPP',
     'bev_take_reading': 'PPPPPP',

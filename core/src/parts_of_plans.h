@@ -66,9 +66,6 @@ typedef struct {
 /* BEV_OK if a run keeps all limits of the battery from step `first` on, BEV_LIMITED if not. */
 bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first);
 
-/* Write the least charge of a run whose limits are known, which of its steps are heated, and what for. */
-bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan);
-
 /*
  * BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than those of a run that is heated from one instant on
  * may save charge: bev_preheat.planning.one_interval.is_cheaper_elsewhere.

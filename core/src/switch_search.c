@@ -255,11 +255,6 @@ static double least_of(const double *values, int32_t count) {
   return least;
 }
 
-bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
-  plan->least_soc = least_of(run->soc, run->trip->steps + 1);
-  return find_interval(run, plan);
-}
-
 /* Plan a run from the unheated run, and find whether both keep the limits; `run` becomes that of the plan. */
 static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
                            bev_switch_plan *plan) {
@@ -346,7 +341,8 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   if (status != BEV_OK || plan->keeps_limits == 0 || plan->costs_least == 0) {
     return status;
   }
-  status = bev_describe_run(&run, plan);
+  plan->least_soc = least_of(run.soc, steps + 1);
+  status = find_interval(&run, plan);
   if (status != BEV_OK) {
     return status;
   }

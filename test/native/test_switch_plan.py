@@ -84,42 +84,37 @@ def test_two_switches_of_what_cannot_be_are_refused():
         assert status(idle_states=unknown) < 0
 
 
-SWITCH, PAPER = 'bev_plan_switch', 'bev_plan_paper'
-EITHER = pytest.mark.parametrize('function', [SWITCH, PAPER])
-
-
-def call_plan(function, trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
+def call_plan(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
     """Return (status, SwitchPlanStruct); `null` is the argument that is to be a null pointer."""
     steps = len(trip.route)
     kept = {'memory': np.empty(room('BEV_SWITCH_MEMORY', steps)), 'soc': np.empty(steps + 1),
             'temperature_c': np.empty(steps + 1), 'heater_w': np.empty(steps)}
     plan = SwitchPlanStruct()
     vehicle = vehicle or NativeVehicle(trip.vehicle)
-    status = getattr(core(), function)(
+    status = core().bev_plan_switch(
         None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip_in_core(trip).address,
-        soc, start_c, target_c, *((1,) if function == SWITCH else ()),
+        soc, start_c, target_c, 1,
         *(None if name == null else place(array) for name, array in kept.items()),
         None if null == 'plan' else addressof(plan))
     return status, plan
 
 
-@EITHER
-def test_what_cannot_be_is_refused(function):
+def test_what_cannot_be_is_refused():
     trip = make_trip(FORMULAS, steady_route())
-    assert call_plan(function, trip)[0] == 0
+    assert call_plan(trip)[0] == 0
     for name in ('vehicle', 'trip', 'memory', 'soc', 'temperature_c', 'heater_w', 'plan'):
-        assert call_plan(function, trip, null=name)[0] == BAD_ARGUMENT, name
+        assert call_plan(trip, null=name)[0] == BAD_ARGUMENT, name
     for name in ('soc', 'start_c', 'target_c'):
         for number in (nan, inf, -inf):
-            assert call_plan(function, trip, **{name: number})[0] == BAD_INPUT, (name, number)
+            assert call_plan(trip, **{name: number})[0] == BAD_INPUT, (name, number)
     for path in (HeatPath(30.0), HeatPath(0.0, 14e3, 300.0)):
-        assert call_plan(function, make_trip(replace(FORMULAS, heat_path=path), steady_route()))[0] == BAD_ARGUMENT
+        assert call_plan(make_trip(replace(FORMULAS, heat_path=path), steady_route()))[0] == BAD_ARGUMENT
     vehicle = NativeVehicle(FORMULAS)
     vehicle.struct.lowest_c = nan
-    assert call_plan(function, trip, vehicle)[0] == BAD_VEHICLE
+    assert call_plan(trip, vehicle)[0] == BAD_VEHICLE
     time_s = trip.columns.column('time_s')
     time_s[20] = time_s[19]
-    assert call_plan(function, trip)[0] == BAD_INPUT
+    assert call_plan(trip)[0] == BAD_INPUT
 
 
 @pytest.mark.parametrize('route, start, target_c, unheated_keeps', [
@@ -132,14 +127,11 @@ def test_what_cannot_be_is_refused(function):
     ids=['charge limit', 'discharge limit', 'highest temperature', 'no charge', 'overfilled'])
 def test_where_a_limit_is_active_the_plan_says_so(route, start, target_c, unheated_keeps):
     trip = make_trip(FORMULAS, route)
-    for function in (SWITCH, PAPER):
-        status, plan = call_plan(function, trip, soc=start[0], start_c=start[1], target_c=target_c)
-        assert status == 0 and plan.unheated_keeps_limits == unheated_keeps, function
-        # The paper's method may arrive colder.
-        assert not plan.keeps_limits or function == PAPER
+    status, plan = call_plan(trip, soc=start[0], start_c=start[1], target_c=target_c)
+    assert status == 0 and plan.unheated_keeps_limits == unheated_keeps and not plan.keeps_limits
     found, expected = in_both(lambda: plan_switch(trip, BatteryState(start[1], start[0]), target_c))
     assert found[2:4] == expected[2:4] and not expected.keeps_limits
-    _, plan = call_plan(PAPER, make_trip(FORMULAS, steady_route()))
+    _, plan = call_plan(make_trip(FORMULAS, steady_route()))
     assert plan.unheated_keeps_limits and plan.keeps_limits
 
 
@@ -161,13 +153,12 @@ def test_limits_along_a_run_are_those_of_its_trip():
     assert not np.array_equal(limits_along(trip, emptier)[1], most_w)
 
 
-@EITHER
 @pytest.mark.parametrize('column', ['time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
                                     'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w',
                                     'drivetrain_heat_w', 'ambient_temperature_c'])
-def test_a_trip_with_a_number_that_is_none_gives_no_plan(function, column):
+def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     trip = make_trip(FORMULAS, steady_route())
     trip.columns.column(column)[37] = nan
-    status, _ = call_plan(function, trip)
+    status, _ = call_plan(trip)
     # The propulsion power decides only whether a step regenerates, and NaN does not.
     assert status < 0 or (column == 'propulsion_power_w' and status == 0)

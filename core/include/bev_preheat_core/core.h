@@ -220,7 +220,7 @@ typedef struct {
 } bev_trip_terms;
 
 /*
- * The plan of bev_plan_switch or bev_plan_paper. Of a plan that does not keep the limits, or does not cost least, only the
+ * The plan of bev_plan_switch. Of a plan that does not keep the limits, or does not cost least, only the
  * instant and these three findings are written.
  */
 typedef struct {
@@ -385,14 +385,6 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
                            double start_c, double target_c, int32_t in_one_interval,
                            double *memory, double *soc, double *temperature_c, double *heater_w,
                            bev_switch_plan *plan);
-
-/*
- * The plan of the paper's heuristic, planned and run by Euler's method: otherwise as bev_plan_switch. The plan keeps the
- * limits if it has no power deficit and stays within the model's range.
- */
-bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                          double start_c, double target_c, double *memory, double *soc,
-                          double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*
  * The instants [s] between which the heater takes all power that the cabin leaves, so that the battery arrives at a
