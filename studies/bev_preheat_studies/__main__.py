@@ -16,6 +16,7 @@ STUDIES = {
     'robustness': 'robustness.command', 'sweep': 'optimality.sweep', 'reproduce': 'table_two',
     'best_target': 'optimality.best_target', 'arrival_range': 'optimality.arrival_range',
     'uncertain_charging': 'optimality.uncertain_charging', 'heat_sources': 'optimality.heat_sources',
+    'summer': 'optimality.summer',
     'fleet': 'fleet.study', 'identification': 'identification.study', 'tunables': 'tunables',
     'value_picture': 'value_picture', 'published': 'published', 'cost': 'cost.benchmark', 'soak': 'soak.command'}
 

@@ -20,7 +20,14 @@ from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.__main__ import main
-from bev_preheat_studies.optimality import arrival_range, best_target, heat_sources, sweep, uncertain_charging
+from bev_preheat_studies.optimality import (
+    arrival_range,
+    best_target,
+    heat_sources,
+    summer,
+    sweep,
+    uncertain_charging,
+)
 from bev_preheat_studies.optimality.best_target import compare_trip, WorthGap
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.optimality.sweep import disagreements, FEASIBLE, GapResult, MethodResult, solve_trip
@@ -191,3 +198,18 @@ def test_a_heat_pump_saves_more_in_warmer_air_and_a_car_that_differs_arrives(tmp
     assert -1.0 < saved[-25] < 5.0 < 25.0 < saved[-20] < saved[-10] < saved[10] < 70.0
     assert max(abs(error_k) for _, errors_k in figures.values() for error_k in errors_k) < 2.0
     assert picture.stat().st_size > 10_000
+
+
+# test_cooled_worth.py shows the same daily, of one drive.
+@pytest.mark.deep
+def test_summer_drives_are_cooled_where_it_pays(tmp_path):
+    file = tmp_path / 'summer.json'
+    assert main(['summer', '--trips', '8', '--jobs', '1', '--json', str(file)]) == 0
+    contents = json.loads(file.read_text())
+    results = [summer.SummerResult(**result) for result in contents['results']]
+    cooled = [result for result in results if result.saved_min is not None]
+    assert contents['driven'] == sum(result.is_driven for result in results)
+    assert len(results) >= len(cooled) == contents['cooled'] > 2
+    for result in cooled:
+        assert result.saved_cost > 0.0 and result.saved_min > 0.0 and result.beyond_k < 0.5
+        assert result.gap_wh is None or -0.5 < result.gap_wh < 5.0

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.planning.situation import Goal
     from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
 
 AIR_C = (-25, -20, -15, -10, -5, 0, 5, 10)
@@ -83,21 +84,24 @@ def solve(vehicle: str, seed: int, number: int) -> SourcesResult:
     spent_wh, mixed_wh = (
         plan.energy_wh.battery_total - unheated.energy_wh.battery_total for plan in (alone, mixed))
     factors = np.random.default_rng([seed, number]).uniform(-1.0, 1.0, len(SPREAD)) * SPREAD + 1.0
-    return SourcesResult(number, air_c, 100.0 * (1.0 - mixed_wh / spent_wh), _error_k(drawn, Mismatch(*factors)))
+    arrival_c, _ = drive(drawn, drawn.goal, Mismatch(*factors))
+    return SourcesResult(number, air_c, 100.0 * (1.0 - mixed_wh / spent_wh),
+                         arrival_c - drawn.goal.target_temperature_c)
 
 
-def _error_k(drawn: DrawnTrip, mismatch: Mismatch) -> float:
-    """Return how far above its target the true car arrives [K]."""
-    route = drawn.route
+def drive(drawn: DrawnTrip, goal: Goal, mismatch: Mismatch) -> tuple[float, float]:
+    """Return the temperature on arrival and the highest [deg C] of the true car, whose plan is made again."""
+    route, hottest_c = drawn.route, drawn.state.temperature_c
     plant = VehiclePlant(true_vehicle(drawn.vehicle, mismatch, None), route, drawn.state)
     for step in range(len(route)):
         after = step % STEPS_BETWEEN_PLANS
         if after == 0:
             plan = plan_preheating(drawn.vehicle, route.segments(step, len(route)), BatteryState(
-                plant.temperature_c, plant.soc), drawn.goal)
+                min(plant.temperature_c, drawn.vehicle.battery.temperature_range_c[1]), plant.soc), goal)
         powers_w = {name: float(power_w[after]) for name, power_w in plan.source_power_w.items()}
         plant.advance_under(HeaterLease(powers_w.pop('hvch'), math.inf, powers_w), float(route.time_s[step + 1]))
-    return plant.temperature_c - drawn.goal.target_temperature_c
+        hottest_c = max(hottest_c, plant.temperature_c)
+    return plant.temperature_c, hottest_c
 
 
 def summarise(results: Sequence[SourcesResult]) -> dict[int, list[list[float]]]:
