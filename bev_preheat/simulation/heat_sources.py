@@ -51,18 +51,20 @@ class SimulatedSources:
             self.energy_wh[name] += step_s * power_w / JOULES_PER_WH
 
     def heat(self, ambient_c: float, temperature_c: float, speed_mps: float, cabin_w: float,
-             room_w: float) -> None:
+             room_w: float, is_hot: bool) -> None:
         """
         Draw the commands as far as air, battery, speed, cabin heating and `room_w`, left by the battery, allow.
 
-        Temperatures in degC, powers in W; the sources share the rest in the order of the file.
+        Temperatures in degC, powers in W; the sources share the rest in the order of the file. Those that heat get
+        nothing if the battery `is_hot`.
         """
         self.off()
         for name, (source, most_w, hvch_watts) in self._sources.items():
             limit_w = float(most_w(ambient_c, temperature_c)) - (cabin_w if source.shares_cabin_limit else 0.0)
             share = self.shares.get(name, 1.0)
             wanted_w = inf if share == inf else share * self.commands_w.get(name, 0.0)
-            power_w = max(0.0, min(wanted_w, limit_w, room_w - self.drawn_w)) if _may(source, speed_mps) else 0.0
+            power_w = max(0.0, min(wanted_w, limit_w, room_w - self.drawn_w)) if (
+                _may(source, speed_mps) and (source.cools or not is_hot)) else 0.0
             self.powers_w[name] = power_w
             self.drawn_w += power_w
             self.heat_w += power_w * float(hvch_watts(ambient_c, temperature_c))

@@ -207,15 +207,15 @@ class VehiclePlant:
         least_w, most_w = self._terminal_limits(self.soc, self.temperature_c, segment.variance_w2)
         self._command_w = max(0.0, min(wanted_w, segment.heater_limit_w, most_w - idle_w))
         is_shell = self.vehicle.heat_path.is_shell
-        if (max(self.temperature_c, self.coolant_c) if is_shell else self.temperature_c) >= self._highest_c:
+        is_hot = (max(self.temperature_c, self.coolant_c) if is_shell else self.temperature_c) >= self._highest_c
+        if is_hot:
             self._command_w = 0.0
-            most_w = idle_w
         # The power of a lagging heater cannot be changed at once.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
         if self.sources:
             self.sources.heat(
                 segment.ambient_c, self.temperature_c, self.speed_mps,
-                float(self.route.cabin_heating_power_w[self._segment]), most_w - idle_w - self._command_w)
+                float(self.route.cabin_heating_power_w[self._segment]), most_w - idle_w - self._command_w, is_hot)
         if self._cooling is not None:
             self.cooling_power_w, self._cooled_w = self._cooling(
                 self.temperature_c, max(0.0, -idle_w - self.heater_power_w))

@@ -70,7 +70,7 @@ def test_a_source_heats_as_far_as_it_may(changes, motor_wh, pump_wh):
 
 
 @pytest.mark.parametrize(('temperature_c', 'power_w', 'cold'), [
-    (45.0, 2400.0, 2.6), (22.5, 1500.0, 2.02), (19.0, 0.0, 1.0)])
+    (55.0, 2400.0, 2.6), (45.0, 2400.0, 2.6), (22.5, 1500.0, 2.02), (19.0, 0.0, 1.0)])
 def test_a_chiller_cools_down_to_its_temperature(temperature_c, power_w, cold):
     route = make_route({'duration_s': [10.0], 'speed_mps': [20.0], 'propulsion_power_w': [9e3],
                         'ambient_temperature_c': [35.0], 'cabin_heating_power_w': [0.0]}, CAR.defaults)
