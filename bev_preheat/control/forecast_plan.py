@@ -33,11 +33,13 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import (
     FACTOR_STEP,
     LAG_REVEALED_S,
+    LAG_STEP,
     LEAST_REVEALED_K,
     MOST_EXCESS_K,
     MOST_REVEALED_K,
-    SHELL_LAG_STEP,
+    NOMINAL_HEAT_LAG_S,
 )
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -64,8 +66,6 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
                       'unheated': 'no heating is commanded'},
 }
-# … and if the heat of the command would mostly arrive too late.
-LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
 
 
 class PlanningTask(NamedTuple):
@@ -129,13 +129,12 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
         starts_in_s=task.starts_in_s, heated_s=task.heated_s)), commanded=commanded, command_share=share)
 
 
-def believed_state(vehicle: Vehicle, estimate: Estimate, left_s: float = math.inf) -> BatteryState:
-    """Return the BatteryState of an Estimate for a Vehicle, with the heat arriving within `left_s` [s]."""
+def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
+    """Return the BatteryState of an Estimate for a Vehicle, with the heat under way."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     if vehicle.heat_path.is_direct:
-        arriving_k = estimate.under_way_k * -math.expm1(-left_s / estimate.heat_lag_s)
         return BatteryState(
-            min(max(estimate.temperature_c + arriving_k, lowest_c), highest_c), estimate.soc)
+            min(max(estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
     if vehicle.heat_path.is_shell:
         excess_k = estimate.shell_excess_k
         return BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
@@ -158,13 +157,19 @@ def _corrected(vehicle: Vehicle, factors: tuple[float, ...], lag_log: float) -> 
         path, coolant_conductance_w_per_k=path.coolant_conductance_w_per_k * factors[0] * math.exp(-lag_log)))
 
 
+@lru_cache(maxsize=8)
+def _lagging(vehicle: Vehicle, lag_log: float) -> Vehicle:
+    """Return a Vehicle whose file describes no heat path, with the estimated lag."""
+    return replace(vehicle, heat_path=HeatPath(NOMINAL_HEAT_LAG_S * math.exp(lag_log)))
+
+
 @dataclass(frozen=True, eq=False)
 class ForecastPlanner:
     """
     Makes ForecastPlans for one vehicle; a value.
 
     `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
-    `lag_log` is the logarithm of a shell's lag over the vehicle file's.
+    `lag_log` is the logarithm of the heat's lag over `nominal_heat_lag_s`.
     `forecast` is that of the latest plan, None: unknown. `kept` has the values of plans while they hold.
     """
 
@@ -187,7 +192,7 @@ class ForecastPlanner:
         logs = estimate.mean[FACTORS.start:PROPULSION]
         lag_log = estimate.mean.item(HEAT_LAG)
         if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any() or (
-                estimate.path.is_shell and abs(lag_log - self.lag_log) > SHELL_LAG_STEP):
+                abs(lag_log - self.lag_log) > LAG_STEP):
             return replace(self, logs=logs, factors=tuple(array_exp(logs).tolist()), lag_log=lag_log)
         return self
 
@@ -205,7 +210,12 @@ class ForecastPlanner:
         """
         planner = self.following(estimate)
         kept = KeptValues(self.kept)
-        planning = _Planning(task, estimate, task.terms.vehicle(planner.vehicle(described)), kept)
+        car = task.terms.vehicle(planner.vehicle(described))
+        if car.heat_path.is_direct and not car.heat_sources:
+            # Later heating until arrival would need a lag that is known.
+            car = _lagging(car, planner.lag_log)
+            task = task._replace(goal=replace(task.goal, heats_until_arrival=False))
+        planning = _Planning(task, estimate, car, kept)
         forecast = self.forecast
         wanted = planning.wanted(forecast)
         if forecast is None:
@@ -232,9 +242,9 @@ class _Planning:
 
     def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle, kept: KeptValues) -> None:
         self._task, self._estimate, self._vehicle, self._kept = task, estimate, vehicle, kept
-        self._state = believed_state(vehicle, estimate, task.starts_in_s + task.route.total_duration_s)
+        self._state = believed_state(vehicle, estimate)
         self.share = believed_share(estimate.heater)
-        # Lag after which heat arrives; a vehicle with a heat path has it in its model.
+        # A mix of heat sources has no lag in its model; its heat is planned to come later as a whole.
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
         self._step_prices = task.terms.step_prices(task.route)
@@ -261,12 +271,6 @@ class _Planning:
             return plan, None if _others_heat(plan) else wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
-        if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
-            # Most of the heat arrives too late, but some is better than none.
-            commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
-            has_power = (self._route.cabin_heating_power_w < self._vehicle.hvch.maximum_power_w).any()
-            is_late = commanded.heating_start_s is not None or (has_power and not commanded.note)
-            return wanted, commanded, LATE if is_late else words
         return wanted, None, words
 
     @property
@@ -291,12 +295,11 @@ class _Planning:
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), self._estimate.soc)
 
-    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None, **heater_as: Any) -> Plan:
+    def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
         task = self._task
         return plan_preheating(
             self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
-            step_prices=self._step_prices, kept=self._kept,
-            heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
+            step_prices=self._step_prices, kept=self._kept, heat_lag_s=self._lag_s, **heater_as)
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
         """Return the Uncertainty that the rest of the drive adds, without that of now; None: all is known."""
@@ -326,7 +329,7 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
         heater.heater, '').format(share=100.0 * heater.share)
     sentence += f'{unserved} ' if unserved else ''
     sentence += explain(plan, **told)
-    if forecast is not None and plan.heating_end_s is not None and plan.heat is None:
+    if forecast is not None and plan.heating_end_s is not None:
         sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '
                      'once the target is certain.')
     return sentence
