@@ -28,6 +28,8 @@ from bev_preheat.tunables import (
     SETTLED_K,
     UNDESCRIBED_SHARE,
     UNMODELLED_K,
+    UNSEEN_LAG_S,
+    UNSEEN_SHARE,
 )
 from bev_preheat.vehicle.core_calls import arrival_variance as native_variance
 from bev_preheat.vehicle.core_calls import vehicle_in_core
@@ -123,14 +125,23 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
                      + _lag_variance_k2(trip, plan, estimate))
 
 
+def _k_per_j(car: Vehicle) -> float:
+    return car.hvch.efficiency / car.pack_heat_capacity_j_per_k
+
+
+def _unseen_k(trip: Driven, plan: Plan) -> float:
+    """Return the standard deviation [K] of the heat that the sensor may show on arrival and the core lacks."""
+    left = array_exp((trip.route.time_s - trip.route.total_duration_s) / UNSEEN_LAG_S)
+    return UNSEEN_SHARE * UNSEEN_LAG_S * _k_per_j(trip.vehicle) * float(plan.command_w @ np.diff(left))
+
+
 def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """Return the variance [K^2] of the temperature on arrival by the lag of the heat that a Plan sends."""
     car, lag_s = trip.vehicle, estimate.heat_lag_s
     ages = (trip.route.total_duration_s - trip.route.time_s) / lag_s
     # Of heat of age x, in lags, (1 + x) e^-x changes with the logarithm of the lag.
     changing = (1.0 + ages) * array_exp(-ages)
-    slope_k = lag_s * car.hvch.efficiency / car.pack_heat_capacity_j_per_k * float(
-        plan.command_w @ np.diff(changing))
+    slope_k = lag_s * _k_per_j(car) * float(plan.command_w @ np.diff(changing))
     return slope_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
 
 
@@ -187,7 +198,7 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     unmodelled_k = UNMODELLED_K if estimate.path.is_shell else math.hypot(
         UNMODELLED_K, UNDESCRIBED_SHARE * estimate.shell_excess_k,
-        math.sqrt(_lag_variance_k2(trip, plan, estimate)))
+        math.sqrt(_lag_variance_k2(trip, plan, estimate)), _unseen_k(trip, plan))
     if warmer_k <= 0.0:
         return math.hypot(as_planned_k, unmodelled_k)
     arrival_s = trip.route.total_duration_s
@@ -204,7 +215,7 @@ def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
     heated = np.flatnonzero(plan.command_w > 0.0)
     if len(heated) == 0:
         return 0.0, 0.0, 0.0
-    k_per_j = car.hvch.efficiency / car.pack_heat_capacity_j_per_k
+    k_per_j = _k_per_j(car)
     limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
     saved_j = float((plan.command_w * route.duration_s).sum())
     added_j = float(np.maximum(0.0, limit_w - plan.command_w) @ route.duration_s)

@@ -1,20 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Uncertainty of an arrival, compared with drives of cars that differ from the estimate."""
 
+from dataclasses import replace
+import math
+
 import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate, FACTORS, HEAT_LAG, SIZE, SOC, TEMPERATURE, UNDER_WAY
-from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
+from bev_preheat.estimation.forecast import (
+    arrival_deviation_k,
+    arrival_sensitivities,
+    replanned_deviation_k,
+)
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.tunables import POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
@@ -84,3 +93,16 @@ def test_deviation_is_that_of_many_drives(name):
     # The standard deviation of 400 draws has an uncertainty of 3.5 %; three times that, and the same
     # again for nonlinearity.
     assert deviation_k == pytest.approx(np.std(arrivals_c), rel=0.2)
+
+
+def test_without_thermal_the_core_may_lack_heat_that_the_sensor_shows():
+    vehicle, route, state, _ = planned('reference')
+    plan = plan_preheating(vehicle, route, state, Goal(60.0))
+    assert plan.status is Status.TARGET_UNREACHABLE and (plan.command_w > 0.0).all()
+    estimate = estimate_with(np.zeros((SIZE, SIZE)))
+    described = replace(estimate, path=HeatPath(0.0, 50e3, 500.0, shell_share=0.2))
+    deviation_k, described_k = (
+        replanned_deviation_k(0.5, make_trip(vehicle, route), plan, known) for known in (estimate, described))
+    # A quarter of the heat of the last 150 s, of steady heat.
+    late_k = 0.25 * 150.0 * 0.87 * plan.command_w[-1] / vehicle.pack_heat_capacity_j_per_k
+    assert math.sqrt(deviation_k**2 - described_k**2) == pytest.approx(late_k, rel=0.05)
