@@ -223,6 +223,7 @@ class _Sources:
         segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
         self._share, self._hvch_w = share, _heater_limit_w(inputs, leg, now_ns)
         self._refusing = [each.name for each in inputs.unserved if each.is_refused]
+        self._shares = {each.name: each.share for each in inputs.unserved if each.share > 0.0}
         self._whole = mix_in_segment(inputs.vehicle, leg.route, segment, self._hvch_w)
         self._mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * self._hvch_w)
         self._at_c = np.array([temperature_c])
@@ -235,7 +236,7 @@ class _Sources:
         if heat_w <= 0.0:
             return 0.0, ()
         split_w = self._mix.split_w(np.array([self._merit.capped_w(heat_w)]), self._at_c)
-        powers_w = {name: float(power_w[0]) for name, power_w in split_w.items()}
+        powers_w = {name: float(power_w[0]) / self._shares.get(name, 1.0) for name, power_w in split_w.items()}
         # A source that refuses is asked on: it draws nothing until it serves again.
         most_w = self._whole.most_w(self._at_c)
         powers_w |= {name: most_w[name] for name in self._refusing}

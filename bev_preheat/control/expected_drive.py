@@ -48,16 +48,23 @@ KEPT_SEGMENTS = 8
 
 
 def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
-                      powers: SourcePowers) -> tuple[DrivenInterval, ...]:
-    """Return the DrivenInterval between each of the instants [ns] and the next; None: without a route."""
+                      powers: SourcePowers, of: int = 0) -> tuple[DrivenInterval, ...]:
+    """
+    Return the DrivenInterval between each of the instants [ns] and the next; None: without a route.
+
+    It is `of` the heat source of a number, and the others deliver their shares.
+    """
+    own, hvch_watts = powers.each[of], 1.0
     intervals = []
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
-        if drive is not None and powers.others:
-            drawn_w, heat_w = powers.beside_hvch_w(from_ns, to_ns, drive.ambient_temperature_c)
-            drive = with_other_sources(drive, drawn_w, heat_w)
-        intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive,
-                                        powers.hvch.mean_w(from_ns, to_ns), limit_w))
+        if drive is not None and len(powers.each) > 1:
+            ambient_c = float(drive.ambient_temperature_c)
+            drive = with_other_sources(drive, *powers.others_w(of, from_ns, to_ns, ambient_c))
+            limit_w = own.limit_w(limit_w, drive, powers.temperature_c)
+            hvch_watts = own.hvch_watts(ambient_c, powers.temperature_c)
+        intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, own.history.mean_w(
+            from_ns, to_ns), limit_w, hvch_watts))
     return tuple(intervals)
 
 

@@ -15,16 +15,17 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, STANDING_MPS
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.vehicle.description import HeatSource, Vehicle
+    from bev_preheat.vehicle.variants import DriveInputs
 
 # No caller asks further back.
 KEPT_NS = 70_000_000_000
@@ -238,32 +239,52 @@ class HeaterAnswers(NamedTuple):
         return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)
 
 
+class SourcePower(NamedTuple):
+    """The CommandHistory of a heat source, HeatSource or None: the HVCH, and the share that it delivers."""
+
+    source: HeatSource | None = None
+    history: CommandHistory = CommandHistory()
+    share: float = 1.0
+
+    def hvch_watts(self, ambient_c: float, temperature_c: float) -> float:
+        """Return the HVCH power with the heat of a watt, in air and with a battery of temperatures [deg C]."""
+        return 1.0 if self.source is None else float(
+            self.source.hvch_watts.function(FLOATS)(ambient_c, temperature_c))
+
+    def limit_w(self, hvch_limit_w: float, drive: DriveInputs, temperature_c: float) -> float:
+        """Return the most power [W] in a drive, with a battery of a temperature [deg C]; of the HVCH as given."""
+        source = self.source
+        if source is None:
+            return hvch_limit_w
+        if source.only_while not in ('', 'standing' if drive.speed_mps < STANDING_MPS else 'driving'):
+            return 0.0
+        most_w = float(source.maximum_power_w.function(FLOATS)(drive.ambient_temperature_c, temperature_c))
+        return max(0.0, most_w - (float(drive.cabin_heating_power_w) if source.shares_cabin_limit else 0.0))
+
+
 class SourcePowers(NamedTuple):
-    """
-    The powers of a vehicle's heat sources, with the battery at a temperature [deg C].
+    """The SourcePower of each of a vehicle's heat sources, the HVCH first; a battery of a temperature [deg C]."""
 
-    `hvch` is the CommandHistory of the HVCH, `others` are HeatSource and CommandHistory of the others.
-    """
-
-    hvch: CommandHistory = CommandHistory()
-    others: tuple[tuple[HeatSource, CommandHistory], ...] = ()
+    each: tuple[SourcePower, ...] = (SourcePower(),)
     temperature_c: float = 0.0
 
     def drawn_w(self, instant_ns: int) -> float:
         """Return the electrical power of all at an instant [W]."""
-        return sum((history.power_w(instant_ns) for _, history in self.others), self.hvch.power_w(instant_ns))
+        return sum([each.history.power_w(instant_ns) for each in self.each])
 
     def heat_w(self, instant_ns: int, ambient_c: float) -> float:
         """Return the heat of all at an instant in air of a temperature [deg C], as HVCH power [W]."""
-        return self.hvch.power_w(instant_ns) + self.beside_hvch_w(instant_ns, instant_ns, ambient_c)[1]
+        return sum([each.hvch_watts(ambient_c, self.temperature_c) * each.history.power_w(instant_ns)
+                    for each in self.each])
 
-    def beside_hvch_w(self, from_ns: int, to_ns: int, ambient_c: float) -> tuple[float, float]:
-        """Return the others' mean electrical power [W] between two instants, and their heat as HVCH power."""
+    def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float) -> tuple[float, float]:
+        """Return the mean electrical power [W] of all but one source between instants, and its HVCH power."""
         drawn_w = heat_w = 0.0
-        for source, history in self.others:
-            power_w = history.mean_w(from_ns, to_ns)
-            drawn_w += power_w
-            heat_w += power_w * float(source.hvch_watts.function(FLOATS)(ambient_c, self.temperature_c))
+        for number, each in enumerate(self.each):
+            if number != of:
+                power_w = each.share * each.history.mean_w(from_ns, to_ns)
+                drawn_w += power_w
+                heat_w += power_w * each.hvch_watts(ambient_c, self.temperature_c)
         return drawn_w, heat_w
 
 
@@ -277,10 +298,11 @@ class Answers(NamedTuple):
         """Return the answers for another Vehicle, which has other sources beside the HVCH."""
         return self._replace(others=tuple(HeaterAnswers(source.name) for source in vehicle.heat_sources))
 
-    def powers(self, vehicle: Vehicle, temperature_c: float) -> SourcePowers:
-        """Return the SourcePowers of the Vehicle, with the battery at a temperature [deg C]."""
-        return SourcePowers(self.hvch.history, tuple(
-            (source, each.history) for source, each in zip(vehicle.heat_sources, self.others)), temperature_c)
+    def powers(self, vehicle: Vehicle, temperature_c: float, shares: Mapping[str, float]) -> SourcePowers:
+        """Return the SourcePowers of the Vehicle, with the battery at a temperature [deg C] and shares by name."""
+        return SourcePowers((SourcePower(None, self.hvch.history, shares.get(HVCH, 1.0)), *(
+            SourcePower(source, each.history, shares.get(source.name, 1.0))
+            for source, each in zip(vehicle.heat_sources, self.others))), temperature_c)
 
     def each(self, change: Callable[[HeaterAnswers], HeaterAnswers]) -> Answers:
         """Return the answers with a change of each."""

@@ -36,6 +36,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
     ARRIVES_AFTER_S,
     CONTRADICTS_BEYOND_K,
+    LEAST_COURSE_S,
     LONGEST_GAP_S,
     MOST_NOTED,
     NEAR_END_S,
@@ -44,15 +45,21 @@ from bev_preheat.tunables import (
     NOTED_EVERY_S,
     PARKED_WITHIN_S,
     SIGNAL_DOUBT_SHOWN_S,
+    TOLD_FROM,
+    TRIED_OFF_S,
     UNPLUGGED_AFTER_S,
 )
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
@@ -288,18 +295,69 @@ class StandWatch(NamedTuple):
             measurement.state.temperature_c, stood_s, ambient_c, standing)), standing
 
 
+class SourceTrial(NamedTuple):
+    """
+    Switches sources off in turn, while one of several does not heat and all heat: `name`, '' without a trial.
+
+    `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
+    the latest beginning; None: none.
+    """
+
+    name: str = ''
+    since_ns: int | None = None
+    suspect_ns: int | None = None
+
+    def at(self, now_ns: int, odds: Mapping[str, float], is_told: bool) -> SourceTrial:
+        """Return the trial at an instant [ns] with odds of a fault by source; `is_told`: one is named."""
+        if is_told or sum(odds.values()) < TOLD_FROM / (1.0 - TOLD_FROM):
+            is_on = self.name and not is_told and self._lasts(self.since_ns, now_ns, TRIED_OFF_S)
+            return self if is_on else SourceTrial()
+        if self.suspect_ns is None or now_ns < self.suspect_ns:
+            return SourceTrial(suspect_ns=now_ns)
+        if self._lasts(self.suspect_ns, now_ns, LEAST_COURSE_S) or self._lasts(self.since_ns, now_ns, TRIED_OFF_S):
+            return self
+        others = [name for name in odds if name not in (HVCH, self.name)] or [self.name]
+        return self._replace(name=max(others, key=odds.__getitem__), since_ns=now_ns)
+
+    @staticmethod
+    def _lasts(since_ns: int | None, now_ns: int, for_s: float) -> bool:
+        return since_ns is not None and 0 <= now_ns - since_ns < for_s * NS_PER_S
+
+
+NO_TRIAL = SourceTrial()
+
+
 @dataclass(frozen=True, eq=False)
 class Learning:
-    """The Estimator of a vehicle, and the watch over the first battery state of each trip; a value."""
+    """
+    The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
+
+    `others` are name and Estimator of the other heat sources that heat; each takes the rest of the car as it is
+    known, and judges its own source. `trial` tells them apart.
+    """
 
     estimator: Estimator
     stand_watch: StandWatch
+    others: tuple[tuple[str, Estimator], ...] = ()
+    trial: SourceTrial = NO_TRIAL
 
     @classmethod
     def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
               last_seen: LastSeen | None = None) -> Learning:
         """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
-        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
+        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)), tuple(
+            (source.name, Estimator.of(vehicle, learned)) for source in vehicle.heat_sources if not source.cools))
+
+    @property
+    def reports(self) -> dict[str, HeaterReport]:
+        """The reports on all heat sources by name, as far as there are any."""
+        return {name: each.estimate.heater for name, each in ((HVCH, self.estimator), *self.others)
+                if each.estimate is not None}
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """The shares of their commands that the sources deliver, by name; 1 is left out."""
+        return {name: report.share for name, report in self.reports.items() if report.share < 1.0}
 
     def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
                 trip: Mission | None) -> Learning:
@@ -308,36 +366,65 @@ class Learning:
 
         `trip` is the Mission of the route plan, before which the vehicle may have stood.
         """
-        measurement, estimator, stand_watch, standing = known.measurement, self.estimator, self.stand_watch, None
+        measurement, stand_watch, standing = known.measurement, self.stand_watch, None
         if known.trusts_temperature:
             stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
+        learning = replace(self, stand_watch=stand_watch)
         if standing is not None:
-            estimator = estimator.after_soak(standing)
+            soak = standing
+            learning = learning._each(lambda estimator: estimator.after_soak(soak))
         if known.is_open:
             # The next state that is clear is compared with the latest one before this.
-            return Learning(estimator, stand_watch)
+            return learning
         if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
-        if known.is_described:
-            estimator = estimator.observed(measurement, intervals_between(
-                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers), vehicle)
-        else:
-            estimator = estimator.held(
-                measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
-        estimate = estimator.estimate
-        if estimate is not None:
-            stand_watch = stand_watch.noted(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
-        return Learning(estimator, stand_watch)
+        odds = learning._odds()
+        numbers = {HVCH: 0, **{source.name: number for number, source in enumerate(vehicle.heat_sources, 1)}}
+
+        def after(estimator: Estimator, name: str) -> Estimator:
+            if not known.is_described:
+                return estimator.held(
+                    measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
+            return estimator.observed(measurement, intervals_between(
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
+                    value for other, value in odds.items() if other != name))
+
+        learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
+            (name, after(estimator, name)) for name, estimator in learning.others))
+        # What another source was suspected of is explained by the one that is found faulty.
+        if learning.others and learning.shares != self.shares:
+            learning = replace(learning, estimator=learning.estimator.without_suspicion(), others=tuple(
+                (name, estimator.without_suspicion()) for name, estimator in learning.others))
+        if learning.others and known.is_described:
+            learning = replace(learning, trial=learning.trial.at(
+                measurement.stamp_ns, learning._odds(), is_told=bool(learning.shares)))
+        estimate = learning.estimator.estimate
+        if estimate is None:
+            return learning
+        return replace(learning, stand_watch=stand_watch.noted(
+            LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns)))
+
+    def _odds(self) -> dict[str, float]:
+        """Return the odds of a fault of each source by name; {} with the HVCH alone."""
+        return {name: estimator.fault_odds for name, estimator in (
+            (HVCH, self.estimator), *self.others)} if self.others else {}
+
+    def _each(self, change: Callable[[Estimator], Estimator]) -> Learning:
+        """Return the Learning with a change of each Estimator."""
+        return replace(self, estimator=change(self.estimator), others=tuple(
+            (name, change(estimator)) for name, estimator in self.others))
 
     def on_new_trip(self) -> Learning:
         """Return the Learning without the consumption of the route before: another trip begins."""
-        return replace(self, estimator=self.estimator.of_another_route())
+        return self._each(Estimator.of_another_route)
 
-    def with_acquitted_heater(self) -> Learning:
-        """Return the Learning of a healthy heater: the power with which it was compared is refuted."""
-        return replace(self, estimator=self.estimator.of_healthy_heater())
+    def with_acquitted_heater(self, name: str = HVCH) -> Learning:
+        """Return the Learning of a healthy heat source: the power with which it was compared is refuted."""
+        return replace(self, estimator=self.estimator.of_healthy_heater() if name == HVCH else self.estimator,
+                       others=tuple((each, estimator.of_healthy_heater() if each == name else estimator)
+                                    for each, estimator in self.others))
 
     def without_instants(self) -> Learning:
         """Return the Learning without instants, because the clock was restarted."""
-        return replace(self, estimator=self.estimator.without_instants())
+        return self._each(Estimator.without_instants)

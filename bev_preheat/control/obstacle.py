@@ -10,7 +10,7 @@ from bev_preheat.control.inputs import goal_of_leg
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat.vehicle.variants import without_sources
+from bev_preheat.vehicle.variants import with_sources_at
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Measurement, Mission
@@ -21,11 +21,16 @@ if TYPE_CHECKING:
 
 
 class Unserved(NamedTuple):
-    """A heat source beside the HVCH that does not heat, the sentence on it, and whether it says so itself."""
+    """
+    A heat source beside the HVCH that does not heat as commanded, and the sentence on it.
+
+    It delivers a `share` of its command, 0: it does not heat; `is_refused`: it says so itself.
+    """
 
     name: str
     sentence: str
     is_refused: bool
+    share: float = 0.0
 
 
 class AdmittedInputs(NamedTuple):
@@ -56,10 +61,10 @@ class AdmittedInputs(NamedTuple):
 
     @property
     def heating_vehicle(self) -> Vehicle:
-        """The vehicle without the sources that are `unserved`, or that cool: no command cools."""
-        names = {*(each.name for each in self.unserved), *(
-            source.name for source in self.vehicle.heat_sources if source.cools)}
-        return without_sources(self.vehicle, tuple(sorted(names)))
+        """The vehicle with the sources as far as they serve, without those that cool: no command cools."""
+        shares = {source.name: 0.0 for source in self.vehicle.heat_sources if source.cools}
+        shares |= {each.name: each.share for each in self.unserved}
+        return with_sources_at(self.vehicle, tuple(shares.items()))
 
     @property
     def mission(self) -> Mission | None:

@@ -11,25 +11,34 @@ from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.heater import Answers
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge, Learning
+from bev_preheat.control.obstacle import Unserved
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
     from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import StandReport
-    from bev_preheat.control.obstacle import AdmittedInputs, Unserved
+    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import PlaceReport
     from bev_preheat.estimation.before_restart import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
     from bev_preheat.vehicle.description import Vehicle
+
+
+SHARE_STEPS = 4
+SENTENCES = {Heater.DEAD: 'The {} does not respond to its command.',
+             Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
 
 
 class Screened(NamedTuple):
@@ -154,7 +163,36 @@ class State(NamedTuple):
         """The AdmittedInputs; the measurement without the signals that do not hold."""
         return self.inbox.admitted(
             self.preparation.timetable, self.measurement, self.screened.doubt,
-        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self.unserved)
+        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved)
+
+    @property
+    def _all_unserved(self) -> tuple[Unserved, ...]:
+        """Those that refuse, that is tried, and those that are dead or derated by the estimation."""
+        if not self.unserved and not self.learning.others:
+            return ()
+        reports, refused = self.source_reports, {each.name for each in self.unserved}
+        tried = [name for name in (self.learning.trial.name,) if name in reports and name not in refused]
+        return (*self.unserved, *(
+            Unserved(name, f'A heat source does not heat: the {name} is switched off to tell which.', False)
+            for name in tried), *(
+            Unserved(name, SENTENCES[report.heater].format(name, share=100.0 * report.share), False,
+                     # Vehicles are made for few shares only, because each needs plans of its own.
+                     round(SHARE_STEPS * report.share) / SHARE_STEPS)
+            for name, report in reports.items() if name not in refused and report.heater in SENTENCES))
+
+    @property
+    def source_answers(self) -> dict[str, HeaterAnswerReport]:
+        """The reports on `heat_source_status` by name; without those before the first answer."""
+        refusals = {each.name: each.sentence for each in self.unserved}
+        answers = {each.name: each.report(self.now_ns, self.settings, refusals.get(each.name, ''))
+                   for each in self.answers.others}
+        return {name: answer for name, answer in answers.items() if answer is not None}
+
+    @property
+    def source_reports(self) -> dict[str, HeaterReport]:
+        """The reports on heat sources beside the HVCH, by name."""
+        return {name: report for name, report in self.learning.reports.items()
+                if name != HVCH} if self.settings.estimation else {}
 
     # Knowledge
 

@@ -24,7 +24,7 @@ from bev_preheat.control.events import (
     ProgressUnreadable,
     Reconfigured,
 )
-from bev_preheat.control.heater import HeaterAnswers
+from bev_preheat.control.heater import Answers, HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.knowledge import Knowledge, Learning
 from bev_preheat.control.obstacle import find_obstacle, Unserved
@@ -196,8 +196,9 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
 def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
     vehicle, temperature_c = state.inbox.vehicle, state.temperature_c
-    powers = state.answers.powers(
-        vehicle, measurement.state.temperature_c if temperature_c is None else temperature_c)
+    if temperature_c is None:
+        temperature_c = measurement.state.temperature_c
+    powers = state.answers.powers(vehicle, temperature_c, state.learning.shares)
     knowledge, known = state.knowledge.seen(measurement, state.inputs, powers)
     state = state._replace(
         knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
@@ -211,9 +212,15 @@ def learn(state: State, measurement: Measurement) -> State:
     estimate = state.estimate
     if estimate is None:
         return state
-    hvch, is_refuted = state.answers.hvch.judged(estimate.heater, state.now_ns, inputs.settings)
-    learning = state.learning.with_acquitted_heater() if is_refuted else state.learning
-    return state._replace(answers=state.answers._replace(hvch=hvch), learning=learning)
+    learning, reports, judged = state.learning, state.learning.reports, []
+    for answers in (state.answers.hvch, *state.answers.others):
+        report, is_refuted = reports.get(answers.name), False
+        if report is not None:
+            answers, is_refuted = answers.judged(report, state.now_ns, inputs.settings)
+        judged.append(answers)
+        if is_refuted:
+            learning = learning.with_acquitted_heater(answers.name)
+    return state._replace(answers=Answers(judged[0], tuple(judged[1:])), learning=learning)
 
 
 def pass_time(state: State) -> State:

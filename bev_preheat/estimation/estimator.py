@@ -13,7 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief, interval_of
 from bev_preheat.estimation.estimate import Estimate, LOCAL, SENSOR, SOC, TEMPERATURE
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport, is_suspect, judge, Suspicion
+from bev_preheat.estimation.hypotheses import HEALTHY, Heater, HeaterReport, is_suspect, judge, Suspicion
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.prior import expected_offset_k
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
@@ -44,13 +44,15 @@ class DrivenInterval(NamedTuple):
     The planned drive and the command for `duration_s` [s].
 
     `drive` is the planned DriveInputs, None if no route covers it; `command_w` is the mean
-    command to the heater [W], `limit_w` the heater power left by the cabin [W].
+    command to the heater [W], `limit_w` the heater power left by the cabin [W]. A watt of another heat source
+    heats as `hvch_watts` of the HVCH.
     """
 
     duration_s: float
     drive: DriveInputs | None
     command_w: float
     limit_w: float
+    hvch_watts: float = 1.0
 
 
 class _Suspect(NamedTuple):
@@ -112,6 +114,11 @@ class Estimator(NamedTuple):
             belief=self.belief.of_healthy_heater(), response=PowerResponse(), suspect=None,
             estimate=replace(self.estimate, heater=HeaterReport(Heater.ANSWERS, 1.0 - FAULTY, 1.0)))
 
+    def without_suspicion(self) -> Estimator:
+        """Return the Estimator of a healthy heater if none was reported faulty: another source explains it."""
+        is_told = self.estimate is not None and self.estimate.heater.heater is not Heater.ANSWERS
+        return self if is_told else self.of_healthy_heater()
+
     def after_soak(self, standing: Soak) -> Estimator:
         """Return the Estimator that takes the sensor's offset from the next reading, of a battery after a Soak."""
         return self.without_instants()._replace(standing=standing, belief=self.belief.of_stood_car())
@@ -134,11 +141,12 @@ class Estimator(NamedTuple):
         return tuple([from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1)])
 
     def observed(self, measurement: MeasuredState, intervals: Iterable[DrivenInterval],
-                 vehicle: Vehicle) -> Estimator:
+                 vehicle: Vehicle, others_odds: float = 0.0) -> Estimator:
         """
         Return the Estimator after a MeasuredState of a Vehicle, whose stamp is not older than the previous one.
 
-        `intervals` are one DrivenInterval between consecutive `edges_ns(measurement.stamp_ns)`.
+        `intervals` are one DrivenInterval between consecutive `edges_ns(measurement.stamp_ns)`. `others_odds` are
+        the `fault_odds` of the estimators of other heat sources: one fault explains what is seen.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
         seen = self._replace(readings=self.readings.seen(state))
@@ -154,12 +162,18 @@ class Estimator(NamedTuple):
         advanced = seen._advanced(intervals, vehicle)
         belief = advanced.belief
         if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
-            return advanced._concluded(measurement, vehicle, belief, belief.expected())
+            return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
         if verdict is Verdict.LASTING:
             belief = belief.of_free_local_rise()
         return advanced._concluded(measurement, vehicle, *belief.with_battery(
             state.temperature_c - self.offset_k, readings.temperature_resolution_k,
-            state.soc, readings.soc_resolution))
+            state.soc, readings.soc_resolution), others_odds=others_odds)
+
+    @property
+    def fault_odds(self) -> float:
+        """The probability of any fault of the heater over that of none."""
+        healthy = float(self.belief.weights[HEALTHY].sum())
+        return (1.0 - healthy) / healthy
 
     def held(self, measurement: MeasuredState, vehicle: Vehicle, command_w: float, trusts_temperature: bool = True,
              trusts_soc: bool = True) -> Estimator:
@@ -234,18 +248,19 @@ class Estimator(NamedTuple):
         seen_w, variance_w2 = power.step() or (None, 0.0)
         # Heat leaks from the shell, as it would from the core in colder air.
         shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
-        for duration_s, drive, command_w, limit_w in intervals:
+        for duration_s, drive, command_w, limit_w, hvch_watts in intervals:
+            heat_w, most_heat_w = hvch_watts * command_w, hvch_watts * limit_w
             if drive is not None and shell_k != 0.0:
                 drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
             if suspect is not None:
                 suspect = suspect._replace(
-                    commanded_k=suspect.commanded_k + k_per_j * duration_s * command_w,
-                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, limit_w - command_w))
+                    commanded_k=suspect.commanded_k + k_per_j * duration_s * heat_w,
+                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, most_heat_w - heat_w))
             before = belief
             if drive is None or seen_w is None:
                 response = response.paused()
                 belief = (belief.after_unknown(duration_s) if drive is None else
-                          belief.followed(vehicle, duration_s, drive, command_w, limit_w))
+                          belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w))
                 suspect = _explained(suspect, before, belief)
                 continue
             response, logs = response.seen(
@@ -262,13 +277,14 @@ class Estimator(NamedTuple):
                 drive.propulsion_power_w, duration_s)
             belief = belief.followed(vehicle, duration_s, replace(
                 drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2,
-            ), command_w, limit_w, propulsion_w)
+            ), heat_w, most_heat_w, propulsion_w)
             suspect = _explained(suspect, before, belief)
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
                              knows_power=seen_w is not None)
 
     def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
-                   expected: tuple[FloatArray, FloatArray], is_held: bool = False) -> Estimator:
+                   expected: tuple[FloatArray, FloatArray], is_held: bool = False,
+                   others_odds: float = 0.0) -> Estimator:
         """
         Return the Estimator with the estimate after a MeasuredState, from the belief and its expected values.
 
@@ -282,7 +298,11 @@ class Estimator(NamedTuple):
         if is_held and before is not None:
             report = before
         else:
-            weights = [*map(sum, belief.weights.tolist())]
+            weights: list[float] = [*map(sum, belief.weights.tolist())]
+            if others_odds > 0.0:
+                total = 1.0 + weights[HEALTHY] * others_odds
+                weights = [weight / total for weight in weights]
+                weights[HEALTHY] = 1.0 - sum(weights[HEALTHY + 1:])
             suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
             report = judge(
                 weights, before, Suspicion() if suspect is None else Suspicion(
@@ -305,6 +325,7 @@ def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | 
     """Return the battery's power [W]; None if it is unknown or implausible."""
     power_w = measurement.power_w
     most_w = vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w + MOST_OTHER_POWER_W
+    most_w += sum(source.most_w for source in vehicle.heat_sources)
     return None if power_w is None or abs(power_w) > most_w else power_w
 
 

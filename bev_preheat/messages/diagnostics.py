@@ -122,6 +122,10 @@ def planner_diagnostics(node_name: str, state: State, now_ns: int,
                     _estimation(name, hardware, state, estimate, now_ns)]
     if state.heater_answer is not None:
         entries.append(_heater_status(name, hardware, state.heater_answer))
+    entries += [heater_entry(name, hardware, report, f'heat source {source}')
+                for source, report in state.source_reports.items()]
+    entries += [_heater_status(name, hardware, answer, f'status of {source}')
+                for source, answer in state.source_answers.items()]
     entries += _progress(name, state, now_ns)
     if memory is not None:
         entries.append(_state_file(name, hardware, memory))
@@ -147,6 +151,8 @@ def _preheating(name: str, hardware: str, state: State, now_ns: int) -> Diagnost
         values['goal of prepare_battery'] = _preparation_goal_in_words(state.preparation_goal, now_ns)
     if state.latest_command is not None:
         values['command [W]'] = f'{state.latest_command.battery_heating_power_w:.0f}'
+        for source in state.vehicle.heat_sources:
+            values[f'command to {source.name} [W]'] = f'{state.latest_command.power_w(source.name):.0f}'
     if state.measurement is not None:
         battery = state.measurement.state
         values['battery temperature [degC]'] = f'{battery.temperature_c:.2f}'
@@ -210,8 +216,8 @@ def heater_sentence(report: HeaterReport) -> str:
     return f'{report.heater.value}: {sentence}'
 
 
-def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticStatus:
-    """Return the entry on the heater's response, with a suspected fault."""
+def heater_entry(name: str, hardware: str, report: HeaterReport, part: str = 'heater') -> DiagnosticStatus:
+    """Return the entry on the response of a heat source, with a suspected fault."""
     sentence, suspected = heater_sentence(report), report.suspected
     values = {
         'heater': report.heater.value,
@@ -228,7 +234,7 @@ def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticSt
             'missing or uncommanded heat [K]': f'{suspected.heat_k:.2f}',
             'times as likely by the power [1]': ('power is not known' if suspected.power_nats is None
                                                  else f'{math.exp(suspected.power_nats):.3g}')})
-    return entry(name, 'heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
+    return entry(name, part, hardware, HEATER_LEVELS[report.heater], sentence, values)
 
 
 def _estimation(name: str, hardware: str, state: State, estimate: Estimate,
@@ -302,15 +308,16 @@ def _state_file(name: str, hardware: str, memory: StateFileReport) -> Diagnostic
                   'damaged file kept as': memory.kept_aside})
 
 
-def _heater_status(name: str, hardware: str, report: HeaterAnswerReport) -> DiagnosticStatus:
-    """Return the planner's entry on `hvch_status`: ERROR in doubt, WARN for a refusal or silence."""
+def _heater_status(name: str, hardware: str, report: HeaterAnswerReport,
+                   part: str = 'heater status') -> DiagnosticStatus:
+    """Return the planner's entry on a status of a heat source: ERROR in doubt, WARN for a refusal or silence."""
     status = report.status
     values = {} if status is None else {
         'requested power [W]': f'{status.requested_w:.0f}', 'active power [W]': f'{status.active_w:.0f}',
         'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
         'refusal': status.refusal.name, 'explanation': status.sentence}
     warning = report.refusal or report.silence or report.problem
-    return entry(name, 'heater status', hardware, ERROR if report.doubt else WARN if warning else OK,
+    return entry(name, part, hardware, ERROR if report.doubt else WARN if warning else OK,
                  report.doubt or warning or 'the command is served', values)
 
 

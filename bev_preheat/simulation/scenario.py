@@ -129,6 +129,8 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         files=(path, vehicle_file(vehicle_name), *(each.file for each in reader.routes)),
         warnings=tuple(dict.fromkeys(each.warning for each in reader.routes if each.warning)))
     check_situation(scenario.vehicle, scenario.first.route, state)
+    for fault in scenario.imperfections.heater_faults:
+        scenario.vehicle.most_w(fault.source)
     return scenario
 
 

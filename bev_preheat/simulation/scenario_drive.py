@@ -15,6 +15,7 @@ from bev_preheat.simulation.traffic import clock_offset_s
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Sequence
 
+    from bev_preheat.control.decision import Command
     from bev_preheat.control.state import State
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.scenario import Expectations, Scenario
@@ -39,8 +40,9 @@ class DriveRecord:
     """
     Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
 
-    `commands` holds (instant, power [W], reason's name) in order, `statuses` the names of all
-    statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics.
+    `commands` holds (instant, power [W], reason's name) in order, `by_source` the Commands; `statuses` the names
+    of all statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics, with the
+    names of other heat sources that are faulty.
     `arrival_c` is the true temperature at the end of the drive, NaN without an arrival.
     `heater_verdicts` holds (instant, word of the diagnostics) at each change, `regimes` (instant, name),
     `signals` (instant, name) at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at
@@ -58,6 +60,7 @@ class DriveRecord:
     signals: list[tuple[float, str]] = field(default_factory=list)
     hottest_heated_c: float = -math.inf
     phases: list[DriveRecord] = field(default_factory=list)
+    by_source: list[Command] = field(default_factory=list)
     _doubted: frozenset[str] = frozenset()
 
     def note_heater(self, instant_s: float, said: str) -> None:
@@ -239,9 +242,13 @@ def _note(record: DriveRecord, moment: Moment, state: State, car: ImperfectCar) 
         reason, power_w = output.command.reason.name, output.command.total_w
         record.statuses.add(reason)
         record.commands.append((moment.clock_s, power_w, reason))
+        record.by_source.append(output.command)
         if power_w > 0.0:
             record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
     if state.estimate is not None and not car.is_over:
-        record.note_heater(moment.clock_s, state.estimate.heater.heater.value)
+        said = [state.estimate.heater.heater.value, *(
+            f'{name} {report.heater.value}' for name, report in state.source_reports.items())]
+        faulty = [each for each in said if not each.endswith(HEALTHY)]
+        record.note_heater(moment.clock_s, ', '.join(faulty) or HEALTHY)
     record.regimes.append((moment.clock_s, state.regime.regime.value))
     record.note_signals(moment.clock_s, {verdict.signal for verdict in state.signal_verdicts})

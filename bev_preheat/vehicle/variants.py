@@ -75,10 +75,22 @@ def hvch_alone(vehicle: Vehicle) -> Vehicle:
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
-def without_sources(vehicle: Vehicle, names: tuple[str, ...]) -> Vehicle:
-    """Return the Vehicle without the heat sources of these names; the same object for the same vehicle."""
-    return vehicle if not names else replace(vehicle, heat_sources=tuple(
-        source for source in vehicle.heat_sources if source.name not in names))
+def with_sources_at(vehicle: Vehicle, shares: tuple[tuple[str, float], ...]) -> Vehicle:
+    """
+    Return the Vehicle whose heat sources give shares of their power, by name; 0: none.
+
+    The same object for the same vehicle.
+    """
+    if not shares:
+        return vehicle
+    kept, of = [], dict(shares)
+    for source in vehicle.heat_sources:
+        share, power = of.get(source.name, 1.0), source.maximum_power_w
+        if share > 0.0:
+            kept.append(replace(source, maximum_power_w=replace(power, values=tuple(
+                tuple(share * value for value in row) for row in power.values))
+                if share < 1.0 and isinstance(power, Table) else power))
+    return replace(vehicle, heat_sources=tuple(kept))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

@@ -12,6 +12,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -32,9 +33,9 @@ ROUTE = make_route({
     CAR.defaults)
 
 
-def driven(until_s, target_c=40.0, faults=(), sensors=Sensors(), car=CAR, **settings):
+def driven(until_s, target_c=40.0, faults=(), sensors=Sensors(), car=CAR, route=ROUTE, **settings):
     """Yield (instant [s], command, Supervisor, ImperfectCar) of a drive."""
-    simulated = ImperfectCar(car, DrivePhase(ROUTE, Goal(target_c)), BatteryState(-10.0, 0.8),
+    simulated = ImperfectCar(car, DrivePhase(route, Goal(target_c)), BatteryState(-10.0, 0.8),
                              Imperfections(sensors=sensors, heater_faults=tuple(faults)))
     supervisor = Supervisor(car, Settings(**settings))
     for moment in moments(simulated, supervisor, lambda: simulated.time_s >= until_s):
@@ -107,3 +108,19 @@ def test_a_fault_of_a_source_is_its_own(faults):
     energy_wh = car.plant.sources.energy_wh
     assert (energy_wh['motor'] < 90.0) is bool(faults)
     assert energy_wh['heat_pump'] == pytest.approx(2500.0 * 299.0 / 3600.0, rel=0.02)
+
+
+def test_a_dead_source_is_named_and_no_other():
+    accused = set()
+    route = replace(ROUTE, **{column: getattr(ROUTE, column)[[-1] * 20] for column in (
+        'speed_mps', 'propulsion_power_w', 'propulsion_power_rms_w', 'propulsion_power_magnitude_w',
+        'cabin_heating_power_w')})
+    # The heat pump heats alone until it fails.
+    for at_s, command, supervisor, _ in driven(
+            900.0, target_c=4.0, faults=[HeaterFault(60.0, share=0.0, source='heat_pump')], route=route):
+        assert at_s > 60.0 or command.power_w('hvch') == 0.0
+        accused |= {name for name, report in supervisor.state.learning.reports.items()
+                    if report.heater is not Heater.ANSWERS}
+    assert accused == {'heat_pump'}
+    assert supervisor.state.decision.explanation.startswith('The heat_pump does not respond to its command. ')
+    assert command.power_w('heat_pump') == 0.0 < command.power_w('hvch')

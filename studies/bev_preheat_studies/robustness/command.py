@@ -14,6 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for, route_source
 from bev_preheat.vehicle import vehicle_file
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat_studies.results_file import digest_of
 from bev_preheat_studies.robustness.cars import CarResult, drive_car, print_summary, summarise_drives
 from bev_preheat_studies.robustness.days import DayResult, drive_day, print_days, summarise_days
@@ -85,6 +86,8 @@ def add_parser(subparsers: Subparsers) -> None:
     true_car = option_group(parser, 'the true car and its signals')
     true_car.add_argument('--fault', choices=tuple(FAULTS), default='none',
                           help='a real heater fault that starts during the drive (default: %(default)s)')
+    true_car.add_argument('--fault-source', default=HVCH, metavar='NAME',
+                          help="the heat source that fails: one of the vehicle's (default: %(default)s)")
     true_car.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
                           help='effects of the true car that the model leaves out: a heater that lags, coolant '
                           'that must be heated, a sensor that lags, a current ripple that is not measured '
@@ -161,6 +164,7 @@ def _shown_cases(console: Console, results: list[SignalResult]) -> dict[str, Any
 
 def _conditions(arguments: Namespace) -> Conditions:
     vehicle = load_planned_vehicle(arguments.vehicle)
+    vehicle.most_w(arguments.fault_source)
     routes = []
     for name in arguments.route:
         loaded = route_for(name, vehicle)
@@ -171,8 +175,8 @@ def _conditions(arguments: Namespace) -> Conditions:
     for route in routes:
         check_situation(vehicle, route, state, goal)
     return Conditions(vehicle, tuple(routes), state, goal, arguments.period,
-                      not arguments.no_power, arguments.plant, arguments.fault, arguments.traffic,
-                      arguments.progress)
+                      not arguments.no_power, arguments.plant, arguments.fault, arguments.fault_source,
+                      arguments.traffic, arguments.progress)
 
 
 def _identity(arguments: Namespace, conditions: Conditions, study: str) -> dict[str, Any]:

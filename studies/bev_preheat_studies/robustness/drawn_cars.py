@@ -15,7 +15,7 @@ from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
-from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, HVCH
 
 # Each factor is uniform in 1 +- this.
 SPREAD = {
@@ -63,8 +63,8 @@ class Conditions:
 
     Vehicle and Routes as in their files (trips use the Routes alternately), the state at the start, the goal, the
     period of battery states and commands [s], whether battery states carry voltage and current, the names
-    of a plant (PLANTS) and a fault (FAULTS), the largest relative deviation of a trip's duration from its route's
-    (`traffic`), and whether the car reports its position.
+    of a plant (PLANTS), a fault (FAULTS) and the faulty heat source, the largest relative deviation of a trip's
+    duration from its route's (`traffic`), and whether the car reports its position.
     """
 
     vehicle: Vehicle
@@ -75,6 +75,7 @@ class Conditions:
     reports_power: bool = True
     plant: str = 'nominal'
     fault: str = 'none'
+    fault_source: str = HVCH
     traffic: float = 0.0
     tells_position: bool = False
 
@@ -139,7 +140,7 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
     if fault is None:
         return car
     begins_s = float(random.uniform(*FAULT_BEGINS)) * car.route.total_duration_s
-    return replace(car, heater_faults=(replace(fault, from_s=begins_s),))
+    return replace(car, heater_faults=(replace(fault, from_s=begins_s, source=conditions.fault_source),))
 
 
 def _draw_pace(seed: int, number: int, traffic: float) -> float:

@@ -16,7 +16,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.scenario_drive import drive_observed, HEALTHY
-from bev_preheat.vehicle.variants import hvch_alone
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -95,20 +95,21 @@ def fault_times(record: DriveRecord, faults: Sequence[HeaterFault],
 
     `drives_s` are the spans of the drives [s]. The fault has an effect until it is found: a weak heater while heat
     is commanded, uncommanded heat while none is; None: no effect. The time to detection counts from the first
-    effect; None: never found.
+    effect; None: never found. Another source than the HVCH is found when it is named, with whatever fault.
     """
     if not faults:
         return None, None
     fault, driven_s = faults[0], 0.0
     kind = Heater.STUCK_ON if fault.stuck_on else Heater.DEAD if fault.share == 0.0 else Heater.DERATED
-    shown, named_s = [], []
+    name, shown, named_s = f'{kind.value}, ' if fault.source == HVCH else f'{fault.source} ', [], []
     for start_s, end_s in drives_s:
-        commands = [(at_s, power_w) for at_s, power_w, _ in record.commands if start_s <= at_s < end_s]
+        commands = [(at_s, command.power_w(fault.source)) for (at_s, _, _), command in zip(
+            record.commands, record.by_source) if start_s <= at_s < end_s]
         for (at_s, power_w), until_s in zip(commands, [*(at_s for at_s, _ in commands[1:]), end_s]):
             if until_s > max(at_s, fault.from_s) and (power_w == 0.0) == fault.stuck_on:
                 shown.append((driven_s + max(at_s, fault.from_s) - start_s, driven_s + until_s - start_s))
         named_s += [driven_s + at_s - start_s for at_s, said in record.heater_verdicts
-                    if said == kind.value and start_s <= at_s < end_s]
+                    if name in f'{said}, ' and start_s <= at_s < end_s]
         driven_s += end_s - start_s
     if not shown:
         return None, None
@@ -126,7 +127,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     The plan's steps are as long as the planner's; it is executed without feedback from the battery.
     """
     plant = car.plant
-    plan = plan_preheating(hvch_alone(plant.vehicle), in_planning_steps(plant.route, Settings.planning_step_s),
+    plan = plan_preheating(plant.vehicle, in_planning_steps(plant.route, Settings.planning_step_s),
                            BatteryState(plant.temperature_c, plant.soc), goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
@@ -136,7 +137,12 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     for from_s, to_s in zip(edges_s[:-1], edges_s[1:]):
         power_w = plan.power_at_w(from_s)
         switch_ons += power_w > 0.0 == before_w
-        plant.advance(to_s, power_w)
+        if plan.source_power_w:
+            step = int(plan.time_s.searchsorted(from_s, side='right')) - 1
+            plant.sources.commands_w = {name: float(of_w[step]) for name, of_w in plan.source_power_w.items()}
+            plant.advance(to_s, plant.sources.commands_w[HVCH])
+        else:
+            plant.advance(to_s, power_w)
         before_w = power_w
     return _outcome(car, goal, switch_ons)
 
