@@ -8,6 +8,7 @@ import pytest
 
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
 from bev_preheat.control.heater import HeaterStatus
+from bev_preheat.control.knowledge import NO_TRIAL
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor
@@ -111,16 +112,31 @@ def test_a_fault_of_a_source_is_its_own(faults):
 
 
 def test_a_dead_source_is_named_and_no_other():
+    route = ROUTE.segments(19, 20).divided(60.0)
+    for _ in range(5):
+        route = route.followed_by(route)
     accused = set()
-    route = replace(ROUTE, **{column: getattr(ROUTE, column)[[-1] * 20] for column in (
-        'speed_mps', 'propulsion_power_w', 'propulsion_power_rms_w', 'propulsion_power_magnitude_w',
-        'cabin_heating_power_w')})
     # The heat pump heats alone until it fails.
     for at_s, command, supervisor, _ in driven(
-            900.0, target_c=4.0, faults=[HeaterFault(60.0, share=0.0, source='heat_pump')], route=route):
+            1900.0, target_c=12.0, faults=[HeaterFault(60.0, share=0.0, source='heat_pump')], route=route):
         assert at_s > 60.0 or command.power_w('hvch') == 0.0
-        accused |= {name for name, report in supervisor.state.learning.reports.items()
-                    if report.heater is not Heater.ANSWERS}
+        accused = {name for name, report in supervisor.state.learning.reports.items()
+                   if report.heater is not Heater.ANSWERS}
+        assert accused <= {'heat_pump'}
+        if supervisor.state.decision.explanation.startswith('The heat_pump does not respond to its command. '):
+            break
     assert accused == {'heat_pump'}
-    assert supervisor.state.decision.explanation.startswith('The heat_pump does not respond to its command. ')
-    assert command.power_w('heat_pump') == 0.0 < command.power_w('hvch')
+    assert command.power_w('heat_pump') == 0.0 < command.total_w
+
+
+@pytest.mark.parametrize('odds, tried', [
+    ({'hvch': 1e3, 'motor': 1e2, 'pump': 1e3}, ['', 'pump', 'motor', 'pump']),
+    ({'hvch': 1.0, 'motor': 1.0, 'pump': 1e2}, [''] * 4)])
+def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
+    trial, names = NO_TRIAL, []
+    for at_s in range(0, 661, 10):
+        trial = trial.at(at_s * 10**9, odds, is_told=False)
+        if at_s in (290, 300, 420, 540):
+            names.append(trial.name)
+    assert names == tried
+    assert trial.at(700 * 10**9, odds, is_told=True).name == ''
