@@ -130,7 +130,7 @@ def _k_per_j(car: Vehicle) -> float:
 
 
 def _unseen_k(trip: Driven, plan: Plan) -> float:
-    """Return the standard deviation [K] of the heat that the sensor may show on arrival that is missing in the core."""
+    """Return the standard deviation [K] of heat that the sensor may show on arrival before the core has it."""
     left = array_exp((trip.route.time_s - trip.route.total_duration_s) / UNSEEN_LAG_S)
     return UNSEEN_SHARE * UNSEEN_LAG_S * _k_per_j(trip.vehicle) * float(plan.command_w @ np.diff(left))
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.doubts import find_doubts, integral, turned
-from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
+from bev_preheat.logs.unit_hypotheses import JUMP_K, JUMP_S
 from bev_preheat.numerics import first_true, S_PER_H
 
 if TYPE_CHECKING:

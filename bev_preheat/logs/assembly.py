@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.logs.hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
 from bev_preheat.logs.recording import Series
+from bev_preheat.logs.unit_hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
 
 if TYPE_CHECKING:
     from bev_preheat.logs.decoding import Decoder

@@ -19,8 +19,8 @@ from bev_preheat.files.units import (
     unit_in_cells,
     unit_named,
 )
-from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
 from bev_preheat.logs.raw_log import Remarks
+from bev_preheat.logs.unit_hypotheses import hypotheses, Hypothesis, plausible
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source
