@@ -210,11 +210,7 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
     """
     stop = stop_after(route, charger_power_w, departure_soc)
     _check(vehicle, route, state, goal, stop, prices, prospect)
-    unheated, highest_c = plan_unheated(vehicle, route, state, goal), vehicle.battery.temperature_range_c[1]
-    refuse_stranded(unheated)
-    if vehicle.cools and unheated.arrival_temperature_c > highest_c:
-        # Cooled no more than the battery needs.
-        unheated = plan_preheating(vehicle, route, state, goal_of(goal, highest_c, math.inf), method)
+    unheated = least_cooled(vehicle, route, state, goal)
 
     def plan_to(target_c: float) -> Plan:
         return plan_preheating(vehicle, route, state, replace(goal_of(
@@ -232,8 +228,19 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
 def goal_of(goal: Goal, target_c: float, unheated_c: float) -> Goal:
     """Return the Goal with a target [deg C]: at least, or below the arrival without heating at most."""
-    return replace(goal, target_temperature_c=target_c,
-                   maximum_arrival_temperature_c=target_c if target_c < unheated_c else math.inf)
+    if target_c < unheated_c:
+        return replace(goal, target_temperature_c=min(goal.target_temperature_c, target_c),
+                       maximum_arrival_temperature_c=target_c)
+    return replace(goal, target_temperature_c=target_c, maximum_arrival_temperature_c=math.inf)
+
+
+def least_cooled(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
+    """Return the Plan without heating, cooled only as far as the battery needs; raise InvalidInput if stranded."""
+    unheated, highest_c = plan_unheated(vehicle, route, state, goal), vehicle.battery.temperature_range_c[1]
+    refuse_stranded(unheated)
+    if vehicle.cools and unheated.arrival_temperature_c > highest_c:
+        return plan_preheating(vehicle, route, state, goal_of(goal, highest_c, math.inf))
+    return unheated
 
 
 class _Paused(Exception):
@@ -308,9 +315,13 @@ class WorthSearch:
         """Return the HeatingChoice at the charger after an evaluated target, with the costs of all decisions."""
         return self._heating.compare(self._arrivals.get(item.target_c, self._arrivals[self.without.target_c]))
 
-    def look_at(self, target_c: float) -> TargetWorth:
-        """Return the TargetWorth of heating to a target [deg C], with a plan and a session for a new target."""
-        if target_c <= self.without.target_c:
+    def look_at(self, target_c: float, cools: bool = False) -> TargetWorth:
+        """
+        Return the TargetWorth of heating to a target [deg C], with a plan and a session for a new target.
+
+        `cools`: or of cooling to it.
+        """
+        if target_c <= self.without.target_c and not (cools and self._cools):
             return replace(self.without, target_c=target_c)
         return self._look_at(target_c)
 

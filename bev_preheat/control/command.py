@@ -20,7 +20,7 @@ from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.heat_mix import mix_in_segment
-from bev_preheat.planning.status import Status
+from bev_preheat.planning.status import LATER, Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W
 from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
@@ -67,7 +67,7 @@ class Commander(NamedTuple):
 
     `switch` has the least times on and off, for the heat of all sources as HVCH power. `doubt` is the reason for
     the latest pause; `is_paused`: requested heat waits for its end. `reason` is that of the latest command that a
-    plan gave, with its `words`; None: the heater was off for another reason.
+    plan gave, with its `words`; None: the heater was off for another reason. `cools`: the switch is for cooling.
     """
 
     switch: HeaterSwitch = HeaterSwitch()
@@ -76,6 +76,7 @@ class Commander(NamedTuple):
     steady: SteadyStatus = SteadyStatus()
     reason: Status | None = None
     words: str = ''
+    cools: bool = False
 
     @property
     def is_heating(self) -> bool:
@@ -117,7 +118,7 @@ class Commander(NamedTuple):
         status, words = self.reason, own
         if self.is_paused:
             words = f'{switch.pause.sentence} {words}'
-            status = Status.WAITING if decision.status is Status.HEATING else decision.status
+            status = LATER.get(decision.status, decision.status)
         elif switch.is_held:
             words = (f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
                      f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.')
@@ -149,7 +150,7 @@ class Commander(NamedTuple):
 
     def _follow_plan(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
                      temperature_c: float | None) -> tuple[Commander, Command]:
-        """Return the Command of a Decision with a plan that may heat, and the Commander after it."""
+        """Return the Command of a Decision with a plan that may heat or cool, and the Commander after it."""
         settings, switch = inputs.settings, self.switch
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
@@ -159,6 +160,12 @@ class Commander(NamedTuple):
         limit_w = _heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         planned_w = plan.power_at_w(elapsed_s)
+        cools = planned_w < 0.0
+        if cools:
+            assert sources is not None
+            planned_w, limit_w = -planned_w, sources.most_cold_w
+        if cools is not self.cools and switch.is_on:
+            switch = switch.turned_off(now_ns)
         wanted_w = min(planned_w if sources is not None else _step_below_w(
             inputs.vehicle, planned_w / share), limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
@@ -169,19 +176,22 @@ class Commander(NamedTuple):
         switch = switch.asked(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         power_w, reason = switch.power_w, decision.status
+        active = Status.COOLING if cools else Status.HEATING
         is_paused = wanted_w > 0.0 and power_w == 0.0 and switch.pause.left_s > 0.0
         if is_paused:
-            reason = self.doubt if switch.pause.is_for_doubt else Status.WAITING
-        elif power_w > 0.0 and reason in (Status.WAITING, Status.NOT_NEEDED):
-            reason = Status.HEATING
-        elif power_w == 0.0 and reason is Status.HEATING:
-            reason = Status.WAITING
+            reason = self.doubt if switch.pause.is_for_doubt else LATER[active]
+        elif power_w > 0.0 and reason in (*LATER.values(), Status.NOT_NEEDED):
+            reason = active
+        elif power_w == 0.0:
+            reason = LATER.get(reason, reason)
         steady = self.steady.forgotten() if switch.is_held else self.steady
         steady = steady.settled(now_ns, reason, power_w > 0.0)
         assert steady.shown is not None
-        hvch_w, sources_w = (power_w, ()) if sources is None else sources.split_w(power_w)
-        return self._replace(switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown), Command(
-            hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, sources_w)
+        hvch_w, sources_w = (power_w, ()) if sources is None else sources.split_w(
+            -power_w if cools else power_w)
+        return self._replace(
+            switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown, cools=cools), Command(
+                hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, sources_w)
 
     def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
                          decision: Decision) -> tuple[Commander, Command]:
@@ -214,7 +224,8 @@ class _Sources:
     """
     The heat sources of AdmittedInputs at an instant [ns] on a leg, with the battery at a temperature [deg C].
 
-    The HVCH delivers a `share` of its command. `limit_w` is their most heat, as HVCH power [W].
+    The HVCH delivers a `share` of its command. `limit_w` is their most heat, `most_cold_w` the most heat that they
+    take from the battery, as HVCH power [W].
     """
 
     def __init__(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, temperature_c: float | None,
@@ -222,7 +233,8 @@ class _Sources:
         assert temperature_c is not None
         segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
         self._share, self._hvch_w = share, _heater_limit_w(inputs, leg, now_ns)
-        self._refusing = [each.name for each in inputs.unserved if each.is_refused]
+        refusing = [each.name for each in inputs.unserved if each.is_refused]
+        self._refusing = [source for source in inputs.vehicle.heat_sources if source.name in refusing]
         self._shares = {each.name: each.share for each in inputs.unserved if each.share > 0.0}
         self._whole = mix_in_segment(inputs.vehicle, leg.route, segment, self._hvch_w)
         self._mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * self._hvch_w)
@@ -230,18 +242,21 @@ class _Sources:
         self._merit = self._mix.at(0, temperature_c)
         is_gated = _is_gated(inputs, float(leg.route.speed_mps[segment]))
         self.limit_w = 0.0 if is_gated else float(self._merit.ends_w[-1])
+        self.most_cold_w = -float(self._merit.cold_ends_w[-1]) if self._mix.cools else 0.0
 
     def split_w(self, heat_w: float) -> tuple[float, tuple[tuple[str, float], ...]]:
-        """Return the power of the HVCH [W], and of each other source that heats, for a heat as HVCH power [W]."""
-        if heat_w <= 0.0:
+        """Return the power of the HVCH [W], and of each other source in use, for a heat as HVCH power [W]."""
+        if heat_w == 0.0:
             return 0.0, ()
         split_w = self._mix.split_w(np.array([self._merit.capped_w(heat_w)]), self._at_c)
         powers_w = {name: float(power_w[0]) / self._shares.get(name, 1.0) for name, power_w in split_w.items()}
         # A source that refuses is asked on: it draws nothing until it serves again.
         most_w = self._whole.most_w(self._at_c)
-        powers_w |= {name: most_w[name] for name in self._refusing}
+        powers_w |= {source.name: most_w[source.name] for source in self._refusing
+                     if source.cools is (heat_w < 0.0)}
         hvch_w = powers_w.pop(HVCH)
-        return hvch_w / self._share if self._share > 0.0 else self._hvch_w, tuple(
+        whole_w = self._hvch_w if heat_w > 0.0 else 0.0
+        return hvch_w / self._share if self._share > 0.0 else whole_w, tuple(
             (name, power_w) for name, power_w in powers_w.items() if power_w > 0.0)
 
 

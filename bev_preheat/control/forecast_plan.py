@@ -28,7 +28,7 @@ from bev_preheat.planning.methods import KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
-from bev_preheat.planning.status import Status
+from bev_preheat.planning.status import LATER, Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import (
     FACTOR_STEP,
@@ -113,8 +113,7 @@ def _others_heat(plan: Plan) -> bool:
 
 def _status_now(plan: Plan, starts_in_s: float) -> Status:
     """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
-    return (Status.WAITING if plan.status is Status.HEATING and starts_in_s > 0.0
-            else plan.status)
+    return LATER.get(plan.status, plan.status) if starts_in_s > 0.0 else plan.status
 
 
 def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> ForecastPlan:

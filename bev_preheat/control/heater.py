@@ -316,9 +316,10 @@ class Answers(NamedTuple):
         """Return the answers that count the time of heating from 0 again, because another drive begins."""
         return self.each(lambda each: each.without_heating(now_ns))
 
-    def heated_s(self, now_ns: int) -> float:
-        """Return for how long [s] the source has heated that heated longest since `without_heating`."""
-        return max(each.history.heated_s(now_ns) for each in (self.hvch, *self.others))
+    def heated_s(self, now_ns: int, vehicle: Vehicle) -> float:
+        """Return for how long [s] the source that heated longest has heated since `without_heating`."""
+        heating = [each for each, source in zip(self.others, vehicle.heat_sources) if not source.cools]
+        return max(each.history.heated_s(now_ns) for each in (self.hvch, *heating))
 
     def with_command(self, now_ns: int, command: Command, settings: Settings) -> Answers:
         """Return the answers after a Command, see HeaterAnswers."""

@@ -61,10 +61,8 @@ class AdmittedInputs(NamedTuple):
 
     @property
     def heating_vehicle(self) -> Vehicle:
-        """The vehicle with the sources as far as they serve, without those that cool: no command cools."""
-        shares = {source.name: 0.0 for source in self.vehicle.heat_sources if source.cools}
-        shares |= {each.name: each.share for each in self.unserved}
-        return with_sources_at(self.vehicle, tuple(shares.items()))
+        """The vehicle with the sources as far as they serve."""
+        return with_sources_at(self.vehicle, tuple((each.name, each.share) for each in self.unserved))
 
     @property
     def mission(self) -> Mission | None:

@@ -249,7 +249,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
         return state, None
     maker, decision = state.decision_maker.decide(Moment(
         inputs, state.knowledge.regime, now_ns, state.estimate, state.commander.is_heating,
-        state.answers.heated_s(now_ns)))
+        state.answers.heated_s(now_ns, state.vehicle)))
     # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
     decision.read()
     answers = state.answers

@@ -18,7 +18,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import pays_from_probability
-from bev_preheat.charging.worth import WorthSearch
+from bev_preheat.charging.worth import goal_of, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
@@ -121,7 +121,7 @@ class TargetChoice:
     `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
     with the target and without any further heating, from the latest search; NaN if unknown, infinite if
     the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is
-    that of the Goal.
+    that of the Goal. `cools`: the target is the highest temperature on arrival.
     """
 
     source: TargetSource
@@ -134,14 +134,15 @@ class TargetChoice:
     unheated_bought_energy_wh: float = math.nan
     doubt: ChargingDoubt | None = None
     heats_until_arrival: bool = False
+    cools: bool = False
 
     def goal(self, goal: Goal) -> Goal:
         """Return the Goal with this target."""
         if self.heating_pays and self.target_c is None:
             return goal
         target_c = goal.target_temperature_c if self.target_c is None else self.target_c
-        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays,
-                       heats_until_arrival=self.heats_until_arrival)
+        return replace(goal_of(goal, target_c, math.inf if self.cools else -math.inf),
+                       heating_pays=self.heating_pays, heats_until_arrival=self.heats_until_arrival)
 
 
 def given_target(leg: Leg, settings: Settings) -> str:

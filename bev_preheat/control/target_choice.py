@@ -17,13 +17,14 @@ probability needs no plan: the targets found so far are weighed again at once.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.stop import CERTAIN, held_prospect, refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.worth import targets_between, WorthSearch
+from bev_preheat.charging.stop import CERTAIN, held_prospect, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.worth import goal_of, least_cooled, targets_between, WorthSearch
 from bev_preheat.control.target import (
     ChargingDoubt,
     given_target,
@@ -35,7 +36,7 @@ from bev_preheat.control.target import (
 )
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.tunables import (
     FIRST_LOOK_K,
     LEAST_GAIN_SHARE,
@@ -98,11 +99,11 @@ class TargetSearchInput:
         is_chosen = not self.given and self.leg.charger is not None and not _obstacle(self)
         return is_chosen and self.leg.prospect.heats_until_arrival
 
-    def plan_to(self, target_c: float) -> Plan:
-        """Return the Plan for a target [deg C]."""
+    def plan_to(self, target_c: float, unheated_c: float = -math.inf) -> Plan:
+        """Return the Plan for a target [deg C], which is cooled for below an arrival without heating."""
         return plan_preheating(
             self.vehicle, self.route, self.state, replace(
-                self.goal, target_temperature_c=target_c, heats_until_arrival=self.heats_until_arrival),
+                goal_of(self.goal, target_c, unheated_c), heats_until_arrival=self.heats_until_arrival),
             self.settings.method, heater_share=self.heater_share)
 
 
@@ -128,10 +129,11 @@ class TargetSearch:
     def _made_worker(self) -> WorthSearch:
         begun, prices = self.begun, self.begun.settings.prices
         return WorthSearch(
-            begun.vehicle, self.stop, self.unheated, begun.goal.target_temperature_c, prices, begun.plan_to,
+            begun.vehicle, self.stop, self.unheated, begun.goal.target_temperature_c, prices,
+            partial(begun.plan_to, unheated_c=self.unheated.arrival_temperature_c),
             None if self.prospect.is_certain else Expectation(
                 begun.vehicle, begun.route, begun.state, self.stop, self.prospect, prices, self.unheated,
-                begun.heater_share), self.found)
+                begun.heater_share), self.found, begun.vehicle.cools)
 
     def after(self, worker: WorthSearch) -> TargetSearch:
         """Return the search with the targets that its worker has Evaluated."""
@@ -253,8 +255,7 @@ class TargetChooser:
         """Begin a search; if nothing is left to charge, set the choice without one."""
         is_first = self.searched is None
         chooser = replace(self, is_outdated=False, searched=now)
-        unheated = plan_unheated(now.vehicle, now.route, now.state, now.goal)
-        refuse_stranded(unheated)
+        unheated = least_cooled(now.vehicle, now.route, now.state, now.goal)
         wanted_soc = charger.departure_soc
         departure_soc = USUAL_DEPARTURE_SOC if wanted_soc is None else wanted_soc
         if unheated.arrival_soc >= departure_soc:
@@ -331,20 +332,21 @@ class TargetChooser:
         kept, kept_c, chooser = without, None, self
         if before is not None and before.heating_pays and before.target_c is not None:
             kept_c = before.target_c
-            kept = search.look_at(kept_c)
+            kept = search.look_at(kept_c, before.cools)
         if best.cost < (1.0 - LEAST_GAIN_SHARE) * kept.cost:
             if kept_c is None or best is without or not self.is_searched or (
                     abs(best.target_c - kept_c) <= MOST_MOVE_K):
                 kept, kept_c = best, None if best is without else best.target_c
             else:
                 step_c = kept_c + math.copysign(MOST_MOVE_K, best.target_c - kept_c)
-                step = search.look_at(step_c)
+                step = search.look_at(step_c, best.target_c < without.target_c)
                 if step.cost < kept.cost:
                     kept, kept_c, chooser = step, step_c, replace(self, is_outdated=True)
         reason = f'{_reason(search, kept, best)} {search.step_in_words()}'.rstrip()
         return chooser, with_figures(TargetChoice(
             TargetSource.CHOSEN, reason, kept_c, kept_c is not None,
-            heats_until_arrival=now.heats_until_arrival), kept, without)
+            heats_until_arrival=now.heats_until_arrival,
+            cools=kept.arrival_temperature_c < without.arrival_temperature_c), kept, without)
 
 
 def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
@@ -391,7 +393,7 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
     if chosen.cost < (1.0 - LEAST_GAIN_SHARE) * search.without.cost:
         return f'{search.verdict(chosen)} No other target is cheaper by {share}.'
     if chosen is search.without:
-        return (f'Not worth it: heating the battery to {best.arrival_temperature_c:.1f} degC before '
-                f'arrival would save less than {share} of the cost. Some heating pays as soon as an hour is '
+        return (f'Not worth it: {search.way} the battery to {best.arrival_temperature_c:.1f} degC before '
+                f'arrival would save less than {share} of the cost. Some {search.way} pays as soon as an hour is '
                 f'worth {search.break_even_per_h():.2f} to you.')
     return f'The earlier target stays: no other is cheaper by {share}.'

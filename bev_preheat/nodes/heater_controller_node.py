@@ -143,7 +143,7 @@ class HeaterControllerNode(ProgramNode):
                                values['longest_lease'], values['clock_tolerance']),
             output or self._can or _without_heater, self._obstacle,
             self.tell, _or_none(values['command_deadline']), name)
-        self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self.tell)
+        self._gate_inputs = GateInputs(self, vehicle.gates_of(name), values['battery_state_timeout'], self.tell)
         if values['lifecycle']:
             self.manage(self._on_activation)
         self.steady_timer(min(values['period'], math.inf if self._can is None else self._can.period_s),

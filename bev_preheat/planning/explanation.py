@@ -147,7 +147,8 @@ def _cooled_in_words(plan: Plan, reserve: float, starts_in_s: float, words: Word
         at_most = '' if math.isinf(most_c) else f', at most {most_c:.1f} degC'
         return f'Cooling{starts}: {arrival}{at_most}.'
     if plan.arrival_temperature_c > most_c and plan.status in (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED):
-        means = ('The battery cannot be cooled' if start_s is None else
+        means = ('The battery cannot be cooled' if not plan.source_power_w else
+                 'Without further cooling' if start_s is None else
                  'Cooling all the way is not enough' if start_s == 0.0 else
                  f'Cooling from {starts_in} on is not enough')
         if plan.held_back is HeldBack.RESERVE:

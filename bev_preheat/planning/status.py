@@ -44,6 +44,10 @@ class Level(IntEnum):
     ERROR = 2
 
 
+# The status of a plan that is to heat or cool later, by that of one that does.
+LATER = {Status.HEATING: Status.WAITING, Status.COOLING: Status.WAITING_TO_COOL}
+
+
 @dataclass(frozen=True)
 class Meaning:
     """

@@ -98,7 +98,7 @@ class HeaterSide:
     def answer(self, start_ns: int, name: str = HVCH) -> HeaterAnswer:
         """Return the HeaterAnswer of a source now."""
         plant = self._car.plant
-        return self._controllers[name].step(self._now(start_ns), obstacle=self._car.vehicle.heating_gates.verdict(
+        return self._controllers[name].step(self._now(start_ns), obstacle=self._car.vehicle.gates_of(name).verdict(
             plant.soc, plant.temperature_c, plant.speed_mps))
 
     def lease(self, start_ns: int) -> HeaterLease:

@@ -390,6 +390,11 @@ class Vehicle:
         """Whether a heat source cools."""
         return any(source.cools for source in self.heat_sources)
 
+    def gates_of(self, name: str) -> HeatingGates:
+        """Return the gates of the heat source of a name: those of heating, none of cooling."""
+        cooling = {source.name for source in self.heat_sources if source.cools}
+        return NO_GATES if name in cooling else self.heating_gates
+
     @property
     def pack_heat_capacity_j_per_k(self) -> float:
         """Heat capacity of the whole battery [J/K]: that of `battery`, and of the shell around it."""

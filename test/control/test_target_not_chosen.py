@@ -116,6 +116,8 @@ def test_a_gain_that_is_too_small_is_none():
     little = replace(without, target_c=8.0, arrival_temperature_c=8.0, cost=30.0 - 0.9 * LEAST_GAIN_SHARE * 30.0)
 
     class Search:
+        way = 'heating'
+
         def best(self):
             return little
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cooling before a fast charge in the planner's step: chosen where it pays, under the same gate as heat."""
+
+from collections import deque
+from dataclasses import replace
+import math
+
+import pytest
+
+from bev_preheat.charging.stop import Charger
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.phases import DrivePhase
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.vehicle import load_vehicle
+
+CAR = load_vehicle('heat_pump_car')
+ROUTE = make_route({
+    'duration_s': [60.0] * 14, 'speed_mps': [30.0] * 14, 'propulsion_power_w': [18e3] * 14,
+    'ambient_temperature_c': [35.0] * 14, 'cabin_heating_power_w': [0.0] * 14, 'auxiliary_power_w': [1500.0] * 14},
+    CAR.defaults)
+CHILLER_ALONE = {'chiller'}
+
+
+def driven(until_s=838.0, sensors=Sensors(period_s=4.0), car=CAR, **settings):
+    """Yield (instant [s], command, decision, ImperfectCar) of a drive to a charger of 150 kW."""
+    simulated = ImperfectCar(car, DrivePhase(ROUTE, Goal(math.nan), charger=Charger(150e3, 0.8)),
+                             BatteryState(49.0, 0.5), Imperfections(sensors=sensors))
+    supervisor = Supervisor(car, Settings(**settings))
+    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= until_s):
+        assert not moment.output.failure
+        if moment.output.command is not None:
+            yield moment.time_s, moment.output.command, supervisor.state.decision, simulated
+
+
+@pytest.mark.parametrize('minimum_on_s', [0.0, 200.0])
+def test_it_waits_cools_and_arrives_at_the_chosen_temperature(minimum_on_s):
+    drive = list(driven(minimum_on_time_s=minimum_on_s, minimum_off_time_s=minimum_on_s))
+    statuses = [decision.status for _, _, decision, _ in drive]
+    first = next(number for number, (_, command, _, _) in enumerate(drive) if command.total_w > 0.0)
+    assert Status.WAITING_TO_COOL in statuses[:first] and Status.HEATING not in statuses
+    assert statuses[first] is drive[first][1].reason is Status.COOLING
+    for _, command, _, _ in drive:
+        assert {name for name, _ in command.sources_w} <= CHILLER_ALONE
+        # The minimum time on of cooling is no reason to heat.
+        assert command.battery_heating_power_w == 0.0 and command.total_w <= 3000.0 + 1e-6
+    *_, last, car = drive[-1]
+    chosen_c = last.target.target_c if last.target else next(
+        decision.target.target_c for _, _, decision, _ in reversed(drive) if decision.target)
+    assert 30.0 < chosen_c < 48.0
+    assert car.plant.temperature_c == pytest.approx(chosen_c, abs=0.7)
+    assert car.plant.sources.energy_wh['chiller'] > 100.0
+
+
+def test_any_doubt_stops_it():
+    sensors = Sensors(period_s=4.0, drop_outs=((640.0, 1e9),))
+    commands = [command for _, command, _, _ in driven(700.0, sensors=sensors)]
+    assert any(command.total_w > 0.0 for command in commands)
+    assert (commands[-1].reason, commands[-1].total_w) == (Status.STALE_INPUT, 0.0)
+
+
+def test_gates_of_heating_do_not_stop_it():
+    gated = replace(CAR, heating_gates=replace(CAR.heating_gates, maximum_temperature_c=20.0))
+    *_, car = deque(driven(car=gated), maxlen=1)[0]
+    assert car.plant.sources.energy_wh['chiller'] > 100.0
