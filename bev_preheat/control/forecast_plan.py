@@ -270,6 +270,9 @@ class _Planning:
             return plan, None if _others_heat(plan) else wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
+        if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
+            # Most of the last heat arrives too late, but some is better than none.
+            return wanted, self._plan(forecast, heat_lag_s=0.0), words
         return wanted, None, words
 
     @property
@@ -298,7 +301,7 @@ class _Planning:
         task = self._task
         return plan_preheating(
             self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
-            step_prices=self._step_prices, kept=self._kept, heat_lag_s=self._lag_s, **heater_as)
+            step_prices=self._step_prices, kept=self._kept, **{'heat_lag_s': self._lag_s, **heater_as})
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
         """Return the Uncertainty that the rest of the drive adds, without that of now; None: all is known."""
