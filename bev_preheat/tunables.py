@@ -119,6 +119,7 @@ TIMES_AS_LIKELY = 3.0         # 1    | … of another fault, to replace the repo
 LEAST_COURSE_K = 3.0          # K    | missing heat that spikes, hysteresis and a second mass do not reach
 LEAST_COURSE_S = 300.0        # s    | … for this long
 TRIED_OFF_S = 120.0           # s    | a heat source is switched off to see whether it heats
+SHARE_STEPS = 4               # 1    | shares of a derated heat source that plans know: each needs plans of its own
 LEAST_RISE = 0.4              # 1    | share of uncommanded heat seen: leakage takes a third, a spike falls back
 NO_CONTRADICTION = -2.0       # nats | the battery's power does not speak against the fault
 LEANING = 0.6931471805599453  # nats | ln 2: the battery's power makes the fault twice as likely

@@ -15,6 +15,7 @@ from bev_preheat.control.obstacle import Unserved
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
 from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.tunables import SHARE_STEPS
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-SHARE_STEPS = 4
 SENTENCES = {Heater.DEAD: 'The {} does not respond to its command.',
              Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
 
@@ -176,7 +176,6 @@ class State(NamedTuple):
             Unserved(name, f'A heat source does not heat: the {name} is switched off to tell which.', False)
             for name in tried), *(
             Unserved(name, SENTENCES[report.heater].format(name, share=100.0 * report.share), False,
-                     # Vehicles are made for few shares only, because each needs plans of its own.
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
             for name, report in reports.items() if name not in refused and report.heater in SENTENCES))
 

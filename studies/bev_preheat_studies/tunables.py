@@ -131,15 +131,14 @@ def effect_of(drives: Drives, as_they_are: Figures, found: Sequence[Tunable], nu
     errors_k, energies_wh, switch_ons, verdicts = as_they_are
     moves: list[Effect] = []
     for factor in FACTORS:
-        before = set_everywhere(tunable, tunable.times(factor))
+        set_everywhere(tunable, tunable.times(factor))
         try:
             later_k, later_wh, later_ons, later_verdicts = drives.figures()
         except Exception as error:
             moves.append(replace(effect, failed=f'{factor:g}: {type(error).__name__}: {error}'[:120]))
             continue
         finally:
-            for module in before:
-                setattr(module, tunable.name, tunable.value)
+            set_everywhere(tunable, tunable.value)
         moved_k = [abs(later - first) for later, first in zip(later_k, errors_k)]
         moves.append(replace(
             effect, mean_k=abs(sum(later_k) - sum(errors_k)) / len(errors_k), worst_k=max(moved_k),
@@ -150,11 +149,13 @@ def effect_of(drives: Drives, as_they_are: Figures, found: Sequence[Tunable], nu
 
 
 def set_everywhere(tunable: Tunable, value: float | int) -> list[Any]:
-    """Set a number in all modules that have it; return them."""
+    """Set a number in all modules that have it, and forget results kept with another one; return the modules."""
     modules = [module for name, module in list(sys.modules.items())
                if name.startswith('bev_preheat') and hasattr(module, tunable.name)]
     for module in modules:
         setattr(module, tunable.name, value)
+        for kept in vars(module).values():
+            getattr(kept, 'cache_clear', int)()
     return modules
 
 

@@ -97,7 +97,7 @@ def test_deviations_on_arrival_are_the_same(name):
     soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, -9.0, heater_w)
     plan = Plan.__new__(Plan)
     for field, value in {'soc': soc, 'battery_temperature_c': temperature_c,
-                         'hvch_battery_power_w': heater_w}.items():
+                         'hvch_battery_power_w': heater_w, 'source_power_w': {}}.items():
         object.__setattr__(plan, field, value)
     drawn = np.random.default_rng(4)
     # Only traffic, each element by itself, and all elements.

@@ -9,7 +9,9 @@ import pytest
 from short_drives import made_drive, made_result, short_conditions
 
 from bev_preheat.commands.main import main
+from bev_preheat.control.decision import Command
 from bev_preheat.control.settings import Settings
+from bev_preheat.planning.status import Status
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario_drive import DriveRecord
@@ -72,7 +74,8 @@ def test_the_informed_drive_is_the_optimum_of_the_true_car():
      30.0, 30.0)])
 def test_how_long_a_fault_showed(fault, commands, found_at_s, drives_s, shown_s, found_s):
     verdicts = [(0.0, 'answers')] + [(at_s, 'dead') for at_s in [found_at_s] if at_s is not None]
-    record = DriveRecord(25.0, [(*command, 'HEATING') for command in commands], heater_verdicts=verdicts)
+    record = DriveRecord(25.0, [(*command, 'HEATING') for command in commands], heater_verdicts=verdicts,
+                         by_source=[Command(power_w, 0, Status.HEATING) for _, power_w in commands])
     assert fault_times(record, [replace(FAULTS[fault], from_s=50.0)], drives_s) == (shown_s, found_s)
     assert fault_times(record, [], drives_s) == (None, None)
 

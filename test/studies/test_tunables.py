@@ -39,9 +39,9 @@ def test_effects_are_written_behind_their_rows_and_taken_away():
 
 @pytest.mark.costly
 def test_a_number_that_matters_moves_something_and_one_that_does_not_moves_nothing():
-    """The accuracy of the route's power moves the estimate; no goal is set on the drive."""
+    """The usual lag of the heat moves the estimate; no goal is set on the drive."""
     drives = study.Drives(1, 1, 10.0, True)
-    found = [named('POWER_NOISE'), named('FURTHEST_GOAL_S')]
+    found = [named('NOMINAL_HEAT_LAG_S'), named('FURTHEST_GOAL_S')]
     effects = [study.effect_of(drives, drives.figures(), found, number) for number in range(2)]
     assert not effects[0].is_nothing and effects[0].worst_k > 0.0
     assert effects[1].is_nothing
