@@ -297,7 +297,7 @@ class StandWatch(NamedTuple):
 
 class SourceTrial(NamedTuple):
     """
-    Switches sources off in turn, while one of several does not heat and all heat: `name`, '' without a trial.
+    Switches sources off by turns if a fault cannot be told from another while all heat: `name`, '' without a trial.
 
     `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
     the latest beginning; None: none.
@@ -392,7 +392,7 @@ class Learning:
 
         learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
             (name, after(estimator, name)) for name, estimator in learning.others))
-        # What another source was suspected of is explained by the one that is found faulty.
+        # The faulty source explains what other sources were suspected of.
         if learning.others and learning.shares != self.shares:
             learning = replace(learning, estimator=learning.estimator.without_suspicion(), others=tuple(
                 (name, estimator.without_suspicion()) for name, estimator in learning.others))

@@ -146,7 +146,7 @@ class Estimator(NamedTuple):
         Return the Estimator after a MeasuredState of a Vehicle, whose stamp is not older than the previous one.
 
         `intervals` are one DrivenInterval between consecutive `edges_ns(measurement.stamp_ns)`. `others_odds` are
-        the `fault_odds` of the estimators of other heat sources: one fault explains what is seen.
+        the `fault_odds` of the estimators of other heat sources: a single fault explains the readings.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
         seen = self._replace(readings=self.readings.seen(state))

@@ -44,7 +44,7 @@ class Level(IntEnum):
     ERROR = 2
 
 
-# The status of a plan that is to heat or cool later, by that of one that does.
+# The status of a plan that heats or cools later, by the status while it does.
 LATER = {Status.HEATING: Status.WAITING, Status.COOLING: Status.WAITING_TO_COOL}
 
 

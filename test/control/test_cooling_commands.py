@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cooling before a fast charge in the planner's step: chosen where it pays, under the same gate as heat."""
+"""Cooling before a fast charge in the planner's step: chosen if it pays, under the same gate as heat."""
 
 from collections import deque
 from dataclasses import replace

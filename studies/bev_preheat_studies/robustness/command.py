@@ -87,7 +87,7 @@ def add_parser(subparsers: Subparsers) -> None:
     true_car.add_argument('--fault', choices=tuple(FAULTS), default='none',
                           help='a real heater fault that starts during the drive (default: %(default)s)')
     true_car.add_argument('--fault-source', default=HVCH, metavar='NAME',
-                          help="the heat source that fails: one of the vehicle's (default: %(default)s)")
+                          help="the vehicle's heat source that fails (default: %(default)s)")
     true_car.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
                           help='effects of the true car that the model leaves out: a heater that lags, coolant '
                           'that must be heated, a sensor that lags, a current ripple that is not measured '
