@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worth of cooling a hot battery before the charger: against a scan of its own, and that it does not always pay."""
+"""Worth of cooling a hot battery before the charger: against a scan of its own, and it does not always pay."""
 
 import json
 from pathlib import Path
