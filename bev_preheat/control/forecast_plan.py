@@ -272,7 +272,7 @@ class _Planning:
             return self._plan(forecast, heats_throughout=True), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
             # Most of the last heat arrives too late, but some is better than none.
-            return wanted, self._plan(forecast, heat_lag_s=0.0), words
+            return wanted, self._plan(forecast, heat_lag_s=0.0, heater_share=self.share), words
         return wanted, None, words
 
     @property

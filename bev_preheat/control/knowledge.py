@@ -297,7 +297,7 @@ class StandWatch(NamedTuple):
 
 class SourceTrial(NamedTuple):
     """
-    Switches sources off by turns if faults cannot be told apart while all heat: `name`, '' without a trial.
+    Switches sources off by turns while all heat and the faulty one is unknown: `name`, '' without a trial.
 
     `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
     the latest beginning; None: none.

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-SENTENCES = {Heater.DEAD: 'The {} does not respond to its command.',
-             Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
+UNSERVED_BECAUSE = {Heater.DEAD: 'The {} does not respond to its command.',
+                    Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
 
 
 class Screened(NamedTuple):
@@ -175,9 +175,9 @@ class State(NamedTuple):
         return (*self.unserved, *(
             Unserved(name, f'A heat source does not heat: the {name} is switched off to tell which.', False)
             for name in tried), *(
-            Unserved(name, SENTENCES[report.heater].format(name, share=100.0 * report.share), False,
+            Unserved(name, UNSERVED_BECAUSE[report.heater].format(name, share=100.0 * report.share), False,
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
-            for name, report in reports.items() if name not in refused and report.heater in SENTENCES))
+            for name, report in reports.items() if name not in refused and report.heater in UNSERVED_BECAUSE))
 
     @property
     def source_answers(self) -> dict[str, HeaterAnswerReport]:

@@ -78,7 +78,6 @@ def test_gates_of_the_car_stop_all():
 def test_without_a_source_that_refuses_the_others_heat():
     supervisor = Supervisor(CAR, Settings())
     simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(0.0)), BatteryState(-10.0, 0.8))
-    fault = HeaterStatus(0, 0.0, 0.0, Refusal.HEATER_FAULT, 'no refrigerant')
     seen = {}
     for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 700.0):
         command, now_ns = moment.output.command, supervisor.state.now_ns
@@ -86,7 +85,8 @@ def test_without_a_source_that_refuses_the_others_heat():
             continue
         seen[int(moment.time_s)] = command, supervisor.state.decision.explanation
         if moment.time_s >= 300.0:
-            output = supervisor.step(now_ns, SourceStatusArrived(fault._replace(stamp_ns=now_ns), 'heat_pump'))
+            fault = HeaterStatus(now_ns, 0.0, 0.0, Refusal.HEATER_FAULT, 'no refrigerant')
+            output = supervisor.step(now_ns, SourceStatusArrived(fault, 'heat_pump'))
             assert not output.refusals
     heats = [command for time_s, (command, _) in seen.items() if time_s > 310 and command.total_w > 0.0]
     words = 'The heat_pump does not heat (HEATER_FAULT): no refrigerant.'
