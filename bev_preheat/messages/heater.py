@@ -65,8 +65,10 @@ def heater_command(message: HvchCommand | HeatSourceCommand, sender: Hashable = 
 
 def source_status_event(message: HeatSourceStatus,
                         vehicle: Vehicle) -> HeaterStatusArrived | HeaterStatusUnreadable:
-    """Return the event of a HeatSourceStatus; see `heater_status_event`."""
+    """Return the event of a HeatSourceStatus, as `heater_status_event`; the HVCH has a message of its own."""
     try:
+        if message.name == HVCH:
+            raise InvalidInput(f'name: {HVCH} is not allowed; its controller answers with hvch_status')
         event = heater_status_event(message, vehicle.most_w(message.name))
     except InvalidInput as error:
         return SourceStatusUnreadable(error, message.name)

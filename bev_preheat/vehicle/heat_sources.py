@@ -9,7 +9,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, quoted
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import HeatSource
+from bev_preheat.vehicle.description import HeatSource, HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -71,7 +71,7 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
 def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath, gates: HeatingGates) -> Iterator[str]:
     """Yield a sentence for each implausible HeatSource of a file, beside a HeatPath and HeatingGates."""
     for source in sources:
-        if source.name == 'hvch' or not source.name.isidentifier() or not source.name.islower():
+        if source.name == HVCH or not source.name.isidentifier() or not source.name.islower():
             yield (f'heat_sources: {quoted(source.name)} is no name for a source beside hvch; lower-case letters, '
                    'digits and _ are allowed')
     if sources and path.heater_lag_s > 0.0:
