@@ -38,6 +38,7 @@ from bev_preheat.planning.value_path import ValuePath
 from bev_preheat.planning.value_run import ValueRun
 from bev_preheat.tunables import (
     ABOVE_K,
+    ARRIVAL_TOLERANCE_K,
     BELOW_K,
     EDGE_SHARE,
     EMPTY_J,
@@ -135,6 +136,8 @@ class Recursion:
         self._layers: list[Layer] = []
         # The largest power deficit of the unheated run [W].
         self.unheated_lack_w = 0.0
+        # The target of the latest pass, or the temperature that the reserve allows [deg C].
+        self._aim_c = wanted.target_c
 
     def plan(self) -> FloatArray | None:
         """Return the heater commands [W] (N,); None if the charge does not carry the trip."""
@@ -176,6 +179,7 @@ class Recursion:
                         moved_k < EDGE_SHARE * PASSES[number][1] or saved_j < LOOK_WH * JOULES_PER_WH)
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
+        self._aim_c = aim_c
         return run.arrive_exactly(aim_c)
 
     def followed(self, kept: Recursion) -> PlanByValues | None:
@@ -190,12 +194,16 @@ class Recursion:
         if np.abs(self.run.states[1] + self.path.all_to_come_k() - middle_c).max() > WIDE_K:
             return None
         command_w = self.run.arrive_exactly(self._wanted.target_c)
-        return PlanByValues(command_w, self.run.ends_in) if self.is_to_be_followed() else None
+        allowed_c = self.run.arrival_c - self.run.beyond_k(is_short_of_charge=True)
+        is_for_another_aim = abs(min(self._wanted.target_c, allowed_c) - kept._aim_c) > NEAR_RESERVE_K
+        if is_for_another_aim or not self.is_to_be_followed():
+            return None
+        return PlanByValues(command_w, self.run.ends_in)
 
     def is_to_be_followed(self) -> bool:
         """Return whether the values lead from other states, too: they are wide, and nothing is short."""
         return (not self.run.is_certain and self.unheated_lack_w == 0.0
-                and self.run.beyond_k(is_short_of_charge=True) <= 0.0)
+                and self.run.beyond_k(is_short_of_charge=True) <= ARRIVAL_TOLERANCE_K)
 
     def table(self) -> ValueTable:
         """Return the values over the whole range, with the charge of the last pass."""

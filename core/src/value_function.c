@@ -150,13 +150,14 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
       is_priced = 1;
     }
   }
+  of->aim_c = aim_c;
   return bev_finish(of, aim_c, states, powers_w, ends_in);
 }
 
 /* Whether the layers lead from other states, too: they are wide, and neither charge nor power is short. */
 static int is_to_be_followed(const recursion *of, bev_status status, const double *states) {
   return status == BEV_OK && of->is_certain == 0 && of->unheated_lack_w == 0.0
-      && bev_beyond_k(of, states, 1, 1.0) <= 0.0;
+      && bev_beyond_k(of, states, 1, 1.0) <= BEV_ARRIVAL_TOLERANCE_K;
 }
 
 /* Whether the run stays so far within the layers that the deviations on the way are in them, too. */
@@ -175,7 +176,7 @@ static int is_within_layers(const recursion *of, const double *states) {
 
 /*
  * Divide the memory of a plan of `kept_steps` steps, whose last part is the trip. It begins with the numbers that all
- * layers share: step_k, points, and the price of a missing joule; negative: they are not to be followed.
+ * layers share: step_k, points, the price of a missing joule (negative: they are not to be followed), and the aim.
  */
 static void divide_memory(recursion *of, int32_t kept_steps, uint8_t *flags, double *memory) {
   const size_t steps = (size_t)kept_steps;
@@ -184,7 +185,7 @@ static void divide_memory(recursion *of, int32_t kept_steps, uint8_t *flags, dou
   of->overdraw = &of->overcharge[steps];
   of->layers_overcharge = &of->overdraw[steps];
   of->layers_overdraw = &of->layers_overcharge[steps];
-  of->left_s = &memory[3u + passed];
+  of->left_s = &memory[4u + passed];
   of->soc = &of->left_s[steps + 1u];
   of->path_c = &of->soc[steps + 1u];
   of->least_c = &of->path_c[steps + 1u];
@@ -322,6 +323,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   memory[0] = of.step_k;
   memory[1] = (double)of.points;
   memory[2] = is_to_be_followed(&of, status, states) != 0 ? of.lack_price : -1.0;
+  memory[3] = of.aim_c;
   return status;
 }
 
@@ -349,7 +351,10 @@ bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
   status = find_path(&of, states, powers_w);
   if (status == BEV_OK && is_within_layers(&of, states) != 0) {
     status = bev_finish(&of, goal->target_c, states, powers_w, ends_in);
-    return status == BEV_OK && is_to_be_followed(&of, status, states) == 0 ? BEV_LEFT : status;
+    const double allowed_c = states[2 * trip->steps + 1] - bev_beyond_k(&of, states, 1, 1.0);
+    const int32_t is_for_aim =
+        fabs(bev_minimum(goal->target_c, allowed_c) - memory[3]) <= BEV_NEAR_RESERVE_K ? 1 : 0;
+    return status == BEV_OK && (is_for_aim == 0 || is_to_be_followed(&of, status, states) == 0) ? BEV_LEFT : status;
   }
   return status == BEV_OK || status == BEV_EMPTY ? BEV_LEFT : status;
 }

@@ -120,6 +120,8 @@ typedef struct {
   int32_t has_prices;
   /* The largest power deficit of the unheated run [W]. */
   double unheated_lack_w;
+  /* The target of the latest pass, or the temperature that the reserve allows [deg C]. */
+  double aim_c;
 } recursion;
 
 static inline double voltage_v(const recursion *of, double soc, double temperature_c) {

@@ -24,28 +24,29 @@ from bev_preheat.vehicle.variants import limited_by_coldest_cell
 GOAL = Goal(25.0)
 DEVIATION_K = 1.5
 SITUATIONS = {
-    'at once': ('reference', -7.0, HeatPath()), 'over the pass': ('alpine_pass', -10.0, HeatPath()),
-    'late': ('city_stop_and_go', 5.0, HeatPath(45.0, 16e3, 280.0))}
+    'at once': ('reference', -7.0, HeatPath(), GOAL), 'over the pass': ('alpine_pass', -10.0, HeatPath(), GOAL),
+    'late': ('city_stop_and_go', 5.0, HeatPath(45.0, 16e3, 280.0), GOAL),
+    'to the reserve': ('alpine_pass', -10.0, HeatPath(), Goal(25.0, minimum_arrival_soc=0.73))}
 
 
 class Drive:
     """A drive that is planned on the way, with values kept."""
 
     def __init__(self, name='at once'):
-        route, temperature_c, heat_path = SITUATIONS[name]
+        route, temperature_c, heat_path, self.goal = SITUATIONS[name]
         self.vehicle = replace(load_vehicle('reference'), heat_path=heat_path)
         self.route = load_route(route, self.vehicle.defaults)
         self.state = BatteryState(temperature_c, 0.9)
         self.kept = KeptValues()
         self.first = self.plan(self.kept)
 
-    def plan(self, kept=None, passed_s=0.0, state=None, goal=GOAL, deviation_k=DEVIATION_K, is_on=False, **change):
+    def plan(self, kept=None, passed_s=0.0, state=None, goal=None, deviation_k=DEVIATION_K, is_on=False, **change):
         """Return the Schedule of the rest of the drive."""
         vehicle, route = change.pop('vehicle', self.vehicle), change.pop('route', self.route).after(passed_s)
         trip = make_trip(vehicle, route, **change)
         share = route.total_duration_s / self.route.total_duration_s
         uncertainty = Uncertainty(share * deviation_k, is_on)
-        return plan_by_values(trip, state or self.state, goal, uncertainty=uncertainty, kept=kept)
+        return plan_by_values(trip, state or self.state, goal or self.goal, uncertainty=uncertainty, kept=kept)
 
 
 def state_at(schedule, step):
@@ -80,6 +81,17 @@ def test_the_rest_of_a_plan_is_the_plan_of_the_rest(name):
     np.testing.assert_allclose(
         rest.heater_power_w[:ends - step], first.heater_power_w[step:ends], rtol=0.0, atol=1e-6)
     assert rest.temperature_c[-1] == pytest.approx(first.temperature_c[-1], abs=0.01)
+
+
+@pytest.mark.parametrize('name', SITUATIONS)
+@pytest.mark.usefixtures('engine')
+def test_values_serve_all_plans_of_a_minute(name):
+    drive = Drive(name)
+    found = drive.kept.latest
+    step = int(np.flatnonzero(drive.route.time_s <= VALUES_KEPT_S)[-1])
+    for passed_s, state in ((0.0, drive.state), (float(drive.route.time_s[step]), state_at(drive.first, step))):
+        drive.plan(drive.kept, passed_s, state, is_on=bool(drive.first.heater_power_w[0] > 1.0))
+        assert drive.kept.latest == found
 
 
 @pytest.mark.parametrize('name', ['at once', *(

@@ -329,8 +329,8 @@ typedef struct {
  */
 #define BEV_VALUE_POINTS 128
 #define BEV_VALUE_KEPT_EVERY 16
-#define BEV_VALUE_MEMORY(steps) (279 * (steps) + 271)
-#define BEV_VALUE_SPARING_MEMORY(steps) (39 * (steps) + 4111)
+#define BEV_VALUE_MEMORY(steps) (279 * (steps) + 272)
+#define BEV_VALUE_SPARING_MEMORY(steps) (39 * (steps) + 4112)
 #define BEV_VALUE_BYTES(steps) (4 * (steps))
 
 /*
