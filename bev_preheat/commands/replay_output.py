@@ -12,6 +12,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.comparison import cause_of
 from bev_preheat.recording.course import lapses_in_words, what_if_sentence
 from bev_preheat.recording.flight import FLIGHT_RECORDER, moment
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.commands.terminal import ResultConsole
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from bev_preheat.recording.history import History
     from bev_preheat.recording.what_if import Replayed
 
-FIGURES = ('begins', 'length', 'heating begins after', 'switch-ons', 'HVCH commanded [Wh]', 'HVCH delivered [Wh]',
-           'without a valid command', 'arrival after', 'arrival temp. [degC]', 'last prediction [degC]',
-           'last status')
 # The longest spans without a command are listed.
 LISTED_SPANS = 10
 
@@ -107,15 +105,21 @@ def figure_rows(courses: tuple[Course, ...]) -> list[list[str]]:
     def after(now_ns: int) -> str:
         return duration_text((now_ns - start_ns) / NS_PER_S)
 
+    names = list(dict.fromkeys(name for course in courses for name in course.results.accounts))
+    energies = [f'{"HVCH" if name == HVCH else name} {what} [Wh]'
+                for name in names for what in ('commanded', 'delivered')]
+    titles = ['begins', 'length', 'heating begins after', 'switch-ons', *energies, 'without a valid command',
+              'arrival after', 'arrival temp. [degC]', 'last prediction [degC]', 'last status']
     columns = [(
         moment(course.instants[0].now_ns), after(course.instants[-1].now_ns),
         after(course.heating[0][0]) if course.heating else 'never', str(len(course.heating)),
-        _energy_text(course.results.account.commanded_wh), _energy_text(course.results.account.delivered_wh),
+        *(_energy_text(energy_wh) for name in names for account in [course.results.accounts[name]]
+          for energy_wh in (account.commanded_wh, account.delivered_wh)),
         lapses_in_words(course.results.account.without_command) or 'never',
         'not in the recording' if course.arrival is None else after(course.arrival.now_ns), _arrival_text(course),
         'none' if course.latest_prediction is None else f'{course.latest_prediction.predicted_c:.2f}',
         course.said[-1].status.name if course.said else '') for course in courses]
-    return [[name, *values] for name, *values in zip(FIGURES, *columns)]
+    return [[name, *values] for name, *values in zip(titles, *columns)]
 
 
 def _energy_text(energy_wh: float | None) -> str:

@@ -33,6 +33,8 @@ HEATER_LIMIT: Style = {'color': GRAY, 'alpha': 0.35, 'linewidth': 6.0, 'zorder':
                        'solid_capstyle': 'butt', 'label': 'maximum after cabin heating'}
 DRIVETRAIN: Style = {'color': VERMILLION, 'alpha': 0.55, 'linewidth': 2.6, 'zorder': 2.0,
                      'label': 'drivetrain'}
+# Of a vehicle with several heat sources, the HVCH first.
+HEAT_SOURCES = VERMILLION, BLUE, GREEN, ORANGE, PURPLE, GRAY
 ROUTE = GRAY
 POWER = VERMILLION
 CHARGE_LIMIT = SKY_BLUE

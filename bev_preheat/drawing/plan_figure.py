@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,7 @@ from bev_preheat.drawing.palette import (
     CHARGE_LIMIT,
     DISCHARGE_LIMIT,
     DRIVETRAIN,
+    HEAT_SOURCES,
     HEATER_LIMIT,
     look_of,
     name_of,
@@ -38,6 +40,7 @@ from bev_preheat.planning.plan import accounts_of, driven_share
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.tunables import LEAST_SOURCE_W
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -48,7 +51,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.drawing.palette import Look
+    from bev_preheat.drawing.palette import Look, Style
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
@@ -87,7 +90,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
 
     lines = []
     courses = [(plan.method, plan) for plan in plans]
-    if any(plan.heating_start_s is not None for plan in plans):
+    if any(plan.heating_start_s is not None or plan.cooling_start_s is not None for plan in plans):
         courses.append((WITHOUT_PREHEATING, unheated))
     for number, (method, plan) in enumerate(courses):
         look = look_of(method) if len(plans) > 1 else replace(look_of(method), width=1.7)
@@ -98,8 +101,8 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
         if plan is unheated:
             continue
         accounts = accounts_of(trip, plan)
-        draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3, **look.line())
-        if plan.heat is not None:
+        _draw_heater(heater, edges, plan, look.line(), is_divided=len(plans) == 1)
+        if plan.heat is not None and not plan.source_power_w:
             later = {**look.line(), **LATER}
             draw_steps(heater, edges, plan.heat.drawn_power_w / 1e3,
                        **later, label='drawn by the lagging heater' if plan is first else None)
@@ -108,7 +111,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
             _draw_heat(axes[4], axes[5], edges, plan, accounts, look, labelled=plan is first)
     _draw_temperatures(temperature, edges, trip, goal, plans, lines)
 
-    draw_steps(heater, edges, trip.hvch_limit_w / 1e3, **HEATER_LIMIT)
+    draw_steps(heater, edges, trip.drawing_limit_w / 1e3, **HEATER_LIMIT)
     show_range(heater, [0.0], *_drawn(heater), least=1.0)
     heater.set_ylabel('heater power for\nbattery [kW]')
 
@@ -148,7 +151,9 @@ def draw_battery_temperatures(axis: Axes, plans: Sequence[Plan], goal: Goal) -> 
 def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
     """Describe the arrival, and name the earlier plan with the same course."""
     name = name_of(method)
-    if plan.heating_start_s is None and method != WITHOUT_PREHEATING:
+    if plan.cooling_start_s is not None:
+        name += ', cools'
+    elif plan.heating_start_s is None and method != WITHOUT_PREHEATING:
         name += ', does not heat'
     if plan.stranding is not None:
         return f'{name}: battery empty after {duration_text(plan.stranding.at_s)}'
@@ -157,6 +162,18 @@ def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
     return (f'{name}: {plan.arrival_temperature_c:.1f} °C, {100.0 * plan.arrival_soc:.1f} %, '
             f'{plan.energy_wh.battery_total / 1e3:.3f} kWh'
             + (f' (≈ {hidden})' if hidden else ''))
+
+
+def _draw_heater(axis: Axes, edges: FloatArray, plan: Plan, line: Style, is_divided: bool) -> None:
+    """Draw the power of a plan's heat sources and, if it is divided, that of each on top of the one before."""
+    power_kw = plan.hvch_battery_power_w / 1e3
+    for number, (name, power_w) in enumerate(plan.source_power_w.items()):
+        below_kw = power_kw if number else 0.0
+        power_kw = below_kw + power_w / 1e3
+        if is_divided and power_w.max() >= LEAST_SOURCE_W:
+            shade_steps(axis, edges, below_kw, power_kw, color=HEAT_SOURCES[number % len(HEAT_SOURCES)], alpha=0.6,
+                        label=name)
+    draw_steps(axis, edges, power_kw, **line)
 
 
 def _draw_heat(heat: Axes, leakage: Axes, edges: FloatArray, plan: Plan, accounts: Accounts, look: Look,
@@ -194,9 +211,11 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
     """Draw target and ambient around the curves, with legends side by side."""
     others = []
     if goal.charging_planned:
-        others.append(axis.axhline(
-            goal.target_temperature_c, **TARGET,
-            label=f'target {goal.target_temperature_c:.1f} °C'))
+        target_c, most_c, range_c = goal.target_temperature_c, goal.maximum_arrival_temperature_c, ''
+        if math.isfinite(most_c):
+            axis.axhline(most_c, **TARGET)
+            range_c = f' … {most_c:.1f}'
+        others.append(axis.axhline(target_c, **TARGET, label=f'target {target_c:.1f}{range_c} °C'))
     others.append(draw_steps(axis, edges, trip.route.ambient_temperature_c, **AMBIENT))
     show_range(axis, *_drawn(axis), least=5.0)
     axis.set_ylabel('temperature\n[°C]')
@@ -265,9 +284,8 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
                 else None)
         draw_steps(temperature, edges, trip.route.ambient_temperature_c,
                    **{**AMBIENT, **named(AMBIENT['label'])})
-        draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3,
-                   **heated.line(linewidth=1.7, **named('for the battery')))
-        draw_steps(heater, edges, trip.hvch_limit_w / 1e3,
+        _draw_heater(heater, edges, plan, heated.line(linewidth=1.7, **named('for the battery')), number == 0)
+        draw_steps(heater, edges, trip.drawing_limit_w / 1e3,
                    **{**HEATER_LIMIT, **named(HEATER_LIMIT['label'])})
         draw_course(charge, edges[[0, -1]],
                     [100.0 * reserve_soc(vehicle, leg.goal(plan.target_temperature_c))] * 2,
@@ -278,7 +296,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
                                (drive, 20.0, [0.0])):
         show_range(axis, shown, *(line.get_ydata() for line in axis.get_lines()), least=least)
         legend_above(axis)
-    for axis, label in zip(axes, ('temperature\n[°C]', 'HVCH for\nbattery [kW]',
+    for axis, label in zip(axes, ('temperature\n[°C]', 'heater power for\nbattery [kW]',
                                   'state of\ncharge [%]', 'speed\n[km/h]')):
         axis.set_ylabel(label)
     time.finish(drive, starts_s[0], starts_s[-1] + plans[-1].arrival_time_s)

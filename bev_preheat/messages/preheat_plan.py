@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
+import numpy as np
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.messages.fields import doubles, time_message
@@ -77,6 +78,8 @@ def _write_plan(message: PreheatPlan, decision: Decision, plan: Plan) -> None:
             setattr(message, name, getattr(source, field))
     for field, name in TRAJECTORIES.items():
         setattr(message, name, doubles(getattr(plan, field)))
+    message.heat_source_name = list(plan.source_power_w)
+    message.heat_source_power = doubles(np.array([*plan.source_power_w.values()]))
     message.method, message.planning_time = plan.method, plan.planning_time_s
     message.predicted_arrival_temperature_deviation = decision.arrival_deviation_k
     message.model_factors = doubles(decision.model_factors)

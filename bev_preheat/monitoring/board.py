@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.seen import diagnose, Diagnosis
+from bev_preheat.monitoring.seen import diagnose, Diagnosis, LONGEST_NAME, MOST_SOURCES
 from bev_preheat.monitoring.view import (
     Banner,
     banner_of,
@@ -25,6 +25,7 @@ from bev_preheat.monitoring.view import (
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -140,7 +141,10 @@ class Board:
     def forget(self) -> None:
         """Start another drive: drop values and history."""
         self.temperatures, self.powers = Trail(self._most_points), Trail(self._most_points)
-        self.deliveries = Trail(self._most_points)
+        self.deliveries, self.mixes = Trail(self._most_points), Trail(self._most_points)
+        # Powers [W] of the heat sources by name, the HVCH first: latest row of `mixes`, and next.
+        self._mix_w, self._coming_w = dict[str, float](), dict[str, float]()
+        self._coming_s = -math.inf
         self._account = HeaterAccount()
         # Instant [s] and power [W] of the heater's latest answer; end of the latest command's lease [s].
         self._delivered = (-math.inf, math.nan)
@@ -193,6 +197,22 @@ class Board:
         self._power_w, self._reason, self._until_s = power_w, reason, until_s
         if math.isfinite(power_w):
             self._account.command(_ns(at_s), power_w, _ns(min(until_s, at_s + LONGEST_LEASE_S)))
+
+    def see_source(self, at_s: float, name: str, power_w: float) -> None:
+        """Take a command to another heat source; those of an instant are shown once the next instant's begin."""
+        name, coming_w, before_w = shortened(name, LONGEST_NAME), self._coming_w, self._mix_w
+        if at_s != self._coming_s:
+            if len(coming_w) > len(before_w):
+                # Rows with more columns.
+                self.mixes, self.generation = Trail(self._most_points), self.generation + 1
+            if not all(abs(watts - before_w.get(each, math.nan)) < LEAST_CHANGE_W
+                       for each, watts in coming_w.items()):
+                self.mixes.add((self._coming_s, *coming_w.values()))
+                self._mix_w = coming_w
+            self._coming_s, self._coming_w = at_s, {**coming_w, HVCH: self._power_w}
+        if math.isfinite(power_w) and (name in coming_w or len(coming_w) <= MOST_SOURCES):
+            self._coming_w[name] = power_w
+        self.version += 1
 
     def see_answer(self, status: HeaterStatus) -> None:
         """Take an answer of the heater's controller."""
@@ -276,13 +296,14 @@ class Board:
                    if pulse.is_late(now_s) or not self.around.is_there),
             temperature_c, soc, self._power_w,
             math.nan if self._at_s is None else self._delivered_w(self._at_s), self._until_s, self._reason, plan,
-            reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome)
+            reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome, self._mix_w)
 
     def plan_curves(self, most: int = MOST_PLAN_POINTS) -> dict[str, Any]:
         """Return the trajectories of the plan, thinned to `most` points; empty columns without one."""
         plan = self.plan
         if plan is None or not plan.times_s:
-            return {key: [] for key in ('planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}
+            return {'planMix': {}, **{key: [] for key in (
+                'planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}}
         unheated_c = [] if self.unheated is None else self.unheated.planned_c(
             plan.times_s, plan.temperatures_c, plan.socs, plan.powers_w)
         kept = thinned(len(plan.times_s), most)
@@ -291,18 +312,23 @@ class Board:
         def column(values: Sequence[float], digits: int) -> list[float | None]:
             return [number(values[index], digits) if index < len(values) else None for index in kept]
 
-        return {'planTime': instants([plan.times_s[index] for index in kept]),
+        return {'planMix': {name: column(each_w, 0) for name, each_w in plan.sources_w.items()},
+                'planTime': instants([plan.times_s[index] for index in kept]),
                 'planned': column(plan.temperatures_c, 2),
                 'planUnheated': column(unheated_c, 2), 'planSoc': column(plan.socs, 4),
                 'planPower': column(powers_w, 0)}
 
-    def history(self, temperatures: int = 0, powers: int = 0, deliveries: int = 0) -> dict[str, Any]:
+    def history(self, temperatures: int = 0, powers: int = 0, deliveries: int = 0,
+                mixes: int = 0) -> dict[str, Any]:
         """Return the history after the first rows of each trail, in columns."""
         rows = self.temperatures.since(temperatures)
         times, measured, socs, unheated = zip(*rows) if rows else ((), (), (), ())
         values: dict[str, Any] = {
             'time': instants(times), 'measured': numbers(measured, 2), 'soc': numbers(socs, 4),
             'unheated': numbers(unheated, 2)}
+        mix_rows = self.mixes.since(mixes)
+        values |= {'mixTime': instants([row[0] for row in mix_rows]),
+                   'mix': [numbers(row[1:], 0) for row in mix_rows]}
         for name, trail, count in (('power', self.powers, powers), ('delivered', self.deliveries, deliveries)):
             power_rows = trail.since(count)
             power_times, watts = zip(*power_rows) if power_rows else ((), ())

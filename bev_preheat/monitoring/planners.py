@@ -25,12 +25,12 @@ from bev_preheat.messages.battery_state import read_temperatures
 from bev_preheat.messages.fields import seconds
 from bev_preheat.messages.heater import heater_status_event
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen
+from bev_preheat.monitoring.seen import entries_seen, MOST_SOURCES, plan_seen, route_seen
 from bev_preheat.monitoring.view import Surroundings
 from bev_preheat.nodes.node import RepetitionFilter
 from bev_preheat.nodes.setup_watch import endpoint_name
 from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES
-from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,11 +38,13 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-PLAN, COMMAND, ROUTE, ANSWER = (
-    f'bev_preheat_msgs/msg/{name}' for name in ('PreheatPlan', 'HvchCommand', 'RoutePlan', 'HvchStatus'))
+PLAN, COMMAND, SOURCE, ROUTE, ANSWER = (f'bev_preheat_msgs/msg/{name}' for name in (
+    'PreheatPlan', 'HvchCommand', 'HeatSourceCommand', 'RoutePlan', 'HvchStatus'))
 BATTERY = 'sensor_msgs/msg/BatteryState'
 CLOCK = '/clock'
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+# Of each heat source a command comes at the same instant.
+SOURCES = QoSProfile(depth=MOST_SOURCES, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # `look` is called so often [s].
 PLANNERS_PERIOD_S = 1.0
@@ -60,6 +62,7 @@ class PlannerFound(NamedTuple):
     battery_topic: str
     route_topic: str
     answer_topic: str = ''
+    source_topic: str = ''
 
 
 class Planners:
@@ -159,6 +162,9 @@ class Ears:
             subscribe(HvchCommand, planner.command_topic, self._on_command, LATEST),
             subscribe(PreheatPlan, planner.plan_topic, self._on_plan, LATCHED),
             subscribe(BatteryState, planner.battery_topic, self._on_battery, LATEST)]
+        if planner.source_topic:
+            self._subscriptions.append(subscribe(
+                HeatSourceCommand, planner.source_topic, self._on_source, SOURCES))
         if planner.answer_topic:
             self._subscriptions.append(subscribe(HvchStatus, planner.answer_topic, self._on_answer, LATEST))
         if planner.route_topic:
@@ -176,6 +182,10 @@ class Ears:
         with self._lock:
             self._board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
                                     time.monotonic(), seconds(message.valid_until))
+
+    def _on_source(self, message: HeatSourceCommand) -> None:
+        with self._lock:
+            self._board.see_source(seconds(message.header.stamp), message.name, message.battery_heating_power)
 
     def _on_answer(self, message: HvchStatus) -> None:
         event = heater_status_event(message, math.inf)
@@ -230,11 +240,12 @@ def _examine(node: Node, full_name: str, name: str, namespace: str, plan_topic: 
     except NodeNameNonExistentError:
         # Its endpoints are known before its name.
         return None
-    command, battery, route, answer = (
+    command, source, battery, route, answer = (
         next((topic for topic, types in topics if kind in types), '')
-        for topics, kind in ((out, COMMAND), (into, BATTERY), (into, ROUTE), (into, ANSWER)))
+        for topics, kind in ((out, COMMAND), (out, SOURCE), (into, BATTERY), (into, ROUTE), (into, ANSWER)))
     # Half discovered.
-    return PlannerFound(full_name, plan_topic, command, battery, route, answer) if command and battery else None
+    return (PlannerFound(full_name, plan_topic, command, battery, route, answer, source)
+            if command and battery else None)
 
 
 def surroundings_of(node: Node, planner: str, is_there: bool) -> Surroundings:

@@ -23,7 +23,7 @@ IN_DOUBT = ' in doubt since [s]'
 SHARE = 'share of the command [1]'
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 # Messages come from any publisher; they must not fill the page.
-LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS = 600, 24, 12
+LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS, MOST_SOURCES, LONGEST_NAME = 600, 24, 12, 20, 40
 
 
 class PlanSeen(NamedTuple):
@@ -32,9 +32,9 @@ class PlanSeen(NamedTuple):
 
     `status` is the number of a planning.status.Status. Instants [s] are None if they are unset. Temperatures in
     deg C, charge 0 ... 1, charging times in s; NaN: unknown. The trajectories `times_s` (N + 1,) are instants,
-    `temperatures_c` and `socs` are at them, `powers_w` (N,) between them; () without a plan. `later_legs` is the
-    number of legs after this one. `sessions` are the charging sessions with and without heating as text, () if
-    the charger is unknown.
+    `temperatures_c` and `socs` are at them, `powers_w` (N,) and those of all heat sources by name, `sources_w`,
+    between them; empty without a plan. `later_legs` is the number of legs after this one. `sessions` are the
+    charging sessions with and without heating as text, () if the charger is unknown.
     """
 
     at_s: float
@@ -58,6 +58,7 @@ class PlanSeen(NamedTuple):
     temperatures_c: tuple[float, ...] = ()
     socs: tuple[float, ...] = ()
     powers_w: tuple[float, ...] = ()
+    sources_w: Mapping[str, tuple[float, ...]] = {}
     sessions: tuple[str, ...] = ()
 
 
@@ -98,6 +99,8 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
     is_whole = count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
         message.hvch_power) + 1 and all(
             0.0 <= before < after < LONGEST_DRIVE_S for before, after in zip(after_s, after_s[1:]))
+    names, steps, powers_w = message.heat_source_name, count - 1, tuple(message.heat_source_power)
+    is_divided = is_whole and 0 < len(names) <= MOST_SOURCES and len(powers_w) == steps * len(names)
     return PlanSeen(
         at_s=start_s, route_id=message.route_id, method=message.method, status=message.status,
         sentence=message.explanation,
@@ -112,6 +115,8 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
         times_s=tuple(start_s + each for each in after_s) if is_whole else (),
         temperatures_c=tuple(message.battery_temperature) if is_whole else (),
         socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else (),
+        sources_w={shortened(name, LONGEST_NAME): powers_w[at * steps:(at + 1) * steps]
+                   for at, name in enumerate(names)} if is_divided else {},
         sessions=session_texts(message) or ())
 
 

@@ -77,7 +77,7 @@ class Cursor:
     """Contents of a tab: generations and numbers of rows of the trails, version of the plan, events as text."""
 
     generations: tuple[int, ...] = ()
-    rows: tuple[int, int, int] = (0, 0, 0)
+    rows: tuple[int, int, int, int] = (0, 0, 0, 0)
     plan_version: int = -1
     plan_at_s: float = float('-inf')
     events: str = ''
@@ -131,12 +131,12 @@ class LiveSource:
 def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
     """Return the next message (JSON) to the tab of a Cursor, and advance that; `now_s` is monotonic."""
     values: dict[str, Any] = {'planner': planner, 'view': board.view(now_s).as_dictionary()}
-    trails = board.temperatures, board.powers, board.deliveries
+    trails = board.temperatures, board.powers, board.deliveries, board.mixes
     generations = (board.generation, *(trail.generation for trail in trails))
     is_new = generations != cursor.generations
     if is_new:
-        cursor.generations, cursor.rows = generations, (0, 0, 0)
-    counts = len(trails[0]), len(trails[1]), len(trails[2])
+        cursor.generations, cursor.rows = generations, (0, 0, 0, 0)
+    counts = len(trails[0]), len(trails[1]), len(trails[2]), len(trails[3])
     if is_new or counts != cursor.rows:
         values['history'] = {'isWhole': is_new, **board.history(*cursor.rows)}
         cursor.rows = counts

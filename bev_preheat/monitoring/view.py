@@ -12,7 +12,7 @@ from bev_preheat.errors import shortened
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from bev_preheat.monitoring.seen import Diagnosis, PlanSeen
 
@@ -143,7 +143,8 @@ class View:
 
     None and NaN stand for unknown. `ages_s` [s of real time] are those of the latest messages by topic, `late` are
     the overdue topics. `until_s` is the end of the command's lease, `reserve` the charge asked for on arrival;
-    `outcome` says how the latest goal ended.
+    `outcome` says how the latest goal ended,
+    `sources_w` the commands to all heat sources by name, {} for the HVCH alone.
     """
 
     at_s: float | None
@@ -162,6 +163,7 @@ class View:
     diagnosis: Diagnosis
     unheated_problem: str = ''
     outcome: str = ''
+    sources_w: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sentence(self) -> str:
@@ -175,6 +177,7 @@ class View:
             'ages': {topic: number(age_s, 1) for topic, age_s in self.ages_s.items()}, 'late': self.late,
             'temperature': number(self.temperature_c, 2), 'soc': number(self.soc, 4),
             'power': number(self.power_w, 1), 'delivered': number(self.delivered_w, 1),
+            'sources': [[name, number(power_w, 1)] for name, power_w in self.sources_w.items()],
             'reason': None if self.reason is None else status_name(self.reason),
             **self._plan_values(), 'reserve': number(self.reserve, 4), 'unheatedProblem': self.unheated_problem,
             'outcome': shortened(self.outcome, LONGEST_SENTENCE), 'tripFrom': instant(self.trip_from_s),

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bev_preheat.control.heater import HEATER_STATUS, SOURCE_STATUS
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import heater_sentence
 from bev_preheat.numerics import NS_PER_S
@@ -14,6 +16,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.changes import changes_in_words
 from bev_preheat.recording.heater_account import FULL_FROM, HeaterAccount, RECORDED_HOLD_NS, Span
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.recording.changes import Changes
@@ -36,7 +39,8 @@ class TripResult:
     A trip from its first plan to its arrival, or to the end of the recording.
 
     Instants in ns, temperatures in deg C (NaN: unknown). `obstacles` has the time [s] in each status that is one,
-    `heater` the sentence on a heater that does not obey ('' for none).
+    `heater` the sentence on a heater that does not obey ('' for none), `accounts` the HeaterAccount of each heat
+    source by name.
     """
 
     begun_ns: int
@@ -48,11 +52,11 @@ class TripResult:
     predicted_c: float = math.nan
     obstacles: dict[Status, float] = field(default_factory=dict)
     heater: str = ''
-    account: HeaterAccount = field(default_factory=HeaterAccount)
+    accounts: defaultdict[str, HeaterAccount] = field(default_factory=lambda: defaultdict(HeaterAccount))
 
     def sentences(self) -> list[str]:
         """Return the result as text: arrival with reason, and the heater's energy."""
-        return [self._arrival(), self._energy()]
+        return [self._arrival(), *(_energy(*each) for each in self.accounts.items())]
 
     def _arrival(self) -> str:
         lasted = duration_text((self.ended_ns - self.begun_ns) / NS_PER_S)
@@ -80,49 +84,63 @@ class TripResult:
         reasons = [f'{status.meaning.obstacle} for {duration_text(lasted_s)}'
                    for status, lasted_s in sorted(self.obstacles.items(), key=lambda item: -item[1])
                    if lasted_s >= LEAST_OBSTACLE_S]
-        commanded_wh, delivered_wh = self.account.commanded_wh, self.account.delivered_wh
-        lapsed_s = sum(span.length_s for span in self.account.without_command)
+        lapsed_s = sum(span.length_s for span in self.accounts[HVCH].without_command)
         if lapsed_s >= LEAST_OBSTACLE_S:
             reasons.append(f'the heater had no valid command for {duration_text(lapsed_s)}')
         if self.heater:
             reasons.append(self.heater)
-        elif commanded_wh is not None and delivered_wh is not None and delivered_wh < FULL_FROM * commanded_wh:
-            reasons.append(f'the heater delivered {delivered_wh:.0f} Wh of the {commanded_wh:.0f} Wh that were '
-                           'commanded')
+        else:
+            reasons += [f'{_named(name)} delivered {account.delivered_wh:.0f} Wh of the '
+                        f'{account.commanded_wh:.0f} Wh that were commanded'
+                        for name, account in self.accounts.items()
+                        if account.commanded_wh is not None and account.delivered_wh is not None
+                        and account.delivered_wh < FULL_FROM * account.commanded_wh]
         if reasons:
             return '; '.join(reasons)
         return ('the recording names no obstacle' if math.isnan(self.predicted_c) else
                 f'the recording names no obstacle; the last plan predicted {self.predicted_c:.1f} degC')
 
-    def _energy(self) -> str:
-        commanded_wh, delivered_wh = self.account.commanded_wh, self.account.delivered_wh
-        return f'The heater was commanded {commanded_wh or 0.0:.0f} Wh' + (
-            '; the delivered energy is not recorded (hvch_status).' if delivered_wh is None else
-            f' and delivered {delivered_wh:.0f} Wh.')
+
+def _energy(name: str, account: HeaterAccount) -> str:
+    subject = _named(name)
+    return f'{subject[0].upper()}{subject[1:]} was commanded {account.commanded_wh or 0.0:.0f} Wh' + (
+        f'; the delivered energy is not recorded ({HEATER_STATUS if name == HVCH else SOURCE_STATUS}).'
+        if account.delivered_wh is None else f' and delivered {account.delivered_wh:.0f} Wh.')
+
+
+def _named(name: str) -> str:
+    return f'the {"heater" if name == HVCH else name}'
 
 
 class TripResults:
-    """The HeaterAccount of a drive and the TripResults of its trips, filled by `add`."""
+    """The HeaterAccount of each heat source of a drive, by name, and the TripResults of its trips."""
 
     def __init__(self) -> None:
         """Start without a trip."""
-        self.account = HeaterAccount()
+        self.accounts: defaultdict[str, HeaterAccount] = defaultdict(HeaterAccount)
         self.trips: list[TripResult] = []
         self._latest_ns = 0
+
+    @property
+    def account(self) -> HeaterAccount:
+        """That of the HVCH."""
+        return self.accounts[HVCH]
 
     def add(self, played: Played) -> None:
         """Add a step."""
         now_ns, state, recorded_w = played.now_ns, played.state, played.recorded_w
         trip = self._trip_of(played)
-        for account in [self.account, *([] if trip is None else [trip.account])]:
+        command, answers = state.latest_command, {HVCH: state.heater_answer, **state.source_answers}
+        for accounts in [self.accounts, *([] if trip is None else [trip.accounts])]:
             if recorded_w is not None:
-                account.deliver(now_ns, recorded_w, now_ns + RECORDED_HOLD_NS)
+                accounts[HVCH].deliver(now_ns, recorded_w, now_ns + RECORDED_HOLD_NS)
                 continue
-            if state.latest_command is not None:
-                account.command(now_ns, state.latest_command.battery_heating_power_w,
-                                state.latest_command.valid_until_ns)
-            if state.heater_answer is not None and state.heater_answer.status is not None:
-                account.answer(state.heater_answer.status)
+            for name in (HVCH, *(source.name for source in state.vehicle.heat_sources)):
+                account, answer = accounts[name], answers.get(name)
+                if command is not None:
+                    account.command(now_ns, command.power_w(name), command.valid_until_ns)
+                if answer is not None and answer.status is not None:
+                    account.answer(answer.status)
         if trip is not None:
             self._note(trip, played)
         self._latest_ns = now_ns
@@ -169,10 +187,10 @@ def span_values(spans: list[Span]) -> list[dict[str, Any]]:
 
 class Instant(NamedTuple):
     """
-    The course at an instant [ns]: command [W], measured, estimated and predicted arrival temperature [deg C], SoC.
+    The course at an instant [ns]: measured, estimated and predicted arrival temperature [deg C], SoC.
 
-    `deviation_k` [K] is that of the prediction, `start_ns` [ns] the planned start of heating; NaN and None:
-    unknown. `until_ns` [ns] is the end of the command's lease.
+    `command_w` [W] is the command to all that heats, `deviation_k` [K] is that of the prediction, `start_ns`
+    [ns] the planned start of heating; NaN and None: unknown. `until_ns` [ns] is the end of the command's lease.
     """
 
     now_ns: int
@@ -225,7 +243,8 @@ class Course:
             start_ns = decision.plan_start_ns + round(plan.heating_start_s * NS_PER_S)
         instant = Instant(
             played.now_ns, recorded_w if recorded_w is not None else
-            0.0 if command is None else command.battery_heating_power_w,
+            0.0 if command is None else command.total_w - sum(
+                command.power_w(source.name) for source in state.vehicle.heat_sources if source.cools),
             math.nan if measurement is None else measurement.state.temperature_c,
             math.nan if estimate is None else estimate.temperature_c,
             math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
@@ -284,8 +303,8 @@ class Course:
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
             'heating': [{'from_ns': begun, 'to_ns': ended} for begun, ended in self.heating],
-            'hvch_commanded_wh': self.results.account.commanded_wh,
-            'hvch_delivered_wh': self.results.account.delivered_wh,
+            **{f'{name}_{what}_wh': getattr(account, f'{what}_wh')
+               for name, account in self.results.accounts.items() for what in ('commanded', 'delivered')},
             'without_command': span_values(self.results.account.without_command),
             'results': [trip.sentences() for trip in self.results.trips],
             'arrival_ns': None if arrival is None else arrival.now_ns,

@@ -91,12 +91,15 @@ class Unheated:
     def __init__(self, vehicle: Vehicle) -> None:
         """Start without heat."""
         self._vehicle = vehicle
-        self._deviation = Deviation(vehicle)
-        self._latest_s: float | None = None
+        self.restart()
 
     def restart(self) -> None:
         """Forget the heat, because another trip begins."""
-        self._deviation, self._latest_s = Deviation(self._vehicle), None
+        self._deviation = Deviation(self._vehicle)
+        self._latest_s: float | None = None
+        if self._vehicle.heat_sources:
+            # The heat of other sources depends on the air, which is not known here.
+            self._deviation.temperature_k = math.nan
 
     def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float) -> float:
         """Return the unheated temperature [deg C] (NaN: unknown), while the heater takes `power_w` [W]."""

@@ -13,6 +13,7 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.course import LEAST_HEAT_W
 from bev_preheat.recording.deviation import Unheated
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +106,7 @@ class History:
             power_w = recorded_w
         else:
             is_expired = command is None or command.valid_until_ns < played.now_ns
-            power_w = 0.0 if command is None or is_expired else command.battery_heating_power_w
+            power_w = 0.0 if command is None or is_expired else command.total_w
         switched = (decision.status, power_w >= LEAST_HEAT_W)
         if now_ns < self._due_ns and switched == self._latest:
             return
@@ -138,7 +139,7 @@ class History:
         decision, measurement = state.decision, state.measurement
         estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
         answer = None if state.heater_answer is None else state.heater_answer.status
-        confirmed_w = math.nan if answer is None else answer.confirmed_w
+        confirmed_w = math.nan if answer is None or state.vehicle.heat_sources else answer.confirmed_w
         soc = math.nan if measurement is None else measurement.state.soc
         if self._unheated is None:
             self._unheated = Unheated(state.vehicle)
@@ -202,7 +203,8 @@ class History:
             del self.plans[1::2]
         chosen = range(0, len(plan.time_s), -(-len(plan.time_s) // HISTORY_PLAN_POINTS))
         indices = [*chosen, *([] if chosen[-1] == len(plan.time_s) - 1 else [len(plan.time_s) - 1])]
-        powers = [*plan.hvch_battery_power_w.tolist(), 0.0]
+        of_all = plan.source_power_w or {HVCH: plan.hvch_battery_power_w}
+        powers = [*map(sum, zip(*(power_w.tolist() for power_w in of_all.values()))), 0.0]
         begins = ('no heating' if plan.heating_start_s is None else 'heating now' if is_under_way
                   else f'heating in {plan.heating_start_s / 60.0:.1f} min')
         self.plans.append(KeptPlan(

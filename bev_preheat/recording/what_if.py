@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.recording.comparison import Comparison
 from bev_preheat.recording.course import Course
 from bev_preheat.recording.deviation import Deviation
@@ -91,7 +92,11 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     """
     course, heat, shares = Course(), _RecordedHeat(), HeaterShares(flight) if heater is None else heater
     # The car stays as recorded; a changed vehicle file changes only the planner's model.
-    deviation = Deviation(Player(flight).state.vehicle)
+    vehicle = Player(flight).state.vehicle
+    if vehicle.heat_sources:
+        raise InvalidInput(f'{vehicle.name}: its drive cannot be replayed with changes, because the heat of its '
+                           'heat_sources in another drive is not computed')
+    deviation = Deviation(vehicle)
     now_ns, share = 0, 1.0
 
     def changed_w() -> float:

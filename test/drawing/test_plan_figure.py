@@ -205,3 +205,23 @@ def test_a_comparison_keeps_each_method_s_colour_as_driven(alpine):
         plan, replace(plan, method='paper, driven')], 'title')
     assert curves(figure.axes[1], look_of('paper').colour)
     assert 'paper (published heuristic), limits kept: ' in ''.join(texts(figure.axes[0]))
+
+
+def test_heat_sources_are_stacked_under_their_sum():
+    vehicle = load_vehicle('heat_pump_car')
+    panels, [plan] = panels_of(constant_route(), BatteryState(-25.0, 0.9), Goal(40.0), vehicle=vehicle)
+    heater = panels['heater']
+    used = [name for name, power_w in plan.source_power_w.items() if power_w.max() > 10.0]
+    assert len(used) > 1 and texts(heater)[:len(used)] == used
+    drawn_kw = heater.get_lines()[0].get_ydata()
+    assert drawn_kw[::2] == pytest.approx(sum(plan.source_power_w.values()) / 1e3)
+    tops_kw = [area.get_datalim(heater.transData).y1 for area in heater.collections]
+    assert max(tops_kw) == pytest.approx(drawn_kw.max())
+
+
+def test_a_plan_that_cools_says_so_and_shows_the_range():
+    vehicle = load_vehicle('heat_pump_car')
+    panels, _ = panels_of(constant_route(ambient_c=30.0, power_w=9e3), BatteryState(44.0, 0.9), Goal(
+        22.0, maximum_arrival_temperature_c=35.0), vehicle=vehicle)
+    told = texts(panels['temperature'])
+    assert 'target 22.0 … 35.0 °C' in told and any(', cools: 35.0 °C' in each for each in told)

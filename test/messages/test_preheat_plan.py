@@ -21,6 +21,7 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
+from bev_preheat.monitoring.seen import plan_seen
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import HeatingInterval, Reason, Stranding
@@ -201,3 +202,17 @@ def test_heating_that_does_not_pay_is_no_fault():
     assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
     values = {pair.key: pair.value for pair in entry.values}
     assert values['target because'] == plan.target_reason
+
+
+def test_powers_of_heat_sources_pass_to_the_page_or_not_at_all():
+    car = load_vehicle('heat_pump_car')
+    route = make_route({'duration_s': [60.0] * 20, 'speed_mps': [15.0], 'propulsion_power_w': [9e3],
+                        'ambient_temperature_c': [-5.0]}, car.defaults)
+    plan = plan_preheating(car, route, BatteryState(-10.0, 0.8), Goal(20.0))
+    message = plan_message(Decision(plan.status, plan.explanation, plan, 50 * NS_PER_S), EAST, 99 * NS_PER_S)
+    seen = plan_seen(message)
+    assert list(seen.sources_w) == ['hvch', 'motor', 'heat_pump', 'chiller']
+    assert {name: list(power_w) for name, power_w in seen.sources_w.items()} == {
+        name: power_w.tolist() for name, power_w in plan.source_power_w.items()}
+    message.heat_source_power = message.heat_source_power[1:]
+    assert plan_seen(message).sources_w == {}

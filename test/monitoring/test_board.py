@@ -163,3 +163,28 @@ def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span(
     # The heater's answers and the commands are missing for a while.
     assert math.isnan(board.view(at_s).delivered_w)
     assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
+
+
+def test_powers_of_sources_are_rows_of_one_length_by_name_and_bounded():
+    board, cursor = a_board(sources_w={'hvch': (0.0, 4000.0), 'heat_pump': (0.0, 1000.0)}), Cursor()
+    message('/planner', board, cursor, 100.0)
+    for second, hvch_w, others in ((1.0, 4000.0, {'heat_pump': 1000.0, 'motor': 0.0}),
+                                   (2.0, 4000.0, {'heat_pump': NAN, 'motor': 2.0}),
+                                   (3.0, 5000.0, {'motor': 3000.0}), (4.0, 5000.0, {'motor': 3000.0})):
+        board.see_command(START_S + second, hvch_w, int(Status.HEATING), 100.0)
+        for name, power_w in others.items():
+            board.see_source(START_S + second, name, power_w)
+    values = json.loads(message('/planner', board, cursor, 102.0))
+    assert values['view']['sources'] == [['hvch', 5000.0], ['heat_pump', 1000.0], ['motor', 3000.0]]
+    assert values['history']['mixTime'] == [START_S + 1.0, START_S + 3.0]
+    assert values['history']['mix'] == [[4000.0, 1000.0, 0.0], [5000.0, 1000.0, 3000.0]]
+    assert values['plan']['planMix'] == {'hvch': [0.0, 4000.0, None], 'heat_pump': [0.0, 1000.0, None]}
+    for number in range(5000):
+        board.see_source(START_S + 5.0 + number // 100, f'{number}' * 99, 1e3)
+    assert len(message('/planner', board, Cursor(), 103.0)) < 50_000
+
+
+def test_without_heating_is_unknown_beside_other_sources():
+    unheated = Unheated(load_vehicle('heat_pump_car'))
+    assert math.isnan(unheated.unheated_c(START_S, 5.0, 0.8, 4000.0))
+    assert math.isnan(unheated.planned_c((START_S, START_S + 60.0), (5.0, 6.0), (0.8, 0.8), (4e3,))[1])

@@ -12,6 +12,7 @@ from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import drive_observed
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.vehicle import load_vehicle
 
 # So short that each of many tests can replay it, and warm enough to be heated, and no longer, before the end.
 LENGTH_S, TARGET_C = 300, 12.5
@@ -36,11 +37,12 @@ class Outputs(MessageWire):
         self.outputs.append((now_ns, output))
 
 
-def record_drive(folder, target_c=TARGET_C, length_s=LENGTH_S, planner=None, **imperfections):
+def record_drive(folder, target_c=TARGET_C, length_s=LENGTH_S, planner=None, vehicle='reference', **imperfections):
     """Drive a part of the reference route, record it, and return the outputs of the steps."""
     scenario = load_scenario('nominal')
     scenario = replace(
-        scenario, phases=(DrivePhase(scenario.first.route.before(length_s), Goal(target_c)),), seed=3,
+        scenario, vehicle=load_vehicle(vehicle), seed=3,
+        phases=(DrivePhase(scenario.first.route.before(length_s), Goal(target_c)),),
         state=BatteryState(10.0, 0.8), planner=planner or {},
         imperfections=Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections))
     supervisor = Supervisor(scenario.vehicle, settings_of(scenario.planner))

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The heater's energy as commanded and as delivered, the spans without a valid command, and results in words."""
 
+import json
 from types import SimpleNamespace
 
 import pytest
+from recorded_drive import record_drive
 
+from bev_preheat.commands.main import main
+from bev_preheat.control.decision import Command
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
@@ -12,6 +16,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.recording.course import TripResults
 from bev_preheat.recording.heater_account import HeaterAccount, Span
 from bev_preheat.recording.player import Played
+from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
 START_S = 1_700_000_000
@@ -49,13 +54,15 @@ def test_answers_tell_what_was_delivered_and_that_the_heater_had_no_command():
 
 
 PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8)
-COMMAND = SimpleNamespace(battery_heating_power_w=3600.0, valid_until_ns=ns(1e6))
+COMMAND = Command(3600.0, ns(1e6), Status.HEATING)
+VEHICLE = load_vehicle('reference')
 OBEYS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 
 
 def step(second, status, temperature_c, plan=PLAN, heater=OBEYS):
     return Played(ns(second), None, SimpleNamespace(
         decision=SimpleNamespace(status=status, plan=plan), latest_command=COMMAND, heater_answer=None,
+        vehicle=VEHICLE, source_answers={},
         measurement=SimpleNamespace(state=SimpleNamespace(temperature_c=temperature_c)),
         estimate=SimpleNamespace(heater=heater)))
 
@@ -78,3 +85,23 @@ def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
     arrival, energy = trip.sentences()
     assert told in arrival
     assert energy == 'The heater was commanded 300 Wh; the delivered energy is not recorded (hvch_status).'
+
+
+@pytest.mark.needs('mcap')
+@pytest.mark.needs('rclpy')
+def test_each_heat_source_has_an_account(tmp_path, capsys):
+    outputs = record_drive(tmp_path, 40.0, 120, vehicle='heat_pump_car')
+    commands = [output.command for _, output in outputs if output.command is not None]
+    assert main(['replay', str(tmp_path), '--json', '-']) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    assert replayed['reproduced'] is True
+    # Two commands a second.
+    for name in ('hvch', 'motor', 'heat_pump', 'chiller'):
+        assert replayed['recorded'][f'{name}_commanded_wh'] == pytest.approx(
+            sum(command.power_w(name) for command in commands) / 7200.0, rel=0.03), name
+    assert replayed['recorded']['heat_pump_commanded_wh'] > 75.0
+    assert any(told.startswith('The heat_pump was commanded 8') for told in replayed['recorded']['results'][0])
+    assert main(['replay', str(tmp_path)]) == 0
+    assert 'heat_pump commanded [Wh]' in capsys.readouterr().out
+    assert main(['replay', str(tmp_path), '--change', 'temperature=+2']) == 2
+    assert 'heat_pump_car: its drive cannot be replayed with changes' in capsys.readouterr().err

@@ -17,6 +17,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         width: 2, digits: 1, scale: 1,   // line [px]; decimals of the legend; factor from data to unit
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
+        onto: 'below', own: 'part',      // part of a stack: filled down to this column ('': 0); the legend shows `own`
         times: 'planTime',               // column of its instants, if not `time`
         words: ['off', 'on'],            // the legend shows the word of a value 0, 1, …
         constant: true,                  // the legend shows its last value, wherever the cursor is
@@ -248,15 +249,19 @@ const bevCurves = (() => {
       const lines = [{}], bands = [];
       row.columns = [];
       row.keys = [];
+      row.places = new Map();
       for (const series of definition.series) {
         const show = !series.off, main = lines.length;
         lines.push({
           label: series.name, scale: 'y', show, width: series.width || 2, stroke: () => colourOf(series.colour),
           dash: DASHES[series.dash || 'solid'], points: {show: false},
+          fill: series.onto === '' ? () => `${colourOf(series.colour)}44` : undefined,
           paths: series.step ? uPlot.paths.stepped({align: 1}) : undefined});
         row.columns.push([series, series.key]);
         row.keys.push(series.key, series.times || 'time');
         const indices = [main];
+        if (series.onto) bands.push({series: [main, row.places.get(series.onto)], fill: () => `${colourOf(series.colour)}44`});
+        row.places.set(series.key, main);
         if (series.low && series.high) {
           for (const key of [series.high, series.low]) {
             indices.push(lines.length);
@@ -379,7 +384,7 @@ const bevCurves = (() => {
     }
 
     valueText(definition, series, at) {
-      const times = this.data[series.times || 'time'], column = this.data[series.key];
+      const times = this.data[series.times || 'time'], column = this.data[series.own || series.key];
       if (!times || !column || at === null || !times.length) return '–';
       if (!series.constant && at > times[times.length - 1] + 2) return '–';
       const index = series.constant ? times.length - 1 : lastUntil(times, at);

@@ -5,7 +5,7 @@
   const {byId} = bevView;
   const RETRY_MS = 2000, SILENCE_MS = 6000;
   const EMPTY = {time: [], measured: [], soc: [], unheated: [], powerTime: [], power: [], deliveredTime: [],
-    delivered: []};
+    delivered: [], mixTime: [], mix: []};
   let socket = null, chosen = null, planners = [], heardMs = Date.now();
   let history = structuredClone(EMPTY), plan = null, events = {marks: [], regimes: [], doubts: [], lapses: []};
 

@@ -42,14 +42,20 @@ const bevView = (() => {
     document.title = `${word} · Battery preheating`;
   }
 
+  // The power of all heat sources, of the HVCH alone without others.
+  const drawnBy = (view) => (view.sources.length ? view.sources.reduce((sum, [, power]) => sum + power, 0) : view.power);
+
   function showFigures(view) {
     put('temperature', fixed(view.temperature, 1));
     put('predicted', fixed(view.predicted, 1));
     put('spread', isNumber(view.deviation) ? `±${NO_BREAK}${view.deviation.toFixed(1)}` : '');
     put('note-battery', `now and at arrival${isNumber(view.target) ? `, target ${fixed(view.target, 1)}${NO_BREAK}°C` : ''}`);
     showCountdown(view);
-    put('power', fixed(isNumber(view.power) ? view.power / 1000 : null, 1));
-    put('note-heater', !isNumber(view.power) ? 'no command yet' : isNumber(view.delivered)
+    const isOne = !view.sources.length, drawn = drawnBy(view);
+    put('title-heater', isOne ? 'Heater' : 'Heat sources');
+    put('power', fixed(isNumber(drawn) ? drawn / 1000 : null, 1));
+    put('note-heater', !isOne ? view.sources.filter(([, power]) => power > 0).map(([name, power]) => `${name}${NO_BREAK}${
+      fixed(power / 1000, 1)}`).join(', ') || 'off' : !isNumber(view.power) ? 'no command yet' : isNumber(view.delivered)
       ? `commanded, ${fixed(view.delivered / 1000, 1)}${NO_BREAK}kW delivered` : view.power > 0 ? 'commanded' : 'off');
     put('soc', fixed(isNumber(view.soc) ? 100 * view.soc : null, 0));
     put('note-charge', isNumber(view.arrivalSoc) ? `${fixed(100 * view.arrivalSoc, 0)}${NO_BREAK}% at arrival${
@@ -65,11 +71,11 @@ const bevView = (() => {
     const {at, heatingStart, heatingEnd, arrival} = view;
     const left = isNumber(arrival) && isNumber(at) ? arrival - at : null;
     let title = 'Arrival in', value = left, note = isNumber(arrival) ? `at ${clock(arrival)}` : 'no plan';
-    if (left !== null && isNumber(heatingStart) && heatingStart > at + 1 && view.power === 0) {
+    if (left !== null && isNumber(heatingStart) && heatingStart > at + 1 && drawnBy(view) === 0) {
       title = 'Heating starts in';
       value = heatingStart - at;
       note = `arrival in ${duration(left)}`;
-    } else if (left !== null && view.power > 0 && isNumber(heatingEnd) && heatingEnd < arrival - 30 && heatingEnd > at) {
+    } else if (left !== null && drawnBy(view) > 0 && isNumber(heatingEnd) && heatingEnd < arrival - 30 && heatingEnd > at) {
       note = `heating ends in ${duration(heatingEnd - at)}`;
     }
     if (left !== null && left < 0) { title = 'Arrived'; value = null; }
@@ -178,7 +184,26 @@ const bevView = (() => {
       {name: 'planned', key: 'planSoc', times: 'planTime', colour: 'green', dash: 'dash', scale: 100},
       {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100,
         constant: true}]}];
-  let curves = null, shownNow = null;
+  // Each of several heat sources on top of the one before: commanded until now, then planned.
+  const STACK = ['vermillion', 'blue', 'green', 'orange', 'purple', 'grey'];
+  const stackRow = (names) => ({...ROWS[1], title: 'Heat sources', series: names.map((name, index) => ({
+    name, key: `stack${index}`, onto: index ? `stack${index - 1}` : '', own: `own${index}`, times: 'stackTime',
+    colour: STACK[index % STACK.length], step: true, scale: 0.001}))});
+  let curves = null, shownNow = null, shownNames = '';
+
+  function stacked(names, history, ahead, first, at) {
+    const past = steps(history, 'mix', first, at, true), {planTime} = ahead;
+    const count = planTime.length ? lower(past.mixTime, planTime[0]) : past.mixTime.length;
+    const made = {stackTime: past.mixTime.slice(0, count).concat(planTime)};
+    let below = made.stackTime.map(() => 0);
+    names.forEach((name, index) => {
+      const own = past.mix.slice(0, count).map((row) => row[index]).concat(held(ahead.planMix[name] || planTime.map(() => 0)));
+      made[`own${index}`] = own;
+      made[`stack${index}`] = below = below.map((power, place) => power + own[place]);
+    });
+    return made;
+  }
+
 
   function showCurves(view, history, plan, events) {
     const at = view.at, arrival = isNumber(view.arrival) && view.arrival > at ? view.arrival : at;
@@ -188,13 +213,14 @@ const bevView = (() => {
     // A command may be hours older than the first battery state.
     const powers = {...steps(history, 'power', first, at, true),
       ...steps(history, 'delivered', first, at, isNumber(view.delivered))};
-    const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
+    const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: [], planMix: {}};
+    const names = view.sources.map(([name]) => name);
     const width = Math.max(arrival - first, 60) * 0.008;
     const hasSpread = isNumber(view.predicted) && arrival > at;
     const half = hasSpread && isNumber(view.deviation) ? view.deviation : 0;
     const twice = (value) => [value, value];
     const data = {
-      ...past, ...powers, ...ahead, planPower: held(ahead.planPower),
+      ...past, ...powers, ...ahead, planPower: held(ahead.planPower), ...stacked(names, history, ahead, first, at),
       unheatedTime: past.time.concat(ahead.planTime), unheated: past.unheated.concat(ahead.planUnheated),
       targetTime: isNumber(view.target) ? [first, arrival] : [], target: twice(view.target),
       spreadTime: hasSpread ? [arrival - width, arrival + width] : [], spread: twice(view.predicted),
@@ -210,9 +236,11 @@ const bevView = (() => {
     ...events.doubts.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text: `in doubt: ${text}`,
       colour: 'vermillion'})),
     ...events.lapses.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'orange', row: 1}))];
-    if (!curves) {
+    if (!curves || shownNames !== names.join()) {
+      shownNames = names.join();
+      byId('curves').replaceChildren();
       curves = bevCurves.create(byId('curves'), {
-        rows: ROWS, data, markers, shades, clock: 'local', endText: 'now'});
+        rows: names.length ? [ROWS[0], stackRow(names), ROWS[2]] : ROWS, data, markers, shades, clock: 'local', endText: 'now'});
     } else {
       curves.setData(data);
       curves.setMarkers(markers);
