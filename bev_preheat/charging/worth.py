@@ -227,11 +227,17 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
 
 def goal_of(goal: Goal, target_c: float, unheated_c: float) -> Goal:
-    """Return the Goal with a target [deg C]: at least, or below the arrival without heating at most."""
+    """
+    Return the Goal with a target [deg C]: at least, or below the arrival without heating at most.
+
+    A highest temperature that the Goal has stays.
+    """
+    if math.isfinite(goal.maximum_arrival_temperature_c):
+        return replace(goal, target_temperature_c=target_c)
     if target_c < unheated_c:
         return replace(goal, target_temperature_c=min(goal.target_temperature_c, target_c),
                        maximum_arrival_temperature_c=target_c)
-    return replace(goal, target_temperature_c=target_c, maximum_arrival_temperature_c=math.inf)
+    return replace(goal, target_temperature_c=target_c)
 
 
 def least_cooled(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
@@ -239,7 +245,7 @@ def least_cooled(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal
     unheated, highest_c = plan_unheated(vehicle, route, state, goal), vehicle.battery.temperature_range_c[1]
     refuse_stranded(unheated)
     if vehicle.cools and unheated.arrival_temperature_c > highest_c:
-        return plan_preheating(vehicle, route, state, goal_of(goal, highest_c, math.inf))
+        return plan_preheating(vehicle, route, state, replace(goal, maximum_arrival_temperature_c=highest_c))
     return unheated
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property, partial
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -207,10 +208,11 @@ class Leg:
     """
     A drive without a stop, and the requests at its end; segment 0 starts at `start_ns` [ns].
 
-    `target_temperature_c` [deg C] None: the planner's default. `departure` is the battery's state after the
-    preceding stop; None without one. `places` are those of the route before it was put into planning steps;
-    None: its own. `charger` is the Charger at its end; None: unknown. `terms` are those of the goal's
-    source. `prospect` is the ChargingProspect at its end. A leg equals only itself.
+    `target_temperature_c` [deg C] None: the planner's default, or its choice without
+    `maximum_arrival_temperature_c` [deg C]. `departure` is the battery's state after the preceding stop; None
+    without one. `places` are those of the route before it was put into planning steps; None: its own. `charger` is
+    the Charger at its end; None: unknown. `terms` are those of the goal's source. `prospect` is the
+    ChargingProspect at its end. A leg equals only itself.
     """
 
     route: Route
@@ -223,6 +225,7 @@ class Leg:
     charger: Charger | None = None
     terms: Terms = OF_ROUTE
     prospect: ChargingProspect = CERTAIN
+    maximum_arrival_temperature_c: float = math.inf
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
         """Return the Leg in steps of `planning_step_s` seconds or longer, with the same places."""
@@ -232,8 +235,8 @@ class Leg:
     def goal(self, default_target_c: float) -> Goal:
         """Return the Goal of the leg; `default_target_c` [deg C] is for one without a target."""
         target_c = self.target_temperature_c
-        return Goal(default_target_c if target_c is None else target_c,
-                    self.minimum_arrival_soc, self.charging_planned)
+        return Goal(default_target_c if target_c is None else target_c, self.minimum_arrival_soc,
+                    self.charging_planned, maximum_arrival_temperature_c=self.maximum_arrival_temperature_c)
 
     @property
     def arrival_ns(self) -> int:

@@ -151,6 +151,8 @@ def given_target(leg: Leg, settings: Settings) -> str:
         return 'The target is given by the route plan.'
     if settings.target_battery_temperature_c is not None:
         return 'The target is given by the parameter target_battery_temperature.'
+    if math.isfinite(leg.maximum_arrival_temperature_c):
+        return 'The highest temperature on arrival is given by the route plan; no target is chosen.'
     return ''
 
 

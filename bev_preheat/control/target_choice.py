@@ -351,7 +351,8 @@ class TargetChooser:
 
 def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
     return with_figures(
-        TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
+        TargetChoice(TargetSource.GIVEN, now.given), search.look_at(
+            now.goal.target_temperature_c, math.isfinite(now.goal.maximum_arrival_temperature_c)),
         search.without)
 
 

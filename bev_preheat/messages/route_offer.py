@@ -93,6 +93,7 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     is_set = math.isfinite(target_c) and target_c != 0.0
     leg = Leg(loaded.route, charging_planned=values['charging_planned'],
               target_temperature_c=target_c if is_set else None, minimum_arrival_soc=values['minimum_arrival_soc'],
+              maximum_arrival_temperature_c=known(values['maximum_arrival_temperature']) or math.inf,
               charger=charger_of(values['charger_power'], values['charging_departure_soc']))
     return offer_of(vehicle, loaded, leg, values['route_id'], values['standing_time'])
 

@@ -59,6 +59,7 @@ TARGET, HAS_TARGET = 'target_battery_temperature', 'has_target_battery_temperatu
 NOT_KNOWN = 'not known'
 # Requested at the end of the last leg, and at each stop; the target has rules of its own.
 AT_THE_END = {
+    'maximum_arrival_temperature': Figure(-60.0, 60.0, 'degC', zero='not given', nan='not given'),
     'minimum_arrival_soc': Figure(0.0, 1.0),
     'charger_power': Figure(*CHARGER_RANGE_W, 'W', zero=NOT_KNOWN, nan=NOT_KNOWN),
     'charging_probability': Figure(0.0, 1.0, zero='not given, it charges for certain'),
@@ -202,7 +203,9 @@ def _requests(charging_planned: bool, departure_soc: float, **values: float) -> 
     target_c = values[TARGET]
     is_given = not math.isnan(target_c) and (target_c != 0.0 or values[HAS_TARGET])
     least_soc = values['minimum_arrival_soc']
+    most_c = known(values['maximum_arrival_temperature'])
     return {'charging_planned': charging_planned, 'target_temperature_c': target_c if is_given else None,
+            'maximum_arrival_temperature_c': math.inf if most_c is None else most_c,
             'minimum_arrival_soc': 0.0 if math.isnan(least_soc) else least_soc,
             'charger': charger_of(values['charger_power'], departure_soc),
             'prospect': ChargingProspect(known(values['charging_probability']) or 1.0,
@@ -322,7 +325,8 @@ def _request_fields(leg: Leg) -> dict[str, Any]:
     """Return the requests at the end of a Leg, named as in RoutePlan."""
     prospect = leg.prospect
     return {TARGET: leg.target_temperature_c or 0.0, HAS_TARGET: leg.target_temperature_c is not None,
-            'minimum_arrival_soc': leg.minimum_arrival_soc,
+            'minimum_arrival_soc': leg.minimum_arrival_soc, 'maximum_arrival_temperature':
+            leg.maximum_arrival_temperature_c if math.isfinite(leg.maximum_arrival_temperature_c) else 0.0,
             'charger_power': leg.charger.power_w if leg.charger else 0.0,
             'charging_probability': 0.0 if prospect.probability == 1.0 else prospect.probability,
             'arrival_time_deviation': prospect.arrival_deviation_s,

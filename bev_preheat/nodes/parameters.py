@@ -127,6 +127,8 @@ GOAL_PARAMETERS = (
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.'),
     Parameter('target_battery_temperature', 0.0, 'Requested battery temperature on arrival', 'degC', (-60.0, 60.0),
               unset_means='left to the planner'),
+    Parameter('maximum_arrival_temperature', 0.0, 'Highest battery temperature on arrival', 'degC', (-60.0, 60.0),
+              unset_means='any'),
     Parameter('minimum_arrival_soc', 0.0, 'Requested minimum state of charge on arrival', '', (0.0, 1.0)),
     Parameter('charger_power', 0.0, 'Power of that charger at the vehicle', 'W', CHARGER_RANGE_W,
               unset_means='not known'),

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bev_preheat.messages.fields import known
 from bev_preheat.messages.route_plan import charger_of
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
 from bev_preheat.nodes.process import NodeProgram
@@ -83,7 +84,8 @@ def departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     route = loaded.route
     state = BatteryState(values['initial_battery_temperature'], values['initial_soc'])
     target_c = values['target_battery_temperature'] or math.nan
-    goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'])
+    goal = Goal(target_c, values['minimum_arrival_soc'], values['charging_planned'],
+                maximum_arrival_temperature_c=known(values['maximum_arrival_temperature']) or math.inf)
     check_situation(vehicle, route=route, state=state, goal=goal if math.isfinite(target_c) else
                     replace(goal, target_temperature_c=vehicle.defaults.target_battery_temperature_c))
     name = Path(values['route']).stem

@@ -87,7 +87,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
             checks.append((goal.target_temperature_c, lowest_c, highest_c, 'target battery temperature',
                            in_battery_range))
             most_c = goal.maximum_arrival_temperature_c
-            if goal.heating_pays and most_c != math.inf and not most_c >= goal.target_temperature_c:
+            if goal.heating_pays and most_c != math.inf:
                 checks.append((most_c, goal.target_temperature_c, highest_c,
                                'maximum arrival temperature', 'degC, from the target to the highest temperature'))
     if uncertainty is not None:

@@ -360,8 +360,9 @@ class ImperfectCar:
         return Mission(letter.route_id, (Leg(
             route, self._sent_start_ns, news.charging_planned,
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
-            goal.minimum_arrival_soc, charger=drive.charger or self._charger, prospect=_revised(
-                drive.prospect, news.probability)),), standing_time_s)
+            goal.minimum_arrival_soc, charger=drive.charger or self._charger,
+            maximum_arrival_temperature_c=goal.maximum_arrival_temperature_c,
+            prospect=_revised(drive.prospect, news.probability)),), standing_time_s)
 
 
 def _revised(prospect: ChargingProspect, probability: float | None) -> ChargingProspect:

@@ -8,8 +8,11 @@ import math
 import pytest
 
 from bev_preheat.charging.stop import Charger
+from bev_preheat.control.inputs import check_mission, Leg, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.target import TargetSource
+from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -27,10 +30,11 @@ ROUTE = make_route({
 CHILLER_ALONE = {'chiller'}
 
 
-def driven(until_s=838.0, sensors=Sensors(period_s=4.0), car=CAR, **settings):
+def driven(until_s=838.0, sensors=Sensors(period_s=4.0), car=CAR, goal=Goal(math.nan), charger=Charger(150e3, 0.8),
+           **settings):
     """Yield (instant [s], command, decision, ImperfectCar) of a drive to a charger of 150 kW."""
-    simulated = ImperfectCar(car, DrivePhase(ROUTE, Goal(math.nan), charger=Charger(150e3, 0.8)),
-                             BatteryState(49.0, 0.5), Imperfections(sensors=sensors))
+    simulated = ImperfectCar(car, DrivePhase(ROUTE, goal, charger=charger), BatteryState(49.0, 0.5),
+                             Imperfections(sensors=sensors))
     supervisor = Supervisor(car, Settings(**settings))
     for moment in moments(simulated, supervisor, lambda: simulated.time_s >= until_s):
         assert not moment.output.failure
@@ -68,3 +72,26 @@ def test_gates_of_heating_do_not_stop_it():
     gated = replace(CAR, heating_gates=replace(CAR.heating_gates, maximum_temperature_c=20.0))
     *_, car = deque(driven(car=gated), maxlen=1)[0]
     assert car.plant.sources.energy_wh['chiller'] > 100.0
+
+
+@pytest.mark.parametrize('target_c', [25.0, math.nan])
+@pytest.mark.parametrize('charger', [None, Charger(150e3, 0.8)])
+def test_a_highest_temperature_on_arrival_is_cooled_to_and_no_further(target_c, charger):
+    drive = list(driven(goal=Goal(target_c, maximum_arrival_temperature_c=42.0), charger=charger))
+    *_, decision, car = drive[-1]
+    assert car.plant.temperature_c == pytest.approx(42.0, abs=0.5)
+    assert Status.WAITING_TO_COOL in {each.status for _, _, each, _ in drive}
+    assert decision.target.source is TargetSource.GIVEN and decision.plan.maximum_arrival_temperature_c == 42.0
+    if charger is not None:
+        # The chiller's energy is bought there.
+        assert decision.target.bought_energy_wh > decision.target.unheated_bought_energy_wh + 50.0
+
+
+@pytest.mark.parametrize('most_c, target_c', [(20.0, None), (24.9, 25.0), (56.0, 25.0)])
+def test_a_highest_temperature_below_the_target_or_above_the_battery_s_range_is_refused(most_c, target_c):
+    with pytest.raises(InvalidInput) as refused:
+        check_mission(CAR, Mission('', (Leg(
+            ROUTE, target_temperature_c=target_c, maximum_arrival_temperature_c=most_c),)), 22.0)
+    assert str(refused.value) == (
+        f'maximum arrival temperature: {most_c:g} is not allowed; it must be {target_c or 22:g} ... 55 degC, from '
+        'the target to the highest temperature')

@@ -86,6 +86,8 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
      'speed: has 2 values; it must have 1 or 3, the length of the longest array'),
     ('minimum_arrival_soc', 20.0, 'minimum_arrival_soc: 20 is not allowed; it must be 0 ... 1'),
     ('minimum_arrival_soc', nan, 'minimum_arrival_soc: nan is not allowed; it must be 0 ... 1'),
+    ('maximum_arrival_temperature', inf, 'maximum_arrival_temperature: inf is not allowed; it must be -60 ... 60 '
+     'degC, or 0 or NaN: not given'),
     ('target_battery_temperature', inf, 'target_battery_temperature: inf is not allowed; it must '
      "be finite, or 0 or NaN: the planner's own default"),
     ('route_id', 'x' * 257, f"route_id: '{'x' * 60}' … (257 characters) is too long; it must have "
@@ -176,7 +178,8 @@ def legs_strategy(draw):
     legs = [Leg(route, 1_650_000_000_123_456_789, draw(st.booleans()) or at < count - 1,
                 draw(targets_c), draw(shares),
                 None if at == 0 else BatteryState(
-                    draw(st.floats(-60.0, 60.0)), draw(st.floats(1e-3, 1.0))))
+                    draw(st.floats(-60.0, 60.0)), draw(st.floats(1e-3, 1.0))),
+                maximum_arrival_temperature_c=draw(st.one_of(st.just(inf), st.floats(1e-3, 60.0))))
             for at in range(count)]
     return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
 
@@ -198,8 +201,9 @@ def test_mission_to_message_and_back(legs):
     assert (mission.route_id, len(mission.legs), mission.standing_time_s) == ('x', len(legs), 5e4)
     for back, leg in zip(mission.legs, legs):
         assert (back.charging_planned, back.target_temperature_c, back.minimum_arrival_soc,
-                back.departure) == (
-            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc, leg.departure)
+                back.maximum_arrival_temperature_c, back.departure) == (
+            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc,
+            leg.maximum_arrival_temperature_c, leg.departure)
         assert back.start_ns == pytest.approx(leg.start_ns, abs=1000)
         for field in ROUTE_FIELDS:
             np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),

@@ -23,8 +23,8 @@ from bev_preheat_msgs.msg import RoutePlan
 VEHICLE = load_vehicle('reference')
 START_S = 1_700_000_000
 DURATIONS_S = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
-STOP_FIELDS = ('stop_duration', 'stop_target_battery_temperature', 'stop_minimum_arrival_soc',
-               'stop_charger_power', 'departure_battery_temperature', 'departure_soc')
+STOP_FIELDS = ('stop_duration', 'stop_target_battery_temperature', 'stop_maximum_arrival_temperature',
+               'stop_minimum_arrival_soc', 'stop_charger_power', 'departure_battery_temperature', 'departure_soc')
 POWER = '1000 ... 2000000 W, or 0 or NaN: not known'
 
 
@@ -37,6 +37,7 @@ def route_message(sec=START_S, **changed):
         'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.35,
         'stop_after_segment': [1, 2], 'stop_duration': [700.0, 800.0],
         'stop_target_battery_temperature': [21.0, nan], 'stop_minimum_arrival_soc': [0.15, 0.25],
+        'stop_maximum_arrival_temperature': [40.0, nan],
         'stop_charger_power': [50e3, 60e3], 'departure_battery_temperature': [31.0, 32.0],
         'departure_soc': [0.55, 0.65], **changed})
     message.header.stamp = Time(sec=sec)
@@ -52,13 +53,15 @@ def convert(step_s=1000.0, **changed):
 ALLOWED = {
     'stop_duration': '1 ... 86400 s',
     'stop_target_battery_temperature': "-60 ... 60 degC, or NaN: the planner's own default",
+    'stop_maximum_arrival_temperature': '-60 ... 60 degC, or 0 or NaN: not given',
     'stop_minimum_arrival_soc': '0 ... 1', 'stop_charger_power': POWER,
     'departure_battery_temperature': '-60 ... 60 degC, or NaN: that wanted on arrival',
     'departure_soc': '0 ... 1, or NaN: 0.8'}
-NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'stop_charger_power', 'departure_battery_temperature',
-                  'departure_soc')
+NAN_IS_ALLOWED = ('stop_target_battery_temperature', 'stop_maximum_arrival_temperature', 'stop_charger_power',
+                  'departure_battery_temperature', 'departure_soc')
 OUTSIDE = {
     'stop_duration': (0.5, -700.0, 90000.0), 'stop_target_battery_temperature': (-61.0, 293.0),
+    'stop_maximum_arrival_temperature': (-61.0, 308.0),
     'stop_minimum_arrival_soc': (-0.25, 15.0), 'stop_charger_power': (50.0, 2.1e6, -50e3),
     'departure_battery_temperature': (-61.0, 304.0),
     'departure_soc': (-0.5, 55.0)}
@@ -126,6 +129,7 @@ def test_a_route_whose_stops_end_after_time_itself_is_refused():
     ('charging_planned', [True, True, False]),
     ('target_temperature_c', [21.0, None, 27.0]),
     ('minimum_arrival_soc', [0.15, 0.25, 0.35]),
+    ('maximum_arrival_temperature_c', [40.0, inf, inf]),
     ('departure', [None, BatteryState(31.0, 0.55), BatteryState(32.0, 0.65)])])
 def test_what_is_wanted_of_each_leg(attribute, expected):
     assert [getattr(leg, attribute) for leg in convert().legs] == expected
