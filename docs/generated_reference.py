@@ -9,6 +9,7 @@ it can be read without a build; without --write, the pages that differ are named
 """
 
 import argparse
+import ast
 from collections import Counter
 from pathlib import Path
 import re
@@ -52,18 +53,30 @@ PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n
 def parts():
     """Return {name: text} of all generated parts."""
     return {'parameters': parameters(), 'statuses': statuses(),
-            'heater': heater(), 'command_line': command_line(),
+            'heater': heater(), 'command_line': command_line(), 'files': files(),
             **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path) for name, path in SCHEMAS.items()}}
 
 
 def filled_pages():
     """Return {path: text} of the pages that have generated parts, with these parts as they should be."""
     texts, pages = parts(), {}
-    for path in sorted((ROOT / 'docs').rglob('*.md')):
+    for path in (ROOT / 'bev_preheat' / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))):
         text = path.read_text(encoding='utf-8')
         if PART.search(text):
             pages[path] = PART.sub(lambda found: f'{found[1]}\n{texts[found[2]]}\n{found[3]}', text)
     return pages
+
+
+def files():
+    """Return the purpose of each file of the product: the first paragraph of its docstring."""
+    rooms = {}
+    for path in sorted((ROOT / 'bev_preheat').rglob('*.py')):
+        if path.name != '__init__.py':
+            purpose = ast.get_docstring(ast.parse(path.read_text(encoding='utf-8'))).partition('\n\n')[0]
+            rooms.setdefault(path.parent.relative_to(ROOT / 'bev_preheat').as_posix(), []).append(
+                f'* `{path.name}`: {" ".join(purpose.split())}')
+    return '\n\n'.join('\n'.join([f'## {"Beside the rooms" if room == "." else room}', '', *rows])
+                       for room, rows in rooms.items())
 
 
 def main():

@@ -76,16 +76,20 @@ def make_cooling(cooling: Cooling | None, ambient_c: float,
         Q_c = max(0, min(Q_max (T - T_set) / band, Q_max, G (T - T_amb), COP P_left)),   P_c = Q_c / COP
 
     `left_w` [W] is the power that charger and inlet leave for cooling and battery, `ambient_c` [deg C] the air.
-    G bounds a radiator. A cooling that the charger cannot feed cools with the power that is there.
+    G bounds a radiator. A cooling that the charger cannot feed cools with the power that is there. Q_max and COP
+    of a cooling heat source depend on both temperatures.
     """
     if cooling is None:
         return lambda temperature_c, left_w: (0.0, 0.0)
     minimum, maximum = arithmetic.minimum, arithmetic.maximum
-    ratio, most_w = cooling.coefficient_of_performance, cooling.cooling_power_w
-    slope_w_per_k = most_w / cooling.proportional_band_k
+    curves = None if cooling.curves is None else [curve.function(arithmetic) for curve in cooling.curves]
 
     def powers(temperature_c: AnyNumber, left_w: AnyNumber) -> tuple[AnyNumber, AnyNumber]:
-        heat_w = minimum(slope_w_per_k * (temperature_c - cooling.set_point_c), most_w)
+        ratio, most_w = cooling.coefficient_of_performance, cooling.cooling_power_w
+        if curves is not None:
+            most_w, ratio = (curve(ambient_c, temperature_c) for curve in curves)
+            most_w = most_w * ratio
+        heat_w = minimum(most_w / cooling.proportional_band_k * (temperature_c - cooling.set_point_c), most_w)
         if math.isfinite(cooling.radiator_conductance_w_per_k):
             heat_w = minimum(heat_w, cooling.radiator_conductance_w_per_k * (temperature_c - ambient_c))
         # An Arithmetic takes plain numbers beside its own.

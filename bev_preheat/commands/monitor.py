@@ -73,7 +73,7 @@ def _listen(arguments: Namespace, signals: EndSignals) -> int:
     require_ros()
     from rich.console import Console
 
-    from bev_preheat.monitoring.watch import LiveView
+    from bev_preheat.monitoring.terminal_page import LiveView
     from bev_preheat.nodes.listening import listening
     with listening(f'monitor_{os.getpid()}', namespace=arguments.namespace) as listener:
         watch = LiveView(listener, planner_of(arguments), Console(highlight=False), signals,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
@@ -38,6 +39,7 @@ from bev_preheat.vehicle.variants import with_shell
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
+    from bev_preheat.vehicle.description import HeatSource
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 
@@ -119,7 +121,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     resistance = with_connections(curve('resistance', InverseTemperatureResistance), connection_ohm)
     discharge = read_table('battery.power_limits.discharge', limits['discharge'], problems)
     charge = read_table('battery.power_limits.charge', limits['charge'], problems)
-    charging = _charging(contents, charge, problems)
+    charging = _charging(contents, charge, {source.name: source for source in heat_sources}, problems)
     if not problems:
         curves = [('battery.open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
                   ('battery.resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
@@ -167,7 +169,8 @@ def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
     return HeatingGates(power_steps_w=steps_w, only_while_standing=only_while_standing, **_floats(node))
 
 
-def _charging(contents: dict[str, FileData], charge: Table, problems: list[str]) -> Charging | None:
+def _charging(contents: dict[str, FileData], charge: Table, heat_sources: dict[str, HeatSource],
+              problems: list[str]) -> Charging | None:
     """Return the Charging of a checked file, None without the block; add problems to `problems`."""
     if 'charging' not in contents:
         return None
@@ -181,7 +184,8 @@ def _charging(contents: dict[str, FileData], charge: Table, problems: list[str])
         problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
                              contents['battery']['power_limits']['charge'])
     temperature_range_c = _pair(contents['battery']['temperature_range_c'])
-    heating, cooling = node.pop('battery_heating', None), _cooling(node.pop('cooling', None), problems)
+    heating = node.pop('battery_heating', None)
+    cooling = _cooling(node.pop('cooling', None), heat_sources, contents['hvch']['efficiency'], problems)
     ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
     limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), temperature_range_c[1], problems)
     charging = Charging(limit, heating, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c,
@@ -201,20 +205,46 @@ def _derated(limit: Table, node: dict[str, FileData] | None, highest_c: float,
     return (limit if found else derated(limit, *points)), None
 
 
-def _cooling(node: dict[str, FileData] | None, problems: list[str]) -> Cooling | None:
+def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSource], efficiency: float,
+             problems: list[str]) -> Cooling | None:
     """Return the Cooling of a checked node, None without one; add problems to `problems`."""
     if node is None:
         return None
+    if 'heat_source' in node:
+        return _cooling_by_source(node, heat_sources, efficiency, problems)
     values = _floats(node)
     ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
-    if (ratio is None) == (power_w is None):
-        problems.append('charging.cooling: needs exactly one of cooling_power_w, the heat flow out of the '
-                        'battery, and coefficient_of_performance, its ratio to electrical_power_w')
+    if 'electrical_power_w' not in values or (ratio is None) == (power_w is None):
+        problems.append('charging.cooling: needs electrical_power_w and exactly one of cooling_power_w, the heat '
+                        'flow out of the battery, and coefficient_of_performance, its ratio to '
+                        'electrical_power_w; or heat_source alone')
         return None
     if power_w is None:
         assert ratio is not None
         power_w = ratio * values['electrical_power_w']
     return Cooling(cooling_power_w=power_w, **values)
+
+
+def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
+                       problems: list[str]) -> Cooling | None:
+    """Return the Cooling by a heat source, beside an HVCH of an efficiency; add problems to `problems`."""
+    values = dict(node)
+    name = values.pop('heat_source')
+    coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
+    if name not in coolers:
+        problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
+                        f'heat_sources that cools a car that stands: {", ".join(coolers) or "there is none"}')
+        return None
+    if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
+        problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '
+                        'allowed beside it')
+        return None
+    source = heat_sources[name]
+    assert isinstance(source.hvch_watts, Table)
+    ratio = replace(source.hvch_watts, values=tuple(
+        tuple(-efficiency * value for value in row) for row in source.hvch_watts.values))
+    return Cooling(electrical_power_w=source.most_w, cooling_power_w=source.most_w * max(map(max, ratio.values)),
+                   curves=(source.maximum_power_w, ratio), **_floats(values))
 
 
 def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:

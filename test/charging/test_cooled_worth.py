@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worth of cooling a hot battery before the charger: against a scan of its own, and it does not always pay."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle
 
-CAR, PRICES = load_vehicle('heat_pump_car'), Prices(0.6, 10.0)
+COOLED_THERE, PRICES = load_vehicle('heat_pump_car'), Prices(0.6, 10.0)
+# The same car, whose chiller rests at a charger.
+CAR = replace(COOLED_THERE, charging=replace(COOLED_THERE.charging, cooling=None))
 # An hour at 110 km/h in air of 36 degC: the battery of the car arrives at 51 degC by itself.
 COLUMNS = {'duration_s': [60.0] * 60, 'speed_mps': [30.5] * 60, 'propulsion_power_w': [22e3] * 60,
            'propulsion_power_rms_w': [28e3] * 60, 'ambient_temperature_c': [36.0] * 60,
@@ -45,6 +48,12 @@ def test_the_best_cooled_target_is_that_of_a_scan():
     assert worth.verdict.startswith(
         f'Worth it: cooling the battery to {worth.best.arrival_temperature_c:.1f} degC before arrival saves ')
     assert worth.bounds_in_words().startswith('Some cooling pays ')
+
+
+def test_cooling_at_the_charger_leaves_less_to_gain_before_it():
+    saved_s = [worth.without_heating.charging_time_s - worth.best.charging_time_s for worth in (
+        find_worth(car, ROUTE, STATE, GOAL, 150e3, 0.8, PRICES) for car in (CAR, COOLED_THERE))]
+    assert 60.0 < saved_s[1] < 0.5 * saved_s[0]
 
 
 def test_no_cooling_where_it_does_not_pay():

@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies
 import numpy as np
 from plain_car import own_session, plain_car, stored_wh
 import pytest
+import yaml
 
 from bev_preheat.charging.equations import make_cooling
 from bev_preheat.charging.session import charge
@@ -15,6 +16,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import derating_in, too_warm
 from bev_preheat.charging.worth import find_worth
+from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
@@ -22,6 +24,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import derated
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Cooling
+from bev_preheat.vehicle.loading import vehicle_file, vehicle_of_text
 
 CHILLER = Cooling(30.0, 1600.0, 4800.0, 2.5)
 RADIATOR = replace(CHILLER, radiator_conductance_w_per_k=170.0)
@@ -53,6 +56,35 @@ def test_the_cooling_by_hand():
     assert through_air(33.0, 50e3) == pytest.approx((510.0, 1530.0))
     assert make_cooling(RADIATOR, 41.0, FLOATS)(40.0, 50e3) == (0.0, 0.0)
     assert make_cooling(None, 24.0, FLOATS)(60.0, 50e3) == (0.0, 0.0)
+
+
+def test_a_heat_source_cools_at_the_charger_as_on_the_road():
+    car = load_vehicle('heat_pump_car')
+    powers = make_cooling(car.charging.cooling, 45.0, FLOATS)
+    # Set point 35 degC, half of the band; 1.6 W of cold for each watt at 20 degC, 2.2 at 45.
+    assert powers(36.0, 50e3) == pytest.approx((1500.0, 1500.0 * (1.6 + 0.6 * 16.0 / 25.0)))
+    assert powers(34.0, 50e3) == (0.0, 0.0)
+    stop = replace(a_stop(), ambient_c=38.0)
+    cooled = charge(car, stop, BatteryState(44.0, 0.2))
+    hot = charge(replace(car, charging=replace(car.charging, cooling=None)), stop, BatteryState(44.0, 0.2))
+    assert cooled.cooling_power_w.max() == pytest.approx(3000.0)
+    assert cooled.battery_temperature_c[-1] < hot.battery_temperature_c[-1] - 2.0
+
+
+@pytest.mark.parametrize('cooling, problem', [
+    ({'heat_source': 'motor'}, ".heat_source: 'motor' is not allowed; it must be a source of heat_sources that "
+                               'cools a car that stands: chiller'),
+    ({'heat_source': 'chiller', 'electrical_power_w': 2000},
+     ': heat_source states the powers; set_point_c and proportional_band_k are allowed beside it'),
+    ({'cooling_power_w': 4000}, ': needs electrical_power_w and exactly one of cooling_power_w, the heat flow '
+                                'out of the battery, and coefficient_of_performance, its ratio to '
+                                'electrical_power_w; or heat_source alone')], ids=['heats', 'twice', 'no power'])
+def test_cooling_without_a_source_of_cold_is_refused(cooling, problem):
+    contents = yaml.safe_load(vehicle_file('heat_pump_car').read_text())
+    contents['charging']['cooling'] = {'set_point_c': 35, **cooling}
+    with pytest.raises(InvalidInput) as refusal:
+        vehicle_of_text(yaml.safe_dump(contents), 'the file')
+    assert refusal.value.problems == [f'the file: charging.cooling{problem}']
 
 
 @pytest.mark.parametrize('cooling', [CHILLER, RADIATOR], ids=['chiller', 'radiator'])

@@ -16,8 +16,8 @@ from seen_examples import a_board, START_S
 
 from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.seen import entries_seen, EntrySeen, plan_seen, RouteSeen
+from bev_preheat.monitoring.terminal_page import line, page
 from bev_preheat.monitoring.view import Surroundings
-from bev_preheat.monitoring.watch import line, page
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import PreheatPlan
 
