@@ -85,9 +85,10 @@ def make_cooling(cooling: Cooling | None, ambient_c: float,
     curves = None if cooling.curves is None else [curve.function(arithmetic) for curve in cooling.curves]
 
     def powers(temperature_c: AnyNumber, left_w: AnyNumber) -> tuple[AnyNumber, AnyNumber]:
-        ratio, most_w = cooling.coefficient_of_performance, cooling.cooling_power_w
+        ratio: AnyNumber = cooling.coefficient_of_performance
+        most_w: AnyNumber = cooling.cooling_power_w
         if curves is not None:
-            most_w, ratio = (curve(ambient_c, temperature_c) for curve in curves)
+            most_w, ratio = (curve(cast('AnyNumber', ambient_c), temperature_c) for curve in curves)
             most_w = most_w * ratio
         heat_w = minimum(most_w / cooling.proportional_band_k * (temperature_c - cooling.set_point_c), most_w)
         if math.isfinite(cooling.radiator_conductance_w_per_k):

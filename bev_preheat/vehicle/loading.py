@@ -222,7 +222,7 @@ def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSourc
     if power_w is None:
         assert ratio is not None
         power_w = ratio * values['electrical_power_w']
-    return Cooling(cooling_power_w=power_w, **values)
+    return Cooling(cooling_power_w=power_w, curves=None, **values)
 
 
 def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
