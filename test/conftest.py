@@ -20,6 +20,7 @@ to the end, so the garbage collector need not search them repeatedly, which woul
 import gc
 import os
 import sys
+import threading
 
 from hypothesis import HealthCheck, settings
 import left_out
@@ -54,6 +55,11 @@ def reaped():
     yield
     guard.kill()
     guard.wait()
+    # One that goes on keeps this process from ending: pytest-xdist kills it, and its coverage is lost.
+    for thread in threading.enumerate():
+        if thread is not threading.main_thread() and not thread.daemon:
+            thread.join(10.0)
+            assert not thread.is_alive(), thread
 
 
 @pytest.fixture(scope='session')

@@ -4,13 +4,13 @@
 from argparse import ArgumentParser
 from dataclasses import dataclass
 import json
-from multiprocessing import resource_tracker
+from multiprocessing import active_children
 import os
 import signal
 import time
 
-import psutil
 import pytest
+from waiting import poll_until
 
 from bev_preheat.commands.program import Interrupted, WorkerLost
 from bev_preheat.errors import InvalidInput
@@ -46,6 +46,11 @@ def arguments(*given):
     return parsed
 
 
+def wait_for_the_end_of(workers):
+    # Not by psutil, which would collect their exit status, for which the executor's thread then waits for ever.
+    poll_until(lambda: workers.isdisjoint(process.pid for process in active_children()), 'end of the workers')
+
+
 @pytest.mark.costly
 def test_results_come_in_order_and_are_the_same_in_several_processes():
     alone, together = (list(study(cube_there, 12).run(jobs)) for jobs in (1, 2))
@@ -54,8 +59,7 @@ def test_results_come_in_order_and_are_the_same_in_several_processes():
     assert {each.process for each in alone} == {os.getpid()}
     workers = {each.process for each in together}
     assert os.getpid() not in workers and 1 <= len(workers) <= 2
-    processes = [psutil.Process(pid) for pid in workers if psutil.pid_exists(pid)]
-    assert psutil.wait_procs(processes, 10.0)[1] == []
+    wait_for_the_end_of(workers)
 
 
 def test_a_stopped_study_goes_on_from_its_file(tmp_path):
@@ -93,13 +97,14 @@ def test_a_lost_worker_is_told():
 
 @pytest.mark.costly
 def test_leaving_a_study_kills_its_workers():
-    resource_tracker.ensure_running()
-    before = set(psutil.Process().children())
+    before = set(active_children())
     results = study(sleep_after_the_first).run(2)
     assert next(results) == cube(0)
+    workers = {process.pid for process in set(active_children()) - before}
     # As with Ctrl-C.
     results.close()
-    assert psutil.wait_procs(set(psutil.Process().children()) - before, 10.0)[1] == []
+    assert workers
+    wait_for_the_end_of(workers)
 
 
 def test_an_interrupted_study_shows_what_is_finished(tmp_path, capsys):
