@@ -24,17 +24,36 @@ static int is_belief(const bev_belief *belief) {
       && belief->mean != NULL && belief->covariance != NULL && belief->memory != NULL;
 }
 
-static bev_status mix_belief(const bev_belief *belief, const double *transitions) {
-  if (!is_belief(belief) || transitions == NULL) {
-    return BEV_BAD_ARGUMENT;
+/* Mean and covariance of a mixture of every `apart`th filter from `first` on. */
+static void blend(const bev_belief *belief, int32_t first, int32_t apart, int32_t count,
+                  const double *share, double *mean, double *covariance) {
+  memset(mean, 0, BEV_ELEMENTS * sizeof(double));
+  memset(covariance, 0, SQUARE * sizeof(double));
+  for (int32_t n = 0; n < count; n++) {
+    const double *const own = &belief->mean[(first + n * apart) * BEV_ELEMENTS];
+    for (int32_t i = 0; i < BEV_ELEMENTS && share[n] != 0.0; i++) {
+      mean[i] += share[n] * own[i];
+    }
   }
+  for (int32_t n = 0; n < count; n++) {
+    const double *const own = &belief->mean[(first + n * apart) * BEV_ELEMENTS];
+    const double *const spread = &belief->covariance[(first + n * apart) * SQUARE];
+    for (int32_t i = 0; i < BEV_ELEMENTS && share[n] != 0.0; i++) {
+      for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
+        covariance[i * BEV_ELEMENTS + j] += share[n]
+            * (spread[i * BEV_ELEMENTS + j] + (own[i] - mean[i]) * (own[j] - mean[j]));
+      }
+    }
+  }
+}
+
+static bev_status mix_belief(const bev_belief *belief, const double *transitions) {
   const int32_t heaters = belief->heaters;
   const int32_t noises = belief->noises;
   const int32_t filters = heaters * noises;
   double *const weights = belief->memory;
   double *const means = &weights[filters];
   double *const covariances = &means[filters * BEV_ELEMENTS];
-  memset(means, 0, (size_t)(filters * (BEV_ELEMENTS + SQUARE)) * sizeof(double));
   for (int32_t to = 0; to < heaters; to++) {
     for (int32_t noise = 0; noise < noises; noise++) {
       const int32_t at = to * noises + noise;
@@ -48,32 +67,10 @@ static bev_status mix_belief(const bev_belief *belief, const double *transitions
         return BEV_NOT_FINITE;
       }
       weights[at] = total;
-      double *const mean = &means[at * BEV_ELEMENTS];
       for (int32_t from = 0; from < heaters; from++) {
         share[from] /= total;
-        const double *const own = &belief->mean[(from * noises + noise) * BEV_ELEMENTS];
-        for (int32_t i = 0; i < BEV_ELEMENTS && share[from] != 0.0; i++) {
-          mean[i] += share[from] * own[i];
-        }
       }
-      double *const covariance = &covariances[at * SQUARE];
-      for (int32_t from = 0; from < heaters; from++) {
-        if (share[from] == 0.0) {
-          continue;
-        }
-        const double *const own = &belief->mean[(from * noises + noise) * BEV_ELEMENTS];
-        const double *const spread = &belief->covariance[(from * noises + noise) * SQUARE];
-        double off[BEV_ELEMENTS];
-        for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-          off[i] = own[i] - mean[i];
-        }
-        for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-          for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
-            const int32_t n = i * BEV_ELEMENTS + j;
-            covariance[n] += share[from] * (spread[n] + off[i] * off[j]);
-          }
-        }
-      }
+      blend(belief, noise, noises, heaters, share, &means[at * BEV_ELEMENTS], &covariances[at * SQUARE]);
     }
   }
   memcpy(belief->weights, weights, (size_t)filters * sizeof(double));
@@ -226,17 +223,9 @@ static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance)
 }
 
 static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
-                           const bev_belief_terms *terms, const bev_drive *drive,
-                           double duration_s, const double *heater_power_w, const double *wander,
-                           double hidden_variance_s2) {
-  if (vehicle == NULL || !is_belief(belief) || terms == NULL || drive == NULL
-      || heater_power_w == NULL || wander == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  if (!isfinite(duration_s) || !(duration_s > 0.0) || !isfinite(hidden_variance_s2)) {
+                              const bev_belief_terms *terms, const bev_passed *passed) {
+  const double duration_s = passed->duration_s;
+  if (!isfinite(duration_s) || !(duration_s > 0.0) || !isfinite(passed->hidden_variance_s2)) {
     return BEV_BAD_INPUT;
   }
   const int32_t filters = belief->heaters * belief->noises;
@@ -252,8 +241,8 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     double *const covariance = &covariances[filter * SQUARE];
     double after[MOVING] = {0.0, 0.0, 0.0, 0.0, 0.0};
     double slopes[MOVING][BEV_ELEMENTS];
-    if (!moved_with_slopes(vehicle, terms, drive, duration_s,
-                           heater_power_w[filter / belief->noises], mean, after, slopes)) {
+    if (!moved_with_slopes(vehicle, terms, &passed->drive, duration_s,
+                           passed->heater_power_w[filter / belief->noises], mean, after, slopes)) {
       return BEV_NOT_FINITE;
     }
     for (int32_t m = 0; m < MOVING; m++) {
@@ -261,7 +250,7 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     }
     carry_along(slopes, covariance);
     for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-      covariance[i * BEV_ELEMENTS + i] += wander[i];
+      covariance[i * BEV_ELEMENTS + i] += passed->wander[i];
     }
     /* The slope of the local rise over the steady rise gives the Joule heat. */
     const double rose = slopes[MOVING - 1][BEV_JOULE_RISE];
@@ -270,7 +259,7 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     for (int32_t i = 0; i <= BEV_SOC; i++) {
       for (int32_t j = 0; j <= BEV_SOC; j++) {
         covariance[i * BEV_ELEMENTS + j] +=
-            hidden_variance_s2 * (slopes[i][BEV_PROPULSION] / duration_s)
+            passed->hidden_variance_s2 * (slopes[i][BEV_PROPULSION] / duration_s)
             * (slopes[j][BEV_PROPULSION] / duration_s);
       }
     }
@@ -378,10 +367,6 @@ static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const
 static bev_status see_interval(const bev_belief *belief, const bev_belief_terms *terms,
                             int32_t element, const double *noise_variance, double low, double high,
                             int32_t tells_hypotheses, int32_t *lost) {
-  if (!is_belief(belief) || terms == NULL || noise_variance == NULL || lost == NULL || element < 0
-      || element >= BEV_ELEMENTS) {
-    return BEV_BAD_ARGUMENT;
-  }
   if (!isfinite(low) || !isfinite(high) || low > high) {
     return BEV_BAD_INPUT;
   }
@@ -432,23 +417,21 @@ static bev_status see_interval(const bev_belief *belief, const bev_belief_terms 
 }
 
 static bev_status see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
-                                    double seen_w, double route_w, double variance_w2,
-                                    double most_w, int32_t *lost) {
-  if (!is_belief(belief) || terms == NULL || lost == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!isfinite(seen_w) || !isfinite(route_w) || !isfinite(variance_w2) || !(variance_w2 > 0.0)) {
+                                       const bev_passed *passed, int32_t *lost) {
+  if (!isfinite(passed->seen_w) || !isfinite(passed->route_w) || !isfinite(passed->variance_w2)
+      || !(passed->variance_w2 > 0.0)) {
     return BEV_BAD_INPUT;
   }
   *lost = 0;
   for (int32_t filter = 0; filter < belief->heaters * belief->noises; filter++) {
     double *const mean = &belief->mean[filter * BEV_ELEMENTS];
     double *const covariance = &belief->covariance[filter * SQUARE];
-    const double expected_w = exp(mean[BEV_PROPULSION]) * route_w;
+    const double expected_w = exp(mean[BEV_PROPULSION]) * passed->route_w;
     const double total =
         expected_w * expected_w * covariance[BEV_PROPULSION * BEV_ELEMENTS + BEV_PROPULSION]
-        + variance_w2;
-    const double error_w = bev_minimum(bev_maximum(seen_w - expected_w, -most_w), most_w);
+        + passed->variance_w2;
+    const double error_w =
+        bev_minimum(bev_maximum(passed->seen_w - expected_w, -passed->most_w), passed->most_w);
     double gain[BEV_ELEMENTS];
     for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
       gain[i] = covariance[i * BEV_ELEMENTS + BEV_PROPULSION] * expected_w;
@@ -459,48 +442,22 @@ static bev_status see_propulsion_power(const bev_belief *belief, const bev_belie
   return BEV_OK;
 }
 
-static bev_status expect(const bev_belief *belief, double *mean, double *covariance) {
-  if (!is_belief(belief) || mean == NULL || covariance == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  const int32_t filters = belief->heaters * belief->noises;
-  memset(mean, 0, BEV_ELEMENTS * sizeof(double));
-  memset(covariance, 0, SQUARE * sizeof(double));
-  for (int32_t filter = 0; filter < filters; filter++) {
-    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-      mean[i] += belief->weights[filter] * belief->mean[filter * BEV_ELEMENTS + i];
-    }
-  }
-  for (int32_t filter = 0; filter < filters; filter++) {
-    const double *const own = &belief->covariance[filter * SQUARE];
-    double off[BEV_ELEMENTS];
-    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-      off[i] = belief->mean[filter * BEV_ELEMENTS + i] - mean[i];
-    }
-    for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
-      for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
-        const int32_t n = i * BEV_ELEMENTS + j;
-        covariance[n] += belief->weights[filter] * (own[n] + off[i] * off[j]);
-      }
-    }
-  }
-  return BEV_OK;
-}
-
 bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
                       const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost) {
-  if (passed == NULL || lost == NULL) {
+  if (vehicle == NULL || !is_belief(belief) || terms == NULL || passed == NULL
+      || passed->transitions == NULL || passed->wander == NULL || lost == NULL) {
     return BEV_BAD_ARGUMENT;
+  }
+  if (!bev_is_vehicle(vehicle)) {
+    return BEV_BAD_VEHICLE;
   }
   *lost = 0;
   bev_status status = mix_belief(belief, passed->transitions);
   if (status == BEV_OK) {
-    status = move_belief(vehicle, belief, terms, &passed->drive, passed->duration_s,
-                             passed->heater_power_w, passed->wander, passed->hidden_variance_s2);
+    status = move_belief(vehicle, belief, terms, passed);
   }
   if (status == BEV_OK && passed->drive.is_seen != 0) {
-    status = see_propulsion_power(belief, terms, passed->seen_w, passed->route_w,
-                                      passed->variance_w2, passed->most_w, lost);
+    status = see_propulsion_power(belief, terms, passed, lost);
   }
   return status;
 }
@@ -508,7 +465,8 @@ bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
 bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
                             const bev_reading *reading, double *mean, double *covariance,
                             int32_t *lost) {
-  if (reading == NULL || lost == NULL) {
+  if (!is_belief(belief) || terms == NULL || reading == NULL || reading->noise_variances_k2 == NULL
+      || reading->noise_variances == NULL || mean == NULL || covariance == NULL || lost == NULL) {
     return BEV_BAD_ARGUMENT;
   }
   *lost = 0;
@@ -520,7 +478,7 @@ bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *te
                               reading->lowest_soc, reading->highest_soc, 0, lost);
   }
   if (status == BEV_OK && *lost == 0) {
-    status = expect(belief, mean, covariance);
+    blend(belief, 0, 1, belief->heaters * belief->noises, belief->weights, mean, covariance);
   }
   return status;
 }

@@ -5,35 +5,6 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "slopes.h"
 
-/* Effect on arrival of a watt of the heater in a step: gain of warmth [K/W], loss of charge [1/W]. */
-typedef struct {
-  double warmth_k_per_w;
-  double charge_per_w;
-} price_on_arrival;
-
-/* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
-typedef struct {
-  bev_charge_warmth warmth;
-  bev_charge_warmth charge;
-} worths;
-
-/* Effect on arrival of a watt in step k. `worth`: value of charge and warmth after the step, then before it. */
-static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
-                                const double *temperature_c, double heater_w, int32_t k,
-                                worths *worth, price_on_arrival *price) {
-  const bev_middle middle = bev_middle_of(vehicle, trip, soc, temperature_c, heater_w, 0.0, k);
-  if (!bev_is_middle(&middle)) {
-    return BEV_BAD_INPUT;
-  }
-  const bev_slopes slopes = bev_slopes_of_model(&middle);
-  const worths earlier = {bev_worth_before(worth->warmth, &slopes),
-                          bev_worth_before(worth->charge, &slopes)};
-  price->warmth_k_per_w = bev_effect(worth->warmth, earlier.warmth, slopes.by_power);
-  price->charge_per_w = -bev_effect(worth->charge, earlier.charge, slopes.by_power);
-  *worth = earlier;
-  return BEV_OK;
-}
-
 /*
  * Upper bound of the charge that heating elsewhere can save, as far as the prices do not change. The run is heated
  * from one instant on; each cheaper step is compared with the dearest heated step.
@@ -41,21 +12,29 @@ static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip
 static bev_status find_most_saving(const bev_vehicle *vehicle, const bev_trip *trip,
                                    const double *soc, const double *temperature_c,
                                    const double *heater_w, double *saving) {
-  worths worth = {{0.0, 1.0}, {1.0, 0.0}};
+  /* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
+  bev_charge_warmth in_warmth = {0.0, 1.0};
+  bev_charge_warmth in_charge = {1.0, 0.0};
   double dearest_per_k = -INFINITY;
   *saving = 0.0;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    price_on_arrival price;
-    const bev_status status =
-        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
-    if (status != BEV_OK) {
-      return status;
+    const bev_middle middle = bev_middle_of(vehicle, trip, soc, temperature_c, heater_w[k], 0.0, k);
+    if (!bev_is_middle(&middle)) {
+      return BEV_BAD_INPUT;
     }
-    if (price.warmth_k_per_w > 0.0) {
-      const double per_k = price.charge_per_w / price.warmth_k_per_w;
+    const bev_slopes slopes = bev_slopes_of_model(&middle);
+    const bev_charge_warmth warmth_before = bev_worth_before(in_warmth, &slopes);
+    const bev_charge_warmth charge_before = bev_worth_before(in_charge, &slopes);
+    /* Effect on arrival of a watt of the heater. */
+    const double warmth_k_per_w = bev_effect(in_warmth, warmth_before, slopes.by_power);
+    const double charge_per_w = -bev_effect(in_charge, charge_before, slopes.by_power);
+    in_warmth = warmth_before;
+    in_charge = charge_before;
+    if (warmth_k_per_w > 0.0) {
+      const double per_k = charge_per_w / warmth_k_per_w;
       const double unheated_w = trip->heater_limit_w[k] - heater_w[k];
       if (unheated_w > 0.0 && per_k < dearest_per_k) {
-        *saving += (dearest_per_k - per_k) * price.warmth_k_per_w * unheated_w;
+        *saving += (dearest_per_k - per_k) * warmth_k_per_w * unheated_w;
       }
       if (heater_w[k] > 0.0) {
         dearest_per_k = bev_maximum(dearest_per_k, per_k);

@@ -125,17 +125,7 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
     return BEV_BAD_ARGUMENT;
   }
   const bev_means none = {NULL, NULL};
-  switch_search of;
-  of.vehicle = vehicle;
-  of.trip = trip;
-  of.idle_soc = idle_soc;
-  of.idle_c = idle_c;
-  of.idle_means = none;
-  of.target_c = target_c;
-  of.soc = soc;
-  of.temperature_c = temperature_c;
-  of.heater_w = heater_w;
-  of.means = none;
+  switch_search of = {vehicle, trip, idle_soc, idle_c, none, target_c, soc, temperature_c, heater_w, none};
   return find_switch(&of, instant_s);
 }
 
@@ -164,13 +154,18 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   return BEV_OK;
 }
 
-/* The least and the most terminal power [W] that keep the limits at both ends of a step, start and end given. */
-static bev_status limits_of_step(const bev_vehicle *vehicle, const double soc[2],
-                                            const double temperature_c[2], double variance_w2,
-                                            double limits_w[2]) {
+/*
+ * The least and the most terminal power [W] that keep the limits at both ends of a step, for a battery BEV_COLDER_BY_K
+ * colder, but not below the vehicle's range: a limit may matter there.
+ */
+static bev_status limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
+                                        const double temperature_c[2], double variance_w2,
+                                        double limits_w[2]) {
   double end_w[2];
-  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[0], temperature_c[0], variance_w2, limits_w);
-  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[1], temperature_c[1], variance_w2, end_w);
+  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[0],
+                      bev_maximum(temperature_c[0] - BEV_COLDER_BY_K, vehicle->lowest_c), variance_w2, limits_w);
+  bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[1],
+                      bev_maximum(temperature_c[1] - BEV_COLDER_BY_K, vehicle->lowest_c), variance_w2, end_w);
   if (!isfinite(limits_w[0]) || !isfinite(limits_w[1]) || !isfinite(end_w[0])
       || !isfinite(end_w[1])) {
     return BEV_NOT_FINITE;
@@ -178,16 +173,6 @@ static bev_status limits_of_step(const bev_vehicle *vehicle, const double soc[2]
   limits_w[0] = bev_maximum(limits_w[0], end_w[0]);
   limits_w[1] = bev_minimum(limits_w[1], end_w[1]);
   return BEV_OK;
-}
-
-/* The same for a battery BEV_COLDER_BY_K colder, but not below the vehicle's range: a limit may matter there. */
-static bev_status limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
-                                                   const double temperature_c[2],
-                                                   double variance_w2, double limits_w[2]) {
-  const double colder_c[2] = {
-      bev_maximum(temperature_c[0] - BEV_COLDER_BY_K, vehicle->lowest_c),
-      bev_maximum(temperature_c[1] - BEV_COLDER_BY_K, vehicle->lowest_c)};
-  return limits_of_step(vehicle, soc, colder_c, variance_w2, limits_w);
 }
 
 /* The reason for a heating interval: the first thing after it that a colder battery would not allow. */
@@ -317,17 +302,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   }
   const bev_means idle_means = {room[2], room[3]};
   const bev_means means = {room[4], room[5]};
-  switch_search of;
-  of.vehicle = vehicle;
-  of.trip = trip;
-  of.idle_soc = room[0];
-  of.idle_c = room[1];
-  of.idle_means = idle_means;
-  of.target_c = target_c;
-  of.soc = soc;
-  of.temperature_c = temperature_c;
-  of.heater_w = heater_w;
-  of.means = means;
+  switch_search of = {vehicle, trip, room[0], room[1], idle_means, target_c, soc, temperature_c, heater_w, means};
   bev_seen_run run = {vehicle, trip, room[0], room[1], heater_w, room[6], room[7]};
   room[0][0] = start_soc;
   room[1][0] = start_c;

@@ -279,23 +279,14 @@ bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *tri
   if (!isfinite(target_c) || !bev_is_time(trip)) {
     return BEV_BAD_INPUT;
   }
-  two_switch_search of;
-  of.vehicle = vehicle;
-  of.trip = trip;
-  of.idle_states = idle_states;
-  of.target_c = target_c;
-  of.arrival_s = trip->time_s[trip->steps];
-  of.capacity_j_per_k =
-      vehicle->heat_capacity_j_per_k + vehicle->coolant_heat_capacity_j_per_k;
-  of.states = states;
-  of.command_w = command_w;
-  of.idle_taken_wh = memory;
-  of.pairs = 0;
+  const double arrival_s = trip->time_s[trip->steps];
   double limit_j = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
     limit_j += trip->heater_limit_w[k] * trip->duration_s[k];
   }
-  of.mean_limit_w = limit_j / of.arrival_s;
+  two_switch_search of = {vehicle, trip, idle_states, target_c, arrival_s,
+                          vehicle->heat_capacity_j_per_k + vehicle->coolant_heat_capacity_j_per_k,
+                          limit_j / arrival_s, states, command_w, memory, 0.0, 0.0, 0, {0.0}, {0.0}};
   status = add_up_idle(&of);
   if (status == BEV_OK) {
     status = find_switches(&of, on_s, off_s);
