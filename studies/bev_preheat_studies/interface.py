@@ -129,13 +129,7 @@ class ReproductionResult(Result):
         ).set_index(['column', 'row'])
 
     def _figure(self) -> Figure:
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        from bev_preheat.route import load_route
-        from bev_preheat.vehicle import load_vehicle
-        from bev_preheat_studies.table_two import GOAL
-        vehicle = load_vehicle('reference')
-        return make_plan_figure(vehicle, load_route('reference', vehicle.defaults), GOAL, [
-            self.reproduced.heuristic, self.reproduced.optimum.plan], "the paper's Figure 6", every_panel=True)
+        return self.reproduced.figure()
 
     def _draw(self, axis: Axes) -> None:
         from bev_preheat.drawing.plan_figure import draw_battery_temperatures

@@ -13,13 +13,19 @@ from concurrent.futures import BrokenExecutor, Future
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from itertools import count, islice
+import os
 from typing import Any, Generic, TYPE_CHECKING, TypeVar
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.output import (
+    add_json_argument,
+    add_output_arguments,
+    check_output_arguments,
+    write_json,
+)
 from bev_preheat.commands.parser import option_group
 from bev_preheat.commands.program import keeping_what_is_finished, WorkerLost
 from bev_preheat.commands.situation import LESS_COMMON
@@ -27,7 +33,7 @@ from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import OutputFile
 from bev_preheat_studies.results_file import ResultsFile
-from bev_preheat_studies.workers import workers_for
+from bev_preheat_studies.workers import Workers
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -35,6 +41,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.files.output_files import AnyPath
 
 Result = TypeVar('Result')
@@ -73,20 +80,20 @@ class Study(Generic[Result]):
             file = None if results is None else stack.enter_context(ResultsFile(results, self.identity))
             finished: dict[int, Any] = {} if file is None else {
                 result.number: result for result in file.results(self.result)}  # type: ignore[attr-defined]
-            workers = workers_for(self.task, jobs)
-            stack.enter_context(workers)
+            cores = jobs or os.cpu_count() or 1
+            workers = None if cores == 1 else stack.enter_context(Workers(self.task, cores))
 
             def begin(number: int) -> tuple[int, Future[Result]]:
-                if number not in finished:
+                if workers is not None and number not in finished:
                     return number, workers.begin(number)
                 known: Future[Result] = Future()
-                known.set_result(finished[number])
+                known.set_result(finished[number] if number in finished else self.task(number))
                 return number, known
 
             numbers = iter(range(self.wanted) if self.counts is None else count())
             counted = 0
             try:
-                begun = deque(map(begin, islice(numbers, AHEAD * workers.cores if workers.cores > 1 else 1)))
+                begun = deque(map(begin, islice(numbers, AHEAD * cores if cores > 1 else 1)))
                 while begun and counted < self.wanted:
                     number, future = begun.popleft()
                     result = future.result()
@@ -124,14 +131,26 @@ class Study(Generic[Result]):
                     **self.identity, 'complete': ending.is_complete, **contents,
                     'results': [asdict(result) for result in found]})  # type: ignore[call-overload]
         counted = sum(self.counts is None or self.counts(result) for result in found)
-        ending.tell(counted, self.wanted, self.what, (arguments.json, getattr(arguments, 'plot', None)),
+        ending.tell(counted, self.wanted, self.what, (arguments.json, arguments.plot),
                     arguments.results)
         return 0
 
 
-def add_study_arguments(parser: ArgumentParser) -> None:
-    """Add `--json`, `--plot`, `--seed`, `--jobs` and `--results`."""
-    add_output_arguments(parser)
+def add_study(subparsers: Subparsers, name: str, run: Callable[[Namespace], int], description: str | None,
+              summary: str, wanted: str = 'trips', most: int = 100, plots: bool = False) -> ArgumentParser:
+    """Add a study with its number of situations (`--WANTED`, default `most`) and return its parser."""
+    parser = subparsers.add_parser(name, description=description, help=summary)
+    parser.add_argument(f'--{wanted}', type=int, default=most, metavar='N',
+                        help='how many are drawn, or compared if some cannot be (default: %(default)s)')
+    add_study_arguments(parser, plots)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_study_arguments(parser: ArgumentParser, plots: bool = True) -> None:
+    """Add `--json`, `--seed`, `--jobs` and `--results`, and `--plot` if the study `plots`."""
+    (add_output_arguments if plots else add_json_argument)(parser)
+    parser.set_defaults(plot=None)
     more = option_group(parser, LESS_COMMON)
     more.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     more.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')

@@ -27,6 +27,7 @@ from bev_preheat.vehicle.curves import InverseTemperatureResistance
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from matplotlib.figure import Figure
     from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
@@ -99,6 +100,13 @@ class Reproduction:
         return {'cells': [asdict(cell) for cell in self.cells], 'heuristic': self.heuristic.as_dictionary(),
                 'optimal_switch': self.optimal_switch.as_dictionary(), 'optimum': self.optimum.as_dictionary()}
 
+    def figure(self) -> Figure:
+        """Return both plans as a figure like the paper's Figure 6."""
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        vehicle = load_vehicle('reference')
+        return make_plan_figure(vehicle, load_route('reference', vehicle.defaults), GOAL, [
+            self.heuristic, self.optimum.plan], "the paper's Figure 6", every_panel=True)
+
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
@@ -121,11 +129,7 @@ def run(arguments: Namespace) -> int:
         write_json(arguments.json, result.as_dictionary())
     if arguments.plot:
         from bev_preheat.drawing.figure import save_figure
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        vehicle = load_vehicle('reference')
-        save_figure(make_plan_figure(
-            vehicle, load_route('reference', vehicle.defaults), GOAL, [result.heuristic, result.optimum.plan],
-            "the paper's Figure 6", every_panel=True), arguments.plot)
+        save_figure(result.figure(), arguments.plot)
     console = result_console(arguments.json)
     print_result(console, result)
     if arguments.fit:

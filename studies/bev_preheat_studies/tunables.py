@@ -11,7 +11,7 @@ number from which another one is computed when its module is loaded moves nothin
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 import re
@@ -19,21 +19,21 @@ import sys
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat import tunables as table
-from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_library import use_core
 from bev_preheat_studies.robustness.cars import drive_car
 from bev_preheat_studies.robustness.drawn_cars import Conditions
-from bev_preheat_studies.study import Study
+from bev_preheat_studies.study import add_study, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
+
+    from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
 
@@ -69,10 +69,10 @@ class Effect:
     The changes on the drives that a number brings, 30 % smaller or larger, whichever is more.
 
     Of the arrival in the mean and at worst [K], the mean heating energy [Wh], switch-ons and verdicts of all
-    drives.
-    `failed`: a drive could not be driven to its end.
+    drives. `failed`: a drive could not be driven to its end.
     """
 
+    number: int
     tunable: str
     value: float
     reason: str
@@ -127,7 +127,7 @@ class Drives(NamedTuple):
 def effect_of(drives: Drives, as_they_are: Figures, found: Sequence[Tunable], number: int) -> Effect:
     """Return the Effect of the Tunable of this number on drives that have the figures `as_they_are`."""
     tunable = found[number]
-    effect = Effect(tunable.name, tunable.value, tunable.reason)
+    effect = Effect(number, tunable.name, tunable.value, tunable.reason)
     errors_k, energies_wh, switch_ons, verdicts = as_they_are
     moves: list[Effect] = []
     for factor in FACTORS:
@@ -161,50 +161,39 @@ def set_everywhere(tunable: Tunable, value: float | int) -> list[Any]:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('tunables', help="which numbers in the planner's step matter",
-                                   description=__doc__)
-    parser.add_argument('--cars', type=int, default=1, metavar='N', help='drawn cars (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
+    parser = add_study(subparsers, 'tunables', run, __doc__, "which numbers in the planner's step matter", 'cars',
+                       most=1)
     parser.add_argument('--period', type=float, default=8.0, metavar='S',
                         help='period of battery states and commands [s] (default: %(default)s)')
     parser.add_argument('names', nargs='*', metavar='NAME', help='only these numbers (default: all)')
     parser.add_argument('--write', action='store_true', help='write the effects into bev_preheat/tunables.py')
     parser.add_argument('--without-core', action='store_true', help='plan in Python, so that all numbers count')
-    add_json_argument(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
     """Run the study and print its tables; returns 0."""
-    for name, low, high in (('cars', 1, 1000), ('seed', 0, 2**31), ('period', 0.5, 30.0)):
-        if not low <= getattr(arguments, name) <= high:
-            raise InvalidInput(f'--{name}: {getattr(arguments, name)} is not allowed; it must be {low} ... {high}')
+    check_study_arguments(arguments, wanted='cars', period=(0.5, 30.0))
     unknown = set(arguments.names) - {each.name for each in tunables()}
     if unknown:
         raise InvalidInput(f'NAME: {", ".join(sorted(unknown))}: bev_preheat/tunables.py has no such number')
-    check_outputs([json_output(arguments.json)], ())
     found = [each for each in tunables() if not arguments.names or each.name in arguments.names]
     drives = Drives(arguments.cars, arguments.seed, arguments.period, not arguments.without_core)
-    with progress_bar() as bar:
-        task = bar.add_task('numbers', total=len(found))
-        effects = []
-        task_of = partial(effect_of, drives, drives.figures(), found)
-        for effect in Study(task_of, Effect, len(found)).run(None):
-            effects.append(effect)
-            bar.advance(task)
-    if arguments.json:
-        write_json(arguments.json, {'drives': drives._asdict(), 'effects': [asdict(effect) for effect in effects]})
-    if arguments.write:
+    return Study(partial(effect_of, drives, drives.figures(), found), Effect, len(found), {
+        'study': 'tunables', 'names': arguments.names, **drives._asdict()}, what='numbers').conduct(
+            arguments, partial(_show, arguments.write))
+
+
+def _show(write: bool, console: Console, effects: list[Effect]) -> dict[str, Any]:
+    if write:
         path = Path(table.__file__)
         path.write_text(with_effects(path.read_text(encoding='utf-8'), effects), encoding='utf-8')
-    console = result_console(arguments.json)
     moving = sorted((effect for effect in effects if not effect.is_nothing), key=lambda effect: -effect.worst_k)
     print_records(
-        console, f'{len(moving)} of {len(effects)} numbers move something on {arguments.cars} drives, by +-30 %',
+        console, f'{len(moving)} of {len(effects)} numbers move something, by +-30 %',
         ('number', 'value', 'arrival, mean [K]', 'worst [K]', 'energy [Wh]', 'switch-ons', 'verdicts'),
         [(effect.tunable, f'{effect.value:g}', f'{effect.mean_k:.3f}', f'{effect.worst_k:.3f}',
           f'{effect.energy_wh:.1f}', str(effect.switch_ons), effect.failed or str(effect.verdicts))
          for effect in moving], ('left', *('right',) * 6))
     unmoved = [each.tunable for each in effects if each.is_nothing]
     console.print(f'Nothing moves by {len(unmoved)}: {", ".join(unmoved)}', soft_wrap=True, markup=False)
-    return 0
+    return {}

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 from multiprocessing import resource_tracker
@@ -14,39 +14,11 @@ from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from concurrent.futures import Future
     from multiprocessing.process import BaseProcess
 
 # The task of a worker process, and only that.
 _tasks: list[Callable[[int], Any]] = []
-
-
-def workers_for(task: Callable[[int], Any], jobs: int | None) -> Here | Workers:
-    """Return workers for a function of a number: `jobs` processes, or one for each core; one job needs none."""
-    cores = jobs or os.cpu_count() or 1
-    return Here(task) if cores == 1 else Workers(task, cores)
-
-
-class Here:
-    """Runs a task in this process."""
-
-    cores = 1
-
-    def __init__(self, task: Callable[[int], Any]) -> None:
-        """Take the task."""
-        self._task = task
-
-    def __enter__(self) -> Here:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Do nothing."""
-
-    def begin(self, number: int) -> Future[Any]:
-        """Return the finished Future of the task with a number."""
-        future: Future[Any] = Future()
-        future.set_result(self._task(number))
-        return future
 
 
 class Workers(ProcessPoolExecutor):
@@ -59,7 +31,6 @@ class Workers(ProcessPoolExecutor):
 
     def __init__(self, task: Callable[[int], Any], cores: int) -> None:
         """Start no process yet."""
-        self.cores = cores
         # A fork would inherit the solver's threads and the terminal's state.
         super().__init__(cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin,
                          initargs=(task,))

@@ -31,8 +31,8 @@ def test_a_number_is_set_wherever_it_is_imported():
 
 def test_effects_are_written_behind_their_rows_and_taken_away():
     text = 'A_K = 1.0   # K | first\n\nB = 2  # n  | second | 0.300 K\nC = 3  # n | third | 1.000 K\n'
-    effects = (study.Effect('A_K', 1.0, 'first', worst_k=0.25), study.Effect('B', 2, 'second'),
-               study.Effect('C', 3, 'third', switch_ons=1))
+    effects = (study.Effect(0, 'A_K', 1.0, 'first', worst_k=0.25), study.Effect(1, 'B', 2, 'second'),
+               study.Effect(2, 'C', 3, 'third', switch_ons=1))
     assert study.with_effects(text, effects) == (
         'A_K = 1.0   # K | first | 0.250 K\n\nB = 2  # n  | second\nC = 3  # n | third | 0.000 K\n')
 

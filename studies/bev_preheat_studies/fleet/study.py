@@ -36,7 +36,7 @@ from bev_preheat_studies.fleet.winter_trips import (
     USUAL,
     WAYS,
 )
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study, text_of
+from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study, text_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -103,11 +103,8 @@ class FleetResult:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('fleet', help='what preheating saves a winter fleet at the charger',
-                                   description=__doc__)
-    parser.add_argument('--trips', type=int, default=1000, metavar='N', help='default: %(default)s')
-    add_study_arguments(parser)
-    parser.set_defaults(run=run)
+    add_study(subparsers, 'fleet', run, __doc__, 'what preheating saves a winter fleet at the charger', most=1000,
+              plots=True)
 
 
 def run(arguments: Namespace) -> int:

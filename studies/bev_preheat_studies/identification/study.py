@@ -19,7 +19,7 @@ from bev_preheat.identification.trips import trips_of
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.identification.synthetic_car import COOLANT_J_PER_K, draw_car, record_car
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
+from bev_preheat_studies.study import add_study, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -62,14 +62,12 @@ class CarResult:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('identification', help='synthetic cars identified from their logs',
-                                   description=__doc__)
-    parser.add_argument('--cars', type=int, default=100, metavar='N', help='default: %(default)s')
+    parser = add_study(subparsers, 'identification', run, __doc__, 'synthetic cars identified from their logs',
+                       'cars')
     parser.add_argument('--vehicle', default='small_car', help='vehicle file around which cars are drawn')
     parser.add_argument('--without-heater', action='store_true', help='record no drive with the heater on')
-    add_study_arguments(parser)
     # That of the first car; the others follow.
-    parser.set_defaults(run=run, seed=0)
+    parser.set_defaults(seed=0)
 
 
 def run(arguments: Namespace) -> int:

@@ -20,7 +20,7 @@ from bev_preheat.optional_packages import require
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study
+from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -77,12 +77,8 @@ class WorthGap:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('best_target', description=__doc__,
-                                   help='the best target against the joint program of drive and session')
-    parser.add_argument('--trips', type=int, default=100, metavar='N',
-                        help='draw until N trips are compared (default: %(default)s)')
-    add_study_arguments(parser)
-    parser.set_defaults(run=run)
+    add_study(subparsers, 'best_target', run, __doc__,
+              'the best target against the joint program of drive and session')
 
 
 def run(arguments: Namespace) -> int:

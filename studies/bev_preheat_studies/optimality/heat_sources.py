@@ -25,7 +25,7 @@ from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import hvch_alone
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
+from bev_preheat_studies.study import add_study, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -55,11 +55,8 @@ class SourcesResult:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('heat_sources', description=__doc__, help='energy that heat sources save')
-    parser.add_argument('--vehicle', default='heat_pump_car', metavar='NAME|FILE')
-    parser.add_argument('--trips', type=int, default=200, metavar='N', help='drawn trips (default: %(default)s)')
-    add_study_arguments(parser)
-    parser.set_defaults(run=run)
+    add_study(subparsers, 'heat_sources', run, __doc__, 'energy that heat sources save', most=200, plots=True
+              ).add_argument('--vehicle', default='heat_pump_car', metavar='NAME|FILE')
 
 
 def run(arguments: Namespace) -> int:

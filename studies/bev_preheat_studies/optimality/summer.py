@@ -27,7 +27,7 @@ from bev_preheat.simulation.imperfect_car import Mismatch
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
 from bev_preheat_studies.optimality.heat_sources import drive, SPREAD
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, MOST_SITUATIONS, Study
+from bev_preheat_studies.study import add_study, check_study_arguments, Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -58,16 +58,13 @@ class SummerResult:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('summer', description=__doc__, help='what cooling saves before a fast charge')
-    parser.add_argument('--vehicle', default='heat_pump_car', metavar='NAME|FILE')
-    parser.add_argument('--trips', type=int, default=100, metavar='N', help='drawn trips (default: %(default)s)')
-    add_study_arguments(parser)
-    parser.set_defaults(run=run)
+    add_study(subparsers, 'summer', run, __doc__, 'what cooling saves before a fast charge').add_argument(
+        '--vehicle', default='heat_pump_car', metavar='NAME|FILE')
 
 
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0."""
-    check_study_arguments(arguments, trips=(1, MOST_SITUATIONS))
+    check_study_arguments(arguments)
     require('casadi')
     identity = {'study': 'summer', 'vehicle': arguments.vehicle, 'seed': arguments.seed}
     return Study(partial(solve, arguments.vehicle, arguments.seed), SummerResult, arguments.trips,

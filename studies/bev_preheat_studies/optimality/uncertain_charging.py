@@ -32,7 +32,7 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
-from bev_preheat_studies.study import add_study_arguments, check_study_arguments, distribution, Study, text_of
+from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study, text_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -221,12 +221,8 @@ def compare(seed: int, number: int) -> Gap:
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the study."""
-    parser = subparsers.add_parser('uncertain_charging', help='plans if it is uncertain whether and when the '
-                                   'vehicle charges, against a search', description=__doc__)
-    parser.add_argument('--drives', type=int, default=100, metavar='N',
-                        help='draw until N drives are compared (default: %(default)s)')
-    add_study_arguments(parser)
-    parser.set_defaults(run=run)
+    add_study(subparsers, 'uncertain_charging', run, __doc__,
+              'plans if it is uncertain whether and when the vehicle charges, against a search', 'drives')
 
 
 def run(arguments: Namespace) -> int:
