@@ -68,15 +68,14 @@ def filled_pages():
 
 
 def files():
-    """Return the purpose of each file of the product: the first paragraph of its docstring."""
-    rooms = {}
-    for path in sorted((ROOT / 'bev_preheat').rglob('*.py')):
+    """Return the purpose of each file of product and studies: the first paragraph of its docstring."""
+    folders = {}
+    for path in sorted(path for top in ('bev_preheat', 'studies') for path in (ROOT / top).rglob('*.py')):
         if path.name != '__init__.py':
             purpose = ast.get_docstring(ast.parse(path.read_text(encoding='utf-8'))).partition('\n\n')[0]
-            rooms.setdefault(path.parent.relative_to(ROOT / 'bev_preheat').as_posix(), []).append(
+            folders.setdefault(path.parent.relative_to(ROOT).as_posix(), []).append(
                 f'* `{path.name}`: {" ".join(purpose.split())}')
-    return '\n\n'.join('\n'.join([f'## {"Beside the rooms" if room == "." else room}', '', *rows])
-                       for room, rows in rooms.items())
+    return '\n\n'.join('\n'.join([f'## {folder}', '', *rows]) for folder, rows in folders.items())
 
 
 def main():

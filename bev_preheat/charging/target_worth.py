@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of one target: prices, figures of drive and session, and from which prices on it pays."""
+"""Cost of one target: prices, figures of drive and session, and from which prices on this one pays."""
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass

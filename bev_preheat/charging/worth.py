@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Worth of heating before the charger: its cost, and the savings at the charger, over all targets.
+Worth of heating before the charger: its cost, the savings at the charger and the break-even prices, over all targets.
 
     cost = price · bought energy + value of time · charging time + ageing
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a plan: checks the input, runs a method, and describes the result."""
+"""Makes a plan: checks the input, runs a method, chooses the plan's status, and describes the result."""
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of a route's source before a car drives it, from points along a road or from pieces of road."""
+"""The contents of a route's source before a car drives it: points or pieces of road, and its stops to charge."""
 
 from __future__ import annotations
 
