@@ -183,7 +183,7 @@ class DecisionMaker(NamedTuple):
                 forecasts, found = maker.forecasts.make(limited, task, estimate)
                 maker = maker._replace(forecasts=forecasts)
         except (InvalidInput, PlanningFailure) as error:
-            return maker, Decision(Status.INVALID_INPUT, str(error))
+            return maker, Decision(Status.INVALID_INPUT, f'{error} {task.unserved}'.rstrip())
         return maker, Decision(
             *_told(found.plan, choice, now_ns), found.plan, start_ns, leg, forecast=found.forecast,
             commanded=found.commanded, command_share=found.command_share, model_factors=found.model_factors,

@@ -27,7 +27,7 @@ from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.methods import KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
+from bev_preheat.planning.situation import BatteryState, Goal, highest_start_c, reserve_soc, Uncertainty
 from bev_preheat.planning.status import LATER, Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import (
@@ -130,7 +130,7 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
     """Return the BatteryState of an Estimate for a Vehicle, with the heat under way."""
-    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    lowest_c, highest_c = vehicle.battery.temperature_range_c[0], highest_start_c(vehicle)
     if vehicle.heat_path.is_direct:
         return BatteryState(
             min(max(estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)

@@ -196,8 +196,8 @@ class HeaterAnswers(NamedTuple):
         return self.status is not None and abs(
             now_ns - self.status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
 
-    def refusal(self, now_ns: int, settings: Settings) -> str:
-        """Return the sentence on heat that the source refuses at an instant; '' if it does not."""
+    def refusal(self, now_ns: int, settings: Settings, cools: bool = False) -> str:
+        """Return the sentence on heat, or cold, that the source refuses at an instant; '' if it does not."""
         status = self.status
         if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
             return ''
@@ -207,7 +207,7 @@ class HeaterAnswers(NamedTuple):
         if status.refusal is Refusal.NOT_REFUSED:
             reason = f'it reports {status.confirmed_w:.0f} W'
         name = 'heater' if self.name == HVCH else self.name
-        return f'The {name} does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
+        return f'The {name} does not {"cool" if cools else "heat"} ({status.refusal.name}): {reason.rstrip(".")}.'
 
     def judged(self, report: HeaterReport, now_ns: int, settings: Settings) -> tuple[HeaterAnswers, bool]:
         """Return the answers, in doubt if a HeaterReport contradicts them, and whether it falls with them."""

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 class Unserved(NamedTuple):
     """
-    A heat source beside the HVCH that does not heat as commanded, and the sentence on it.
+    A heat source beside the HVCH that does not heat or cool as commanded, and the sentence on it.
 
-    It delivers a `share` of its command, 0: it does not heat; `is_refused`: it says so itself.
+    It delivers a `share` of its command, 0: nothing; `is_refused`: it says so itself.
     """
 
     name: str

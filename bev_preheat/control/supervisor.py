@@ -162,8 +162,8 @@ def heed_heater(state: State) -> State:
     now_ns, settings, answers = state.now_ns, state.settings, state.answers
     refusal = answers.hvch.refusal(now_ns, settings)
     unserved = tuple(
-        Unserved(each.name, sentence, True) for each in answers.others
-        if (sentence := each.refusal(now_ns, settings)))
+        Unserved(each.name, sentence, True) for source, each in zip(state.vehicle.heat_sources, answers.others)
+        if (sentence := each.refusal(now_ns, settings, source.cools)))
     return state if (refusal, unserved) == (state.heater_refusal, state.unserved) else state._replace(
         heater_refusal=refusal, unserved=unserved)
 

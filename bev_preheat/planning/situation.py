@@ -8,7 +8,8 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, range_problem, share_hint
-from bev_preheat.tunables import MOST_EXCESS_K, WIDEST_FORECAST_K
+from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K, MOST_EXCESS_K, WIDEST_FORECAST_K
+from bev_preheat.vehicle.model import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -67,6 +68,11 @@ def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:
     return max(goal.minimum_arrival_soc, vehicle.battery.soc_range[0])
 
 
+def highest_start_c(vehicle: Vehicle) -> float:
+    """Return the highest battery temperature that is planned from [deg C]: a vehicle that cools begins hotter."""
+    return hottest_c(vehicle) if vehicle.cools else vehicle.battery.temperature_range_c[1]
+
+
 def check_situation(vehicle: Vehicle, route: Route | None = None,
                     state: BatteryState | None = None, goal: Goal | None = None,
                     uncertainty: Uncertainty | None = None) -> None:
@@ -76,8 +82,12 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
     # Value, least, most, name, and meaning of the bounds.
     checks: list[tuple[float, float, float, str, str]] = []
     if state is not None:
+        most_c = highest_start_c(vehicle)
+        is_hot = most_c < state.temperature_c <= hottest_c(vehicle)
+        meaning = in_battery_range + (f' and {HOTTEST_BEYOND_RANGE_K:g} K that it cools' if vehicle.cools else
+                                      '; no heat source cools it' if is_hot else '')
         checks += (
-            (state.temperature_c, lowest_c, highest_c, 'battery temperature', in_battery_range),
+            (state.temperature_c, lowest_c, most_c, 'battery temperature', meaning),
             (state.soc, 0.0, 1.0, 'state of charge', ''),
             (state.heater_power_w, 0.0, vehicle.hvch.maximum_power_w, 'heater power', 'W'),
             (state.coolant_excess_k, -MOST_EXCESS_K, MOST_EXCESS_K, 'coolant excess temperature', 'K'))

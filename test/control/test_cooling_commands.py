@@ -8,11 +8,14 @@ import math
 import pytest
 
 from bev_preheat.charging.stop import Charger
+from bev_preheat.control.events import SourceStatusArrived
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.control.inputs import check_mission, Leg, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target import TargetSource
 from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -21,6 +24,7 @@ from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
 
 COOLED_THERE = load_vehicle('heat_pump_car')
 # Its chiller rests at a charger, so much cooling before it pays.
@@ -33,9 +37,9 @@ CHILLER_ALONE = {'chiller'}
 
 
 def driven(until_s=838.0, sensors=Sensors(period_s=4.0), car=CAR, goal=Goal(math.nan), charger=Charger(150e3, 0.8),
-           **settings):
+           start_c=49.0, **settings):
     """Yield (instant [s], command, decision, ImperfectCar) of a drive to a charger of 150 kW."""
-    simulated = ImperfectCar(car, DrivePhase(ROUTE, goal, charger=charger), BatteryState(49.0, 0.5),
+    simulated = ImperfectCar(car, DrivePhase(ROUTE, goal, charger=charger), BatteryState(start_c, 0.5),
                              Imperfections(sensors=sensors))
     supervisor = Supervisor(car, Settings(**settings))
     for moment in moments(simulated, supervisor, lambda: simulated.time_s >= until_s):
@@ -97,3 +101,46 @@ def test_a_highest_temperature_below_the_target_or_above_the_battery_s_range_is_
     assert str(refused.value) == (
         f'maximum arrival temperature: {most_c:g} is not allowed; it must be {target_c or 22:g} ... 55 degC, from '
         'the target to the highest temperature')
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+def test_a_battery_above_its_range_is_cooled_at_once(estimation):
+    drive = list(driven(goal=Goal(25.0), charger=None, start_c=61.0, estimation=estimation))
+    commands = [command for _, command, _, _ in drive]
+    assert commands[5].reason is Status.COOLING and commands[5].power_w('chiller') == pytest.approx(3000.0)
+    # Into its range, and no further.
+    assert 54.0 < drive[-1][3].plant.temperature_c <= 55.1
+
+
+def test_without_a_chiller_a_battery_above_its_range_is_refused_and_told_why():
+    alone = replace(CAR, heat_sources=tuple(source for source in CAR.heat_sources if not source.cools))
+    _, command, decision, _ = list(driven(until_s=20.0, car=alone, start_c=61.0))[-1]
+    assert command.total_w == 0.0 and "the range of the vehicle's battery; no heat source cools it" in (
+        decision.explanation)
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+@pytest.mark.parametrize('start_c', [49.0, 61.0])
+def test_a_chiller_that_refuses_is_told_by_its_own_words(start_c, estimation):
+    supervisor, told = Supervisor(CAR, Settings(estimation=estimation)), set()
+    simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(25.0, maximum_arrival_temperature_c=42.0)),
+                             BatteryState(start_c, 0.5))
+    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 700.0):
+        now_ns, command = supervisor.state.now_ns, moment.output.command
+        if command is None:
+            continue
+        if moment.time_s > 600.0:
+            told.add(supervisor.state.decision.explanation)
+        if 500.0 < moment.time_s < 660.0:
+            assert not supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(
+                now_ns, 0.0, 0.0, Refusal.HEATER_FAULT, 'no refrigerant'), 'chiller')).refusals
+        elif 600.0 < moment.time_s:
+            supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(now_ns, 3000.0, 3000.0), 'chiller'))
+    words = 'The chiller does not cool (HEATER_FAULT): no refrigerant.'
+    assert any(sentence.startswith(words) for sentence in told)
+    assert not any('heat_pump' in sentence or 'heater' in sentence for sentence in told)
+    entry = next(entry for entry in planner_diagnostics('planner', supervisor.state, supervisor.state.now_ns)
+                 if entry.name.endswith('status of chiller'))
+    # It serves again.
+    assert entry.message == 'the command is served'
+    assert supervisor.state.latest_command.power_w('chiller') == pytest.approx(3000.0)
