@@ -22,7 +22,7 @@ import numpy as np
 
 from bev_preheat.charging.stop import CERTAIN, ChargingProspect
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput, quoted, share_hint
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration

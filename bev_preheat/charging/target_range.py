@@ -18,11 +18,12 @@ import numpy as np
 from bev_preheat.charging.expectation import spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import refuse_stranded
-from bev_preheat.charging.target_worth import TargetWorth
-from bev_preheat.charging.worth import check_prices, scan, targets_between
+from bev_preheat.charging.target_worth import check_prices, TargetWorth
+from bev_preheat.charging.worth_search import TARGET_RESOLUTION_K, targets_between
 from bev_preheat.errors import InvalidInput, share_hint
 from bev_preheat.files.table import read_table
 from bev_preheat.numerics import FLOATS
+from bev_preheat.planning.bracketing import scan
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K, SOC_TOLERANCE
@@ -147,5 +148,5 @@ def targets_in_range(vehicle: Vehicle, route: Route, state: BatteryState, goal: 
         return found[target_c].cost
 
     first_c = max(low_c, unheated.arrival_temperature_c)
-    scan([first_c, *targets_between(first_c, high_c)], cost_at)
+    scan([first_c, *targets_between(first_c, high_c)], cost_at, TARGET_RESOLUTION_K)
     return sorted(found.values(), key=lambda item: (item.cost, item.target_c))

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of one target: prices, figures of drive and session, and from which prices on this one pays."""
+"""Cost of one target: prices, figures of drive and session, and the prices from which on this one pays."""
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
+from bev_preheat.errors import InvalidInput, range_problem
 from bev_preheat.numerics import S_PER_H, WH_PER_KWH
 
+MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
+# Not a recommendation: the verdict states the value of time from which on heating pays.
+ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
 OF_UNCERTAINTY, OF_AGEING = ('charged_cost', 'not_charged_cost'), ('ageing_cost', 'ageing_outside_share')
 
 
@@ -24,6 +28,17 @@ class Prices:
             return math.inf
         return (self.energy_per_kwh * energy_wh / WH_PER_KWH
                 + self.time_per_h * time_s / S_PER_H)
+
+
+def check_prices(prices: Prices) -> None:
+    """Raise InvalidInput, one sentence per problem, if Prices are negative or not numbers."""
+    problems = [range_problem(name, value, 0.0, most, unit)
+                for name, value, most, unit in (
+                    ('energy price', prices.energy_per_kwh, MOST_PRICE_PER_KWH, 'per kWh'),
+                    ('value of time', prices.time_per_h, MOST_VALUE_PER_H, 'per h'))
+                if not 0.0 <= value <= most]
+    if problems:
+        raise InvalidInput(problems)
 
 
 @dataclass(frozen=True)

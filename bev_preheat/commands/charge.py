@@ -14,9 +14,8 @@ from bev_preheat.charging.stop import (
     stop_after,
     USUAL_DEPARTURE_SOC,
 )
-from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.target_worth import check_prices, ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.charging.verdict import too_warm
-from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options, option_group, option_of
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation

@@ -8,8 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import chance_text
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.parser import completed_by, given_options, NameCompleter
 from bev_preheat.commands.situation import (

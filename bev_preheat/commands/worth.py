@@ -12,8 +12,8 @@ from bev_preheat.charging.chargers import load_chargers, rank_chargers, ranking_
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.stop import check_stop, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_range import by_session, by_table, COLUMNS, read_charging_times, targets_in_range
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import check_prices, find_worth, goal_of
+from bev_preheat.charging.target_worth import check_prices, Prices
+from bev_preheat.charging.worth_search import find_worth, goal_of
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
 from bev_preheat.commands.parser import completed_by, given_options, NameCompleter, option_group, option_of

@@ -9,8 +9,7 @@ import math
 import re
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.planning.planner import DEFAULT_METHOD, REPLACED
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ class Settings:
 
     @property
     def prices(self) -> Prices:
-        """The charging.worth.Prices."""
+        """The Prices of a charging session."""
         return Prices(self.energy_price_per_kwh, self.value_of_time_per_h)
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import pays_from_probability
-from bev_preheat.charging.worth import goal_of, WorthSearch
+from bev_preheat.charging.worth_search import goal_of, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated

@@ -2,7 +2,7 @@
 """
 Chooses the target of the current leg if its charger is known and no target is given.
 
-It chooses the cheapest target by `charging.worth`, for the corrected vehicle and the estimated state. A new
+It chooses the cheapest target by `charging.worth_search`, for the corrected vehicle and the estimated state. A new
 leg gets a target at once, after a first look at every fifth degree. The full search follows in the next
 updates, with one plan each, so that no update takes long. It is repeated in the same way when the route plan, the
 probability of charging or the heater has changed, and every SEARCH_PERIOD_S. A target is replaced only
@@ -24,7 +24,7 @@ from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import CERTAIN, held_prospect, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.worth import goal_of, least_cooled, targets_between, WorthSearch
+from bev_preheat.charging.worth_search import goal_of, least_cooled, targets_between, WorthSearch
 from bev_preheat.control.target import (
     ChargingDoubt,
     given_target,
@@ -51,7 +51,7 @@ from bev_preheat.vehicle.charging import charging_of
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger, ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Evaluated
+    from bev_preheat.charging.worth_search import Evaluated
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import check_prices, ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.drive_results import DriveResult, SessionResult, WorthResult
 from bev_preheat.interface.inputs import checked

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.chargers import Candidate, END_S, ranking_verdict
 from bev_preheat.charging.stop import CHARGER_RANGE_W
-from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
+from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.messages.fields import Figure
 from bev_preheat.route.places import Places

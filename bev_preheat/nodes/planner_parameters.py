@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.errors import InvalidInput, located

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Searches between two values, one too high and one too low.
+Searches between two values, one too high and one too low, and for the least of several minima.
 
 Each trial is a simulated drive or step, so the number of trials is the cost of a search.
 (Planning never loads SciPy, whose solvers return the value but not the outcome of its trial.)
@@ -8,7 +8,7 @@ Each trial is a simulated drive or step, so the number of trials is the cost of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 from typing import Generic, TypeVar
@@ -16,6 +16,8 @@ from typing import Generic, TypeVar
 from bev_preheat.tunables import HALVINGS, MOST_TRIALS
 
 Outcome = TypeVar('Outcome')
+# Number of a grid's lowest minima that are refined.
+REFINED_MINIMA = 3
 # Each trial of the golden section reduces the bracket to this share.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
@@ -139,3 +141,28 @@ def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]]
 
 def _excess(trial: Trial[Outcome]) -> float:
     return trial.excess
+
+
+def scan(grid: Sequence[float], cost_at: Callable[[float], float], resolution: float) -> None:
+    """Try the values of a grid, then those around its lowest minima, to a resolution."""
+    for place in minima([cost_at(value) for value in grid])[:REFINED_MINIMA]:
+        refine(grid, place, cost_at, resolution)
+
+
+def minima(costs: Sequence[float]) -> list[int]:
+    """Return the places of the local minima of a sequence, the lowest first; infinite values do not count."""
+    places, before = [], math.inf
+    for place, cost in enumerate(costs):
+        # A plateau counts once, at its beginning.
+        after = next((other for other in costs[place + 1:] if other != cost), math.inf)
+        if cost < before and cost < after:
+            places.append(place)
+        before = cost
+    return sorted(places, key=lambda place: costs[place])
+
+
+def refine(grid: Sequence[float], place: int, cost_at: Callable[[float], float], resolution: float) -> None:
+    """Try values on both sides of a grid point, to a resolution of the lowest cost between."""
+    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
+    if high > low:
+        least_of(low, high, lambda value: Trial(value, cost_at(value), None), resolution)

@@ -15,7 +15,7 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_range import by_session, by_table, targets_in_range
 from bev_preheat.charging.target_worth import pays_from_per_h, pays_to_price_per_kwh, TargetWorth
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.curves import Table

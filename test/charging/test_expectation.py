@@ -14,7 +14,7 @@ from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics import FLOATS

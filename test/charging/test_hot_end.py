@@ -15,7 +15,7 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import derating_in, too_warm
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState, Goal

@@ -9,7 +9,7 @@ import pytest
 from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_range import by_session, by_table, read_charging_times, targets_in_range
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState, Goal

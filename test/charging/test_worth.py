@@ -13,8 +13,8 @@ from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
-from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.worth import find_worth, pays_from_per_h
+from bev_preheat.charging.target_worth import pays_from_per_h, Prices, TargetWorth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal

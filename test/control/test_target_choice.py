@@ -24,7 +24,7 @@ from charger_trips import (
 import numpy as np
 import pytest
 
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor

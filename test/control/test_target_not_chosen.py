@@ -25,7 +25,7 @@ from stepwise import Stepwise
 
 from bev_preheat.charging.stop import Charger
 from bev_preheat.charging.target_worth import TargetWorth
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import TargetSource

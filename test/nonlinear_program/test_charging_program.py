@@ -12,7 +12,7 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.nonlinear_program import symbols
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_unheated

@@ -10,7 +10,7 @@ import pytest
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty

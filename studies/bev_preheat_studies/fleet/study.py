@@ -16,8 +16,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH

@@ -13,7 +13,7 @@ from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require

@@ -22,7 +22,7 @@ import numpy as np
 from bev_preheat.charging.expectation import by_the_clock, state_at_end
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect
-from bev_preheat.charging.worth import find_worth
+from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
