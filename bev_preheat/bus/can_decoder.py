@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.frame_checks import FrameChecks
@@ -15,15 +16,24 @@ from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bev_preheat.bus.heater_frame import HeaterFrame
     from bev_preheat.bus.live_map import LiveMap
     from bev_preheat.bus.source import Readings
 
-# Names of the heater's readings.
+# Names of the HVCH's readings.
 HEATER_POWER, HEATER_FAULT = 'battery_heater_w', 'heater_fault'
 # Name of the readings of the temperature that a coolant set-point follows.
 FOLLOWED = 'coolant_c'
+
+
+def reading_of(signal: str, heater: str) -> str:
+    """Return the name of the readings of one of these signals of a heat source."""
+    return signal if heater == HVCH else f'{signal} of {heater}'
 
 
 class BusMessages:
@@ -48,12 +58,12 @@ class CanDecoder:
     frames that are used, as (identifier, whether it has 29 bits), for each bus.
     """
 
-    def __init__(self, live_map: LiveMap, bus_messages: BusMessages | None = None, follows: str | None = None,
-                 full_power_w: float | None = None) -> None:
+    def __init__(self, live_map: LiveMap, bus_messages: BusMessages | None = None,
+                 frames: Mapping[str, HeaterFrame] = MappingProxyType({})) -> None:
         """
-        Take the messages (None: load them), the temperature that the heater's set-point follows, MESSAGE.SIGNAL.
+        Take the messages (None: load them), and the frames of heat sources by name.
 
-        `full_power_w` [W] is that of a heater's share of 100 %. Raises InvalidInput for a missing signal.
+        Raises InvalidInput for a missing signal.
         """
         where, bus_messages = str(live_map.signals.path), bus_messages or BusMessages(live_map)
         messages = bus_messages.by_name
@@ -67,28 +77,31 @@ class CanDecoder:
         problems += [f'{where}: live.messages.{name}: no message of the DBC has this name'
                      for name in live_map.messages if name not in messages]
         # Signals without a unit of their own, by their name among the Readings.
-        status = live_map.heater_status
-        self._plain = {name: channel for name, channel in (
-            (CHARGING, live_map.charging_channel),
-            (HEATER_FAULT, None if status is None else status.fault)) if channel is not None}
-        self._heater_power = None if status is None else status.power
-        for key, channel in ((f'live.{CHARGING}.channel', self._plain.get(CHARGING)),
-                             ('live.heater_status.fault', self._plain.get(HEATER_FAULT)),
-                             ('live.heater_status.power', self._heater_power),
-                             ('live.heater_command.coolant.follows', follows)):
-            if channel is not None and channel not in signals:
-                problems.append(f'{where}: {key}: {channel} is no MESSAGE.SIGNAL of the DBC')
+        self._plain = {} if live_map.charging_channel is None else {CHARGING: live_map.charging_channel}
+        named = [(f'live.{CHARGING}.channel', live_map.charging_channel)]
+        wanted_of: list[tuple[str, str, str, str]] = []
+        for name, (key, _, status) in live_map.heaters.items():
+            frame = frames.get(name)
+            if status is not None and status.fault is not None:
+                self._plain[reading_of(HEATER_FAULT, name)] = status.fault
+                named.append((f'{key}status.fault', status.fault))
+            wanted_of += [(signal, name, f'{key}{part}', channel) for signal, part, channel in (
+                (HEATER_POWER, 'status.power', None if status is None else status.power),
+                (FOLLOWED, 'command.coolant.follows', None if frame is None else frame.follows))
+                if channel is not None]
+        problems += [f'{where}: {key}: {channel} is no MESSAGE.SIGNAL of the DBC'
+                     for key, channel in (*named, *(each[2:] for each in wanted_of))
+                     if channel is not None and channel not in signals]
         if problems:
             raise InvalidInput(problems)
         self._wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
         for signal, groups in self.channels.items():
             for wanted in {each.name: each for group in groups for each in group}.values():
                 self._wanted.setdefault(wanted.name, []).append((signal, wanted))
-        if self._heater_power is not None:
-            self._want(HEATER_POWER, self._heater_power, units[self._heater_power],
-                       f'{where}: live.heater_status.power', full_power_w)
-        if follows is not None:
-            self._want(FOLLOWED, follows, units[follows], f'{where}: live.heater_command.coolant.follows')
+        for signal, name, key, channel in wanted_of:
+            frame = frames.get(name)
+            self._want(signal, name, channel, units[channel], f'{where}: {key}',
+                       None if frame is None or signal == FOLLOWED else frame.full_power_w)
         used = {name.partition('.')[0] for name in (*self._wanted, *self._plain.values())}
         self._checks = {
             (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):
@@ -110,17 +123,18 @@ class CanDecoder:
         """The checks of the messages that are used."""
         return tuple(self._checks.values())
 
-    def _want(self, signal: str, name: str, unit: str, where: str, full_power_w: float | None = None) -> None:
-        """Read MESSAGE.SIGNAL as a signal of the heater; a share refers to `full_power_w` [W]."""
+    def _want(self, signal: str, heater: str, name: str, unit: str, where: str,
+              full_power_w: float | None) -> None:
+        """Read MESSAGE.SIGNAL as a signal of a heat source; a share refers to `full_power_w` [W]."""
         source = Source(signal, (name,), plausible=PLAUSIBLE[signal])
         if unit in SHARES:
             if full_power_w is None:
                 raise InvalidInput(f'{where}: {name} is a share ({unit}); the power at 100 % [W] is missing: '
-                                   'live.heater_command.full_power_w')
+                                   'full_power_w of the command')
             source, unit = replace(source, scales=(full_power_w * SHARES[unit],)), 'W'
         with located(where):
             channel = LiveChannel(name, source, unit or ('W' if signal == HEATER_POWER else ''))
-        self._wanted.setdefault(name, []).append((signal, channel))
+        self._wanted.setdefault(name, []).append((reading_of(signal, heater), channel))
 
     def take(self, identifier: int, is_extended: bool, data: bytes, instant_s: float, readings: Readings,
              bus: int = 0) -> None:

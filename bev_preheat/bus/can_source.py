@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 import logging
@@ -11,13 +11,14 @@ from threading import Event, Lock, Thread
 import time
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER
+from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER, reading_of
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import HeaterStatusRule, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.logs.can_frames import recorded_frames
 from bev_preheat.optional_packages import require
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.bus.live_map import CanSettings, LiveMap
@@ -208,29 +209,30 @@ TEMPERATURE = 'battery_temperature_c'
 
 
 class CanSource(LiveSource):
-    """A CAN bus, or several. `heater_frame` is None if the map names none."""
+    """A CAN bus, or several. `frames` are the HeaterFrames of the heat sources that the map commands, by name."""
 
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
-                 vehicle_power_w: float | None = None) -> None:
+                 vehicle_powers_w: Mapping[str, float] | None = None) -> None:
         """
         Take a map with `can`, and the clock [s] of the readings' instants; raises InvalidInput.
 
-        `vehicle_power_w` [W] is the heater's maximum power in the vehicle file, None: not known.
+        `vehicle_powers_w` [W] are maximum powers of heat sources in the vehicle file by name, as far as known.
         """
         assert live_map.can
-        messages, rule = BusMessages(live_map), live_map.heater_command
-        frame = self.heater_frame = None if rule is None else HeaterFrame(
-            rule, messages.by_name, str(live_map.signals.path), vehicle_power_w)
-        self._follows, full_power_w = (None, None) if frame is None else (frame.follows, frame.full_power_w)
-        self._decoder = CanDecoder(live_map, messages, self._follows, full_power_w)
+        messages, powers_w = BusMessages(live_map), {} if vehicle_powers_w is None else vehicle_powers_w
+        self.frames = {name: HeaterFrame(
+            rules.command, messages.by_name, str(live_map.signals.path), powers_w.get(name), f'{rules.key}command')
+            for name, rules in live_map.heaters.items()}
+        self._decoder = CanDecoder(live_map, messages, self.frames)
         super().__init__(live_map, clock_s, self._decoder.channels)
-        heaters_bus = None if rule is None else messages.bus[rule.message]
+        bus_of = {name: messages.bus[rules.command.message] for name, rules in live_map.heaters.items()}
         with located(live_map.signals.path):
             self._links = [CanLink(
                 settings, self._decoder.identifiers[number], partial(self.on_frame, number),
-                self._decoder.has_fd[number] or (number == heaters_bus and frame is not None and frame.is_fd))
+                self._decoder.has_fd[number] or any(
+                    bus == number and self.frames[name].is_fd for name, bus in bus_of.items()))
                 for number, settings in enumerate(live_map.can)]
-        self._heaters_link = None if heaters_bus is None else self._links[heaters_bus]
+        self._link_of = {name: self._links[bus] for name, bus in bus_of.items()}
         self.name = ' and '.join(link.name for link in self._links)
 
     @property
@@ -240,11 +242,10 @@ class CanSource(LiveSource):
             return self._links[0].problem
         return '; '.join(f'{link.name}: {link.problem}' for link in self._links if link.problem)
 
-    @property
-    def heaters_problem(self) -> str:
-        """'' while the bus of the heater's command works, else a sentence that names it."""
-        link = self._heaters_link
-        return f'{link.name}: {link.problem}' if link is not None and link.problem else ''
+    def heaters_problem(self, heater: str) -> str:
+        """Return '' while the bus of a heat source's command works, else a sentence that names it."""
+        link = self._link_of[heater]
+        return f'{link.name}: {link.problem}' if link.problem else ''
 
     def start(self) -> None:
         """Receive, in a thread for each bus."""
@@ -264,17 +265,17 @@ class CanSource(LiveSource):
                 'reconnects': str(sum(max(link.reconnects, 0) for link in self._links)),
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
 
-    def heater_status(self, now_s: float) -> tuple[float | None, str]:
-        """Return the heater's measured power [W] (None: unknown), and a sentence on a fault or silence."""
-        rule = self._map.heater_status or HeaterStatusRule()
-        measured_w, fault = None, ''
-        if self._follows is not None and self._followed_c(now_s) is None:
-            fault = (f'no valid {self._follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '
+    def heater_status(self, now_s: float, heater: str = HVCH) -> tuple[float | None, str]:
+        """Return a heat source's measured power [W] (None: unknown), and a sentence on a fault or silence."""
+        rule = self._map.heaters[heater].status or HeaterStatusRule()
+        measured_w, fault, follows = None, '', self.frames[heater].follows
+        if follows is not None and self._followed_c(now_s, heater) is None:
+            fault = (f'no valid {follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '
                      'follows')
         for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
             if channel is None:
                 continue
-            reading = self._readings.latest(signal, channel)
+            reading = self._readings.latest(reading_of(signal, heater), channel)
             if reading is None or not 0.0 <= now_s - reading.instant_s <= rule.valid_for_s:
                 fault = f'no valid {channel} for {rule.valid_for_s:g} s'
             elif signal == HEATER_POWER:
@@ -283,18 +284,18 @@ class CanSource(LiveSource):
                 fault = f'{channel}: {self._decoder.value_in_words(channel, reading.value)}'
         return measured_w, fault
 
-    def send_power(self, power_w: float) -> str:
-        """Send the next frame of the heater's command [W]; return '' or why it was not sent."""
-        frame, link = self.heater_frame, self._heaters_link
-        assert frame is not None and link is not None
-        data = frame.next(power_w, self._followed_c(self._clock_s()))
-        return link.send(frame.identifier, frame.is_extended, data, frame.is_fd)
+    def send_power(self, power_w: float, heater: str = HVCH) -> str:
+        """Send the next frame of a heat source's command [W]; return '' or why it was not sent."""
+        frame = self.frames[heater]
+        data = frame.next(power_w, self._followed_c(self._clock_s(), heater))
+        return self._link_of[heater].send(frame.identifier, frame.is_extended, data, frame.is_fd)
 
-    def _followed_c(self, now_s: float) -> float | None:
-        """Return the valid temperature that the set-point follows [deg C] at an instant [s], None without one."""
-        if self._follows is None:
+    def _followed_c(self, now_s: float, heater: str) -> float | None:
+        """Return the valid temperature that a set-point follows [deg C] at an instant [s], None without one."""
+        follows = self.frames[heater].follows
+        if follows is None:
             return None
-        reading = self._readings.latest(FOLLOWED, self._follows)
+        reading = self._readings.latest(reading_of(FOLLOWED, heater), follows)
         if reading is None or not 0.0 <= now_s - reading.instant_s <= self._map.valid_for_s[TEMPERATURE]:
             return None
         return reading.value

@@ -32,13 +32,13 @@ class HeaterFrame:
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str,
-                 vehicle_power_w: float | None = None) -> None:
+                 vehicle_power_w: float | None = None, key: str = 'live.heater_command') -> None:
         """
         Take cantools Messages by name, and the maximum power of the heater in the vehicle file [W], if known.
 
-        Raises InvalidInput, with `where`, if the rule does not fit the messages.
+        Raises InvalidInput, with `where` and the `key` of the rule, if it does not fit the messages.
         """
-        self._where = where = f'{where}: live.heater_command'
+        self._where = where = f'{where}: {key}'
         message = messages.get(rule.message)
         if message is None:
             raise InvalidInput(f'{where}.message: {rule.message} is no message of the DBC; its messages are '

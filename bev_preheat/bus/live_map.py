@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.signal_map import database_files, load_signal_map, read_source, source_problems
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
@@ -136,6 +137,14 @@ class HeaterStatusRule:
     valid_for_s: float = 1.0
 
 
+class HeaterRules(NamedTuple):
+    """The frame of a heat source's command, and its status (None: not on the bus); `key` begins both keys."""
+
+    key: str
+    command: HeaterFrameRule
+    status: HeaterStatusRule | None = None
+
+
 @dataclass(frozen=True)
 class LiveMap:
     """
@@ -156,6 +165,14 @@ class LiveMap:
     messages: Mapping[str, MessageRule] = field(default_factory=dict)
     heater_command: HeaterFrameRule | None = None
     heater_status: HeaterStatusRule | None = None
+    heat_sources: Mapping[str, HeaterRules] = field(default_factory=dict)
+
+    @property
+    def heaters(self) -> dict[str, HeaterRules]:
+        """The HeaterRules of the commanded heat sources by name, the HVCH first."""
+        rule = self.heater_command
+        hvch = {} if rule is None else {HVCH: HeaterRules('live.heater_', rule, self.heater_status)}
+        return {**hvch, **self.heat_sources}
 
     @property
     def sources(self) -> dict[str, Source]:
@@ -194,7 +211,7 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         problems.append(f'{path}: live.heater_status: is the answer to live.heater_command, which is missing')
     if 'vss' in live:
         problems += [f'{path}: live.{key}: is for CAN only'
-                     for key in ('messages', 'heater_command', 'heater_status') if key in live]
+                     for key in ('messages', 'heater_command', 'heater_status', 'heat_sources') if key in live]
     if problems:
         raise InvalidInput(problems)
     usual_s = live.get('valid_for_s', VALID_FOR_S['vss' if 'vss' in live else 'can'])
@@ -207,8 +224,10 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
-        _heater_frame(live.get('heater_command')),
-        _rule(HeaterStatusRule, live.get('heater_status')))
+        _heater_frame(live.get('heater_command')), _rule(HeaterStatusRule, live.get('heater_status')),
+        {name: HeaterRules(f'live.heat_sources.{name}.', _heater_frame(entry['command']),
+                           _rule(HeaterStatusRule, entry.get('status')))
+         for name, entry in live.get('heat_sources', {}).items()})
 
 
 def _can_buses(live: FileData, signal_map: SignalMap) -> tuple[CanSettings, ...]:
@@ -237,6 +256,6 @@ def _message(entry: FileData) -> MessageRule:
     return MessageRule(**{**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum'))})
 
 
-def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
+def _heater_frame(entry: FileData) -> Any:
     return entry and _rule(HeaterFrameRule, entry, checksum=_rule(ChecksumRule, entry.get('checksum')),
                            coolant=_rule(CoolantLaw, entry.get('coolant')))

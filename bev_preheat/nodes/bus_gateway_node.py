@@ -15,6 +15,7 @@ from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
 from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
+from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_state_message
@@ -26,6 +27,7 @@ from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterLimits
 
 if TYPE_CHECKING:
@@ -43,18 +45,20 @@ PARAMETERS = (
               read_only=True),
     Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
               read_only=True),
-    Parameter('execute_commands', True, 'Write hvch_command to CAN if the map has heater_command. False: leave '
-              'it to heater_controller, which also keeps the gates and the rate limit of the heater.',
+    Parameter('execute_commands', True, 'Write commands to CAN if the map has their frames. False: leave it to '
+              'heater_controller, which also keeps the gates and the rate limit of the heater.',
               read_only=True),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
     "the heater's command to CAN.", PARAMETERS,
     subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, '
-                 'whether it heats'),),
+                 'whether it heats'),
+                ('heat_source_command', 'bev_preheat_msgs/HeatSourceCommand, for heat_sources of the map')),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
                ('vehicle_speed', 'std_msgs/Float64 [m/s], if the map has speed_mps'),
                ('hvch_status', 'bev_preheat_msgs/HvchStatus, if it writes the command'),
+               ('heat_source_status', 'bev_preheat_msgs/HeatSourceStatus, for heat_sources of the map'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
     actions=(('planner/prepare_battery',
               'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
@@ -83,17 +87,19 @@ class BusGatewayNode(ProgramNode):
         self._state_publisher = self.create_publisher(BatteryState, 'battery_state', 1)
         self._speed_publisher = (self.create_publisher(Float64, 'vehicle_speed', 1)
                                  if SPEED in self._map.sources else None)
-        self._heater: CanHeater | None = None
-        self._execution: HeaterExecution | None = None
+        self._heaters: dict[str, CanHeater] = {}
+        self._executions: dict[str, HeaterExecution] = {}
         self._conditioning: BusConditioning | None = None
         self._source = self._connected(self.values)
         # A timer on the system's clock would stand still after that was set back.
         timer = self.create_timer if self._simulated else self.steady_timer
         timer(self.values['battery_state_period'], self._on_state)
-        subscribes: list[str] = ['hvch_command'] if self._execution or self._conditioning else []
-        publishes = ('battery_state', *(('hvch_status',) if self._execution else ()),
-                     *(() if self._speed_publisher is None else ('vehicle_speed',)))
-        self.watch(subscribes, publishes, single=(*publishes, *subscribes))
+        topics = dict(each.topics for each in self._executions.values())
+        subscribes = [*topics, *(['hvch_command'] if self._conditioning else [])]
+        publishes = ['battery_state', *topics.values()] + ['vehicle_speed'] * (self._speed_publisher is not None)
+        # Each heat source may have a controller of its own.
+        self.watch(subscribes, publishes, single=[
+            topic for topic in (*publishes, *subscribes) if topic != SOURCE_STATUS])
         self._source.start()
         self.get_logger().info(f'Signal map {self.hardware}: {self._source.name}')
 
@@ -101,12 +107,12 @@ class BusGatewayNode(ProgramNode):
         """Return the source; make the way back to the bus, too."""
         if self._map.vss is None:
             source = CanSource(self._map, self._now_s)
-            if source.heater_frame is not None and values['execute_commands']:
-                self._heater = CanHeater(source, self._now_s)
-                self._execution = HeaterExecution(
-                    self, HeaterLimits(self._heater.maximum_w, longest_lease_s=values['longest_lease']),
-                    self._heater, self._heater.obstacle, self.tell)
-                self.steady_timer(self._heater.period_s, self._execution.apply)
+            for name in source.frames if values['execute_commands'] else ():
+                heater = self._heaters[name] = CanHeater(source, self._now_s, name)
+                execution = self._executions[name] = HeaterExecution(
+                    self, HeaterLimits(heater.maximum_w, longest_lease_s=values['longest_lease']),
+                    heater, heater.obstacle, self.tell, name=name)
+                self.steady_timer(heater.period_s, execution.apply)
             return source
         requests: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
         broker = VssSource(self._map, self._now_s, requests.put, ACTUATORS)
@@ -172,11 +178,11 @@ class BusGatewayNode(ProgramNode):
             figures['age of the oldest signal [s]'] = f'{now_s - battery.instant_s:.2f}'
         entries = [
             judged(name, 'bus', self.hardware, problems, [], f'{source.name}: works', source.figures())
-            if self._heater is None else self._heater.entry(name, self.hardware),
+            if not self._heaters else next(iter(self._heaters.values())).entry(name, self.hardware),
             judged(name, 'signals', self.hardware, lacking,
                    [*doubts, *(() if battery is None else battery.missing)], 'all signals are valid', figures)]
-        if self._execution is not None:
-            entries.append(self._execution.entry('heater command', self.hardware))
+        entries += [execution.entry('heater command' if each == HVCH else f'command to {each}', self.hardware)
+                    for each, execution in self._executions.items()]
         if self._conditioning is not None:
             entries.append(self._conditioning.entry(name, self.hardware))
         return entries
@@ -185,10 +191,10 @@ class BusGatewayNode(ProgramNode):
 
     def last_words(self) -> None:
         """Write 0 W, and close the bus."""
-        if self._execution is not None:
-            self._execution.end('the gateway is shutting down')
-        if self._heater is not None:
-            self._heater.end()
+        for execution in self._executions.values():
+            execution.end('the gateway is shutting down')
+        for heater in self._heaters.values():
+            heater.end()
         if self._conditioning is not None:
             self._conditioning.end()
         self._source.close()

@@ -57,8 +57,8 @@ PARAMETERS = (
               'command_lease', 's', (0.05, 60.0), unset_means='none requested', read_only=True),
     Parameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if the '
               'latest value is older than this', 's', (0.1, 60.0), read_only=True),
-    Parameter('signals', '', "Signal map with live.heater_command, the heater's frame on CAN: a name in "
-              'config/signals or a YAML file. Empty: no heater.', read_only=True),
+    Parameter('signals', '', "Signal map with the heater's frame on CAN: a name in config/signals or a YAML file. "
+              'Empty: no heater.', read_only=True),
     LIFECYCLE,
 )
 PROGRAM = NodeProgram(
@@ -135,7 +135,7 @@ class HeaterControllerNode(ProgramNode):
         values, vehicle = self.values, load_vehicle(self.values['vehicle'])
         name = values['heat_source'] or HVCH
         self.hardware, most_w = vehicle.name, vehicle.most_w(name)
-        self._can = open_can_heater(values['signals'], most_w) if values['signals'] else None
+        self._can = open_can_heater(values['signals'], most_w, name) if values['signals'] else None
         self._bus_problem, self._is_active = '', not values['lifecycle']
         self._execution = HeaterExecution(
             self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
@@ -183,6 +183,7 @@ class HeaterControllerNode(ProgramNode):
         self._execution.end('the controller is shutting down')
         if self._can is not None:
             self._can.end()
+            self._can.close()
 
 
 def _or_none(value: float) -> float | None:

@@ -212,11 +212,11 @@ class CanHeater:
     hangs.
     """
 
-    def __init__(self, source: CanSource, clock_s: Callable[[], float] = steady_s) -> None:
-        """Take the source, and the clock [s] of its readings."""
-        assert source.heater_frame is not None
-        self._source, self._clock_s, self.period_s = source, clock_s, source.heater_frame.period_s
-        self.maximum_w = source.heater_frame.highest_w
+    def __init__(self, source: CanSource, clock_s: Callable[[], float] = steady_s, name: str = HVCH) -> None:
+        """Take the bus, the clock [s] of its readings, and the name of a heat source."""
+        frame = source.frames[name]
+        self._source, self._clock_s, self._name, self.period_s = source, clock_s, name, frame.period_s
+        self.maximum_w = frame.highest_w
         self._next_s, self._sent, self._unsent = -1.0, 0, ''
 
     @property
@@ -226,7 +226,8 @@ class CanHeater:
 
     def obstacle(self, now: Instant) -> Verdict:
         """Return the Verdict of bus and heater."""
-        fault = self._source.heaters_problem or self._source.heater_status(self._clock_s())[1]
+        fault = self._source.heaters_problem(self._name) or self._source.heater_status(
+            self._clock_s(), self._name)[1]
         return Verdict(Refusal.HEATER_FAULT, fault) if fault else SERVED
 
     def __call__(self, power_w: float) -> float | None:
@@ -235,16 +236,19 @@ class CanHeater:
         # A timer's jitter must neither skip a frame nor send two.
         if now_s >= self._next_s - 0.5 * self.period_s:
             self._next_s = now_s + self.period_s
-            self._unsent = self._source.send_power(power_w)
+            self._unsent = self._source.send_power(power_w, self._name)
             self._sent += not self._unsent
             if self._unsent and power_w > 0.0:
                 raise ConnectionError(self._unsent)
-        return self._source.heater_status(self._clock_s())[0]
+        return self._source.heater_status(self._clock_s(), self._name)[0]
 
     def end(self) -> None:
-        """Send 0 W a few times, and close the bus."""
+        """Send 0 W a few times."""
         for _ in range(LAST_FRAMES):
-            self._source.send_power(0.0)
+            self._source.send_power(0.0, self._name)
+
+    def close(self) -> None:
+        """Close the bus."""
         self._source.close()
 
     def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
@@ -255,17 +259,17 @@ class CanHeater:
                       {**self._source.figures(), 'sent frames': str(self._sent)})
 
 
-def open_can_heater(name_or_file: str, maximum_power_w: float) -> CanHeater:
-    """Open the bus of a signal map for its heater; raises InvalidInput without a frame that carries its power."""
+def open_can_heater(name_or_file: str, maximum_power_w: float, name: str = HVCH) -> CanHeater:
+    """Open the bus of a signal map for a heat source; raises InvalidInput without a frame that carries its power."""
     live_map = load_live_map(name_or_file)
-    if not live_map.can or live_map.heater_command is None:
-        raise InvalidInput(f'{live_map.signals.path}: live.heater_command: is missing; it names the frame '
-                           "with the heater's power")
-    source = CanSource(live_map, steady_s, maximum_power_w)
-    heater = CanHeater(source)
+    key = 'live.heater_command' if name == HVCH else f'live.heat_sources.{name}.command'
+    where = f'{live_map.signals.path}: {key}'
+    if not live_map.can or name not in live_map.heaters:
+        raise InvalidInput(f"{where}: is missing; it names the frame with the heater's power")
+    source = CanSource(live_map, steady_s, {name: maximum_power_w})
+    heater = CanHeater(source, name=name)
     if heater.maximum_w < maximum_power_w:
-        raise InvalidInput(f'{live_map.signals.path}: live.heater_command: carries at most '
-                           f'{heater.maximum_w:g} W; hvch.maximum_power_w of the vehicle is '
-                           f'{maximum_power_w:g} W')
+        raise InvalidInput(f'{where}: carries at most {heater.maximum_w:g} W; the maximum_power_w of {name} in the '
+                           f'vehicle file is {maximum_power_w:g} W')
     source.start()
     return heater

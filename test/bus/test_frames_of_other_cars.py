@@ -377,3 +377,43 @@ def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, tex
     (problem,) = problems_of(lambda: CanSource(load_live_map(path), steady_s))
     assert problem.startswith(f'{path}: ')
     assert [text for text in texts if text not in problem] == [], problem
+
+
+def test_each_heat_source_has_its_own_command_and_status(tmp_path):
+    dbc = BATTERY + HEATER + """BO_ 600 Pump: 8 GW
+ SG_ Power : 0|8@1+ (20,0) [0|5000] "W" CAR
+ SG_ Count : 8|4@1+ (1,0) [0|15] "" CAR
+BO_ 601 PumpState: 8 CAR
+ SG_ Power : 0|8@1+ (20,0) [0|5000] "W" GW
+ SG_ Fault : 8|1@1+ (1,0) [0|1] "" GW
+"""
+    path = written_map(tmp_path, """  heater_status: {power: HeaterState.Share}
+  heater_command: {message: Heater, power: Share, counter: Count, full_power_w: 5000}
+  heat_sources:
+    heat_pump:
+      command: {message: Pump, power: Power, counter: Count, maximum_power_w: 2500}
+      status: {power: PumpState.Power, fault: PumpState.Fault}""", dbc)
+    source = CanSource(load_live_map(path), lambda: 100.0)
+    assert list(source.frames) == ['hvch', 'heat_pump']
+    # Each has a counter of its own, and no more than its most power.
+    assert [source.frames['heat_pump'].next(power_w)[:2] for power_w in (2000.0, 9000.0)] == [b'\x64\x01', b'\x7d\x02']
+    assert source.frames['hvch'].next(2500.0)[0] == 100 and source.frames['hvch'].next(0.0)[5] >> 4 == 2
+    assert source.heater_status(100.0, 'heat_pump')[1] == 'no valid PumpState.Fault for 1 s'
+    source.on_frame(0, 601, False, bytes([75, 0, 0, 0, 0, 0, 0, 0]), 0.0)
+    assert source.heater_status(100.0, 'heat_pump') == (1500.0, '')
+    assert source.heater_status(100.0)[1] == 'no valid HeaterState.Share for 1 s'
+    source.on_frame(0, 601, False, bytes([0, 1, 0, 0, 0, 0, 0, 0]), 0.0)
+    assert source.heater_status(100.0, 'heat_pump') == (0.0, 'PumpState.Fault: 1')
+
+
+@pytest.mark.parametrize('entry, told', [
+    ('Pump: {command: {message: Heater, power: Power, counter: Count}}', 'heat_sources'),
+    ('hvch: {command: {message: Heater, power: Power, counter: Count}}', 'heat_sources'),
+    ('pump: {status: {power: HeaterState.Share}}', 'command'),
+    ('pump: {command: {message: Heater, power: Power, counter: Cnt}}', 'live.heat_sources.pump.command.counter: '),
+    ('pump: {command: {message: Heater, power: Power, counter: Count}, status: {fault: Heater.Heat}}',
+     'live.heat_sources.pump.status.fault: Heater.Heat is no MESSAGE.SIGNAL of the DBC')])
+def test_a_heat_source_that_does_not_fit_is_refused_by_its_key(tmp_path, entry, told):
+    path = written_map(tmp_path, f'  heat_sources:\n    {entry}')
+    [problem] = problems_of(lambda: CanSource(load_live_map(path), steady_s))
+    assert told in problem

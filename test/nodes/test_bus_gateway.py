@@ -17,7 +17,7 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
 from waiting import poll_until
 
-from bev_preheat_msgs.msg import HvchCommand
+from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial')]
@@ -27,9 +27,10 @@ LEASE_S, CURRENT_A = 1.5, 50.0
 FRAME_PERIOD_S = 0.1
 
 
-def command(power_w, lease_s=LEASE_S):
+def command(power_w, lease_s=LEASE_S, message=None):
     now = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
-    message = HvchCommand(battery_heating_power=power_w)
+    message = HvchCommand() if message is None else message
+    message.battery_heating_power = power_w
     for field, instant in ((message.header.stamp, now), (message.valid_until, now + round(lease_s * 1e9))):
         field.sec, field.nanosec = divmod(instant, 10**9)
     return message
@@ -95,6 +96,36 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
         assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
         assert all(right for *_, right in frames)
         assert all((after[2] - before[2]) % 16 == 1 for before, after in zip(frames, frames[1:]))
+    finally:
+        process.end()
+        car.close()
+
+
+def test_a_heat_source_is_commanded_by_name_and_answers(bench, tmp_path):
+    car = CanCar(-8.2, 150e3, -7.0, 0.0, 0.0, 1)
+    path = can_map(tmp_path, car.ports[0].path)
+    head, status, frame = path.read_text().replace('heater_status:', 'SPLIT').replace(
+        'heater_command:', 'SPLIT').split('SPLIT')
+    frame = frame.replace('\n', '\n    ').rstrip()
+    path.write_text(f'{head.rstrip()}\n  heat_sources:\n    heat_pump:\n      status:{status.rstrip()}\n'
+                    f'      command:{frame}\n')
+    statuses = bench.record(HeatSourceStatus, 'heat_source_status')
+    process = bench.start('bus_gateway', '-p', f'signals:={path}')
+    try:
+        commands = bench.publisher(HeatSourceCommand, 'heat_source_command', 20)
+        commands.wait_for_subscription()
+
+        def publish():
+            # That of another source is not taken for its own.
+            for name, power_w in (('motor', 500.0), ('heat_pump', 2000.0)):
+                commands.publish(command(power_w, message=HeatSourceCommand(name=name)))
+        with repeating(publish, 0.1):
+            car.wait_for_power(2000.0)
+            status = statuses.wait_for(lambda each: each.measured_power == 2000.0)
+        assert (status.name, status.requested_power, status.active_power) == ('heat_pump', 2000.0, 2000.0)
+        # The lease ends.
+        car.wait_for_power(0.0)
+        assert {power_w for power_w, *_ in car.commands()} == {0.0, 2000.0}
     finally:
         process.end()
         car.close()
