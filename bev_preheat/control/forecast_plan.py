@@ -226,7 +226,7 @@ class ForecastPlanner:
         forecast = planning.forecast(expected)
         return replace(planner, forecast=forecast, kept=kept.latest), ForecastPlan(
             planning.in_words(expected, forecast, words), forecast, commanded,
-            0.0 if planning.is_hvch_silent and commanded is None else planning.share,
+            0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
             planner.model_factors(estimate))
 
     def model_factors(self, estimate: Estimate) -> tuple[float, ...]:
@@ -267,13 +267,18 @@ class _Planning:
         words = UNHEATED.get(heater, {})
         if self.is_hvch_silent:
             plan = self._plan(forecast, heater_share=0.0)
-            return plan, None if _others_heat(plan) else wanted, UNHEATED[Heater.DEAD]
+            commanded = self._until_arrival(plan, forecast, 0.0) if _others_heat(plan) else wanted
+            return plan, commanded, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
-        if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
-            # Most of the last heat arrives too late, but some is better than none.
-            return wanted, self._plan(forecast, heat_lag_s=0.0, heater_share=self.share), words
-        return wanted, None, words
+        return wanted, self._until_arrival(wanted, forecast, self.share), words
+
+    def _until_arrival(self, plan: Plan, forecast: Forecast, share: float) -> Plan | None:
+        """Return the Plan that heats on until arrival, with a share of the HVCH, if a target is out of reach."""
+        if plan.status is not Status.TARGET_UNREACHABLE or self._lag_s == 0.0:
+            return None
+        # Most of the last heat arrives too late, but some is better than none.
+        return self._plan(forecast, heat_lag_s=0.0, heater_share=share)
 
     @property
     def is_hvch_silent(self) -> bool:

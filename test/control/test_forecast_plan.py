@@ -151,12 +151,12 @@ def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_tim
     assert 0.85 * late_k < promptly.arrival_temperature_c - plan.arrival_temperature_c < late_k
 
 
-@pytest.mark.parametrize('share', [1.0, 0.5])
+@pytest.mark.parametrize('share', [1.0, 0.5, 0.0])
 def test_heat_sources_heat_until_arrival_at_a_target_that_is_too_far(asked, share):
-    heater = ANSWERS if share == 1.0 else HeaterReport(Heater.DERATED, 1.0, share)
+    heater = ANSWERS if share == 1.0 else HeaterReport(Heater.DERATED if share else Heater.DEAD, 1.0, share)
     _, found = ForecastPlanner().make(load_vehicle('heat_pump_car'), PlanningTask(
         ROUTE, Goal(50.0), Settings(), False, 0.0, 0.0), make_estimate(-10.0, heater=heater))
-    assert found.plan.status is Status.TARGET_UNREACHABLE
+    assert found.plan.status is Status.TARGET_UNREACHABLE and found.command_share == share
     # Cabin heating leaves the HVCH 5 kW; the last minute counts, too.
     assert found.commanded.source_power_w['hvch'][-1] == pytest.approx(share * 5000.0)
     assert found.commanded.source_power_w['heat_pump'][-1] == 2500.0
