@@ -86,7 +86,7 @@ def find_obstacle(inputs: AdmittedInputs, now_ns: int) -> Decision | None:
     if not inputs.is_enabled:
         return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
     if inputs.rivals:
-        return Decision(Status.COMMAND_CONFLICT, 'hvch_command is also published by '
+        return Decision(Status.COMMAND_CONFLICT, 'Heat is also commanded by '
                         f'{inputs.rivals}; the heater is off until only one is left.')
     if inputs.refusal is not None:
         return Decision(Status.INVALID_INPUT, inputs.refusal)

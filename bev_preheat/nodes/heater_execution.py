@@ -260,7 +260,7 @@ class CanHeater:
 
 
 def open_can_heater(name_or_file: str, maximum_power_w: float, name: str = HVCH) -> CanHeater:
-    """Open the bus of a signal map for a heat source; raises InvalidInput without a frame that carries its power."""
+    """Open the bus of a signal map for a heat source; raises InvalidInput if no frame carries its power."""
     live_map = load_live_map(name_or_file)
     key = 'live.heater_command' if name == HVCH else f'live.heat_sources.{name}.command'
     where = f'{live_map.signals.path}: {key}'
@@ -269,7 +269,7 @@ def open_can_heater(name_or_file: str, maximum_power_w: float, name: str = HVCH)
     source = CanSource(live_map, steady_s, {name: maximum_power_w})
     heater = CanHeater(source, name=name)
     if heater.maximum_w < maximum_power_w:
-        raise InvalidInput(f'{where}: carries at most {heater.maximum_w:g} W; the maximum_power_w of {name} in the '
-                           f'vehicle file is {maximum_power_w:g} W')
+        raise InvalidInput(f'{where}: carries at most {heater.maximum_w:g} W; the maximum_power_w of {name} in '
+                           f'the vehicle file is {maximum_power_w:g} W')
     source.start()
     return heater

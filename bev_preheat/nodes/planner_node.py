@@ -269,10 +269,10 @@ class PlannerNode(ProgramNode):
         if rivals == self._supervisor.state.rivals:
             return
         if rivals:
-            self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
+            self.get_logger().error(f'{rivals} also commands heat: the heater is off.')
         else:
-            self.get_logger().info('No other node publishes hvch_command any more.')
-        self.setup.error = f'{rivals} also publishes hvch_command' if rivals else ''
+            self.get_logger().info('No other node commands heat any more.')
+        self.setup.error = f'{rivals} also commands heat' if rivals else ''
         self._step(RivalsChanged(rivals))
 
     @guarded

@@ -132,17 +132,20 @@ class CommandPublisher(ListeningPublisher):
         qos = QoSProfile(depth=1, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                          liveliness_lease_duration=lease)
         super().__init__(node, HvchCommand, 'hvch_command', qos, self._on_other_command)
+        self._own: frozenset[str] = frozenset()
         # Messages of several sources at once must not replace each other.
-        self._sources = node.create_publisher(HeatSourceCommand, 'heat_source_command', QoSProfile(
+        self._sources = ListeningPublisher(node, HeatSourceCommand, 'heat_source_command', QoSProfile(
             depth=MOST_SOURCES, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
-            liveliness_lease_duration=lease))
+            liveliness_lease_duration=lease), self._on_other_source)
         self._lease_ns, self._on_rival = lease_ns, on_rival
         self._heard_ns: int | None = None
+        self._heard_on: ListeningPublisher = self
         self._believed_ns = 0
         self._names = ''
 
     def command(self, command: Command, vehicle: Vehicle, now_ns: int) -> None:
         """Publish a Command of now [ns] to the heat sources of a Vehicle, the HVCH last."""
+        self._own = frozenset(source.name for source in vehicle.heat_sources)
         for message in source_messages(command, vehicle, now_ns):
             self._sources.publish(message)
         self.publish(command_message(command, now_ns))
@@ -150,33 +153,43 @@ class CommandPublisher(ListeningPublisher):
     def look(self) -> None:
         """Listen while the graph shows another publisher; call it periodically."""
         super().look()
+        self._sources.look()
         if self._heard_ns is not None:
             # A publisher is discovered shortly before the name of its node.
-            self._names = self.names_of_others()
+            self._names = self._heard_on.names_of_others()
 
     def rivals(self, now_ns: int) -> str:
         """Return the names of the other commanding nodes at an instant [ns]; '' without others."""
         if self._heard_ns is None:
             return ''
-        if self.is_alone or not 0 <= now_ns - self._heard_ns <= self._believed_ns:
+        if self._heard_on.is_alone or not 0 <= now_ns - self._heard_ns <= self._believed_ns:
             self._heard_ns = None
             self._names = ''
         return self._names
 
     def _on_other_command(self, serialized: bytes) -> None:
-        self._heard_ns = self._node.get_clock().now().nanoseconds
-        self._believed_ns = max(self._lease_ns(), min(_lease_ns(serialized), LONGEST_LEASE_NS))
-        self._names = self._names or self.names_of_others()
+        self._hear(self, _read(serialized, HvchCommand))
+
+    def _on_other_source(self, serialized: bytes) -> None:
+        message = _read(serialized, HeatSourceCommand)
+        # Another node may command sources that are not in the vehicle file.
+        if message is None or message.name in self._own:
+            self._hear(self._sources, message)
+
+    def _hear(self, publisher: ListeningPublisher, message: Message) -> None:
+        lease_ns = 0 if message is None else nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
+        self._heard_ns, self._heard_on = self._node.get_clock().now().nanoseconds, publisher
+        self._believed_ns = max(self._lease_ns(), min(lease_ns, LONGEST_LEASE_NS))
+        self._names = self._names or publisher.names_of_others()
         self._on_rival()
 
 
-def _lease_ns(serialized: bytes) -> int:
-    """Return the lease of a serialized HvchCommand [ns]; 0 if it cannot be read."""
+def _read(serialized: bytes, message_type: type[Message]) -> Message:
+    """Return a message, None if it cannot be read."""
     try:
-        message = deserialize_message(serialized, HvchCommand)
+        return deserialize_message(serialized, message_type)
     except Exception:
-        return 0
-    return nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
+        return None
 
 
 TOPIC = 'route_plan'

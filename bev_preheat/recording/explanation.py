@@ -87,7 +87,7 @@ def _inputs(state: State, now_ns: int) -> Section:
         if refused is not None:
             rows.append((name, refused))
     if state.rivals:
-        rows.append(('other publishers of hvch_command', state.rivals))
+        rows.append(('other nodes that command heat', state.rivals))
     return Section('inputs', tuple(rows))
 
 

@@ -396,7 +396,8 @@ BO_ 601 PumpState: 8 CAR
     source = CanSource(load_live_map(path), lambda: 100.0)
     assert list(source.frames) == ['hvch', 'heat_pump']
     # Each has a counter of its own, and no more than its most power.
-    assert [source.frames['heat_pump'].next(power_w)[:2] for power_w in (2000.0, 9000.0)] == [b'\x64\x01', b'\x7d\x02']
+    assert [source.frames['heat_pump'].next(power_w)[:2] for power_w in (2000.0, 9000.0)] == [
+        b'\x64\x01', b'\x7d\x02']
     assert source.frames['hvch'].next(2500.0)[0] == 100 and source.frames['hvch'].next(0.0)[5] >> 4 == 2
     assert source.heater_status(100.0, 'heat_pump')[1] == 'no valid PumpState.Fault for 1 s'
     source.on_frame(0, 601, False, bytes([75, 0, 0, 0, 0, 0, 0, 0]), 0.0)

@@ -365,7 +365,7 @@ def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence)
 
 @pytest.mark.parametrize('event, sentence', [
     (PreheatingSwitched(False), 'switched off through ~/enable'),
-    (RivalsChanged('/other'), 'also published by /other'),
+    (RivalsChanged('/other'), 'also commanded by /other'),
     (BatteryStateUnreadable(InvalidInput('temperature: nan')), 'battery_state refused')])
 def test_what_keeps_the_heater_off_refuses_goals(event, sentence):
     car = Car()

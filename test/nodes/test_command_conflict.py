@@ -9,7 +9,7 @@ from planner_car import heats, PlannerCar
 import pytest
 
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand
 
 # A planner counts as ended after a lease without commands: longer than any delay on a busy computer.
 LEASE_S = 5.0
@@ -47,8 +47,8 @@ def in_conflict_until_one_is_gone(bench, end):
         first = bench.start('planner', *QUICK, '-r', '__node:=front')
         commands.wait_for(heats, 'heat of the first')
         bench.start('planner', *QUICK, '-r', '__node:=rear')
-        diagnostics.wait_for(errors_of('front', 'also published by /rear'), 'the first says so')
-        diagnostics.wait_for(errors_of('rear', 'also published by /front'), 'the second says so')
+        diagnostics.wait_for(errors_of('front', 'commanded by /rear'), 'the first says so')
+        diagnostics.wait_for(errors_of('rear', 'commanded by /front'), 'the second says so')
         # Commands from before may arrive after the diagnostics.
         bench.wait_until(lambda: len(commands.messages) >= 20
                          and all(map(is_in_conflict, commands.messages[-20:])), 'both in conflict')
@@ -94,13 +94,30 @@ def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
 
         rehearsal.wait_until(is_in_conflict, 'the conflict')
         plan = plans.wait_for(lambda plan: plan.status == Status.COMMAND_CONFLICT)
-        assert plan.explanation == ('hvch_command is also published by /tester; the heater is off '
+        assert plan.explanation == ('Heat is also commanded by /tester; the heater is off '
                                     'until only one is left.')
         plans.clear()
         plans.wait_for(lambda plan: plan.status != Status.COMMAND_CONFLICT)
         commands.clear()
         commands.wait_for(heats, 'heat again')
-        assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
+        assert '/tester also commands heat: the heater is off.' in planner.output()
+
+
+def test_a_stranger_that_commands_a_heat_source_of_the_vehicle_switches_all_off(rehearsal):
+    with feeding(rehearsal) as car:
+        rehearsal.start('planner', *QUICK, '-p', 'vehicle:=heat_pump_car')
+        car.commands.wait_for(heats)
+        stranger = rehearsal.publisher(HeatSourceCommand, 'heat_source_command', 10)
+        stranger.wait_for_subscription()
+
+        def is_in_conflict(name):
+            stranger.publish(HeatSourceCommand(name=name, battery_heating_power=1000.0))
+            return car.plans.comes_to(lambda plan: plan.status == Status.COMMAND_CONFLICT, 0.2)
+        assert not any(is_in_conflict('cabin_ptc') for _ in range(10))
+        rehearsal.wait_until(lambda: is_in_conflict('heat_pump'), 'the conflict')
+        stranger.destroy()
+        car.commands.clear()
+        car.commands.wait_for(heats, 'heat again', timeout_s=GRAPH_FORGETS_S)
 
 
 def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):

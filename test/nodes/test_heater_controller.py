@@ -211,7 +211,8 @@ def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, t
 @pytest.mark.parametrize('signals, words', [
     ('vss', "vss.yaml: live.heater_command: is missing; it names the frame with the heater's power"),
     ('leafspy', 'leafspy.yaml: has no key live'),
-    ('example_car', 'live.heater_command: carries at most 7000 W; the maximum_power_w of hvch in the vehicle file is 7001 W')])
+    ('example_car', 'live.heater_command: carries at most 7000 W; the maximum_power_w of hvch in the vehicle file '
+     'is 7001 W')])
 def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_main, tmp_path, signals, words):
     vehicle = tmp_path / 'strong.yaml'
     vehicle.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text().replace(

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rehearsal import class_of, SilentNode
 from waiting import poll_until, TIME_LIMIT_S
 
-from bev_preheat_msgs.msg import HvchCommand
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand
 
 FOLDER = Path(__file__).resolve().parents[2] / 'config' / 'sros2'
 SIGNALS = FOLDER.parent / 'signals'
@@ -112,12 +112,13 @@ def test_a_policy_allows_what_the_node_uses_and_nothing_else(silent_context, exe
         gated_car = car_with_gates('minimum_soc: 0.15, only_while_standing: true')
         options = ('-p', f'vehicle:={gated_car}', '-p', 'lifecycle:=true')
     with spun(silent_context, executable, *options) as (node, wait_until):
-        # The planner listens to hvch_command while another node publishes it.
+        # The planner listens to commands while another node publishes them.
         tester = rclpy.create_node('tester', context=silent_context)
         tester.create_publisher(HvchCommand, 'hvch_command', 10)
+        tester.create_publisher(HeatSourceCommand, 'heat_source_command', 10)
         allowed = policy(executable)
-        if executable == 'heater_controller':
-            # It executes the command of the HVCH or of another source.
+        if executable in ('heater_controller', 'bus_gateway'):
+            # They may execute the commands of other sources than the HVCH.
             allowed = {key: {name for name in names if not name.startswith('heat_source_')}
                        for key, names in allowed.items()}
         uses(node, executable, allowed, wait_until)
