@@ -117,8 +117,8 @@ def test_a_policy_allows_what_the_node_uses_and_nothing_else(silent_context, exe
         tester.create_publisher(HvchCommand, 'hvch_command', 10)
         tester.create_publisher(HeatSourceCommand, 'heat_source_command', 10)
         allowed = policy(executable)
-        if executable in ('heater_controller', 'bus_gateway'):
-            # They may execute the commands of other sources than the HVCH.
+        if executable == 'heater_controller':
+            # It executes the command of the HVCH or of another source.
             allowed = {key: {name for name in names if not name.startswith('heat_source_')}
                        for key, names in allowed.items()}
         uses(node, executable, allowed, wait_until)
@@ -151,7 +151,9 @@ def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(silent_conte
     can_map.write_text((SIGNALS / 'example_car.yaml').read_text().replace(
         'dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}').replace(
         # Any signal with a unit of speed will do.
-        '  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: m/s}\n  soc:'))
+        '  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: m/s}\n  soc:')
+        + '  heat_sources:\n    pump: {command: {message: HVCH_Command, power: HVCH_PowerRequest, '
+        'counter: HVCH_CommandAlive}}\n')
     allowed = policy(GATEWAY)
     action = allowed.pop(('actions', 'call'))
     # There is neither a bus nor a broker; the endpoints do not wait for them.
@@ -162,7 +164,8 @@ def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(silent_conte
         # VSS has no frame for the heater.
         uses(node, 'bus_gateway_vss', {
             **allowed, ('actions', 'call'): action,
-            ('topics', 'publish'): allowed['topics', 'publish'] - {'hvch_status'}}, wait_until)
+            ('topics', 'publish'): allowed['topics', 'publish'] - {'hvch_status', 'heat_source_status'},
+            ('topics', 'subscribe'): allowed['topics', 'subscribe'] - {'heat_source_command'}}, wait_until)
 
 
 def test_each_executable_has_a_policy_and_only_the_planner_may_command_the_heater():
