@@ -11,6 +11,7 @@ import pytest
 from refusals import problems_of
 from varying_power import magnitude_w
 
+from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.messages.route_plan import (
     is_cancellation,
@@ -131,6 +132,13 @@ def test_a_target_that_is_said_to_be_there_must_be_a_number():
         target_battery_temperature=nan, has_target_battery_temperature=True)) == [
             'target_battery_temperature: nan is not allowed where has_target_battery_temperature '
             'is true; it must be finite']
+
+
+@pytest.mark.parametrize('fields, prospect', [
+    ({}, (1.0, 0.0, 0.0)), ({'charging_probability': 0.4, 'arrival_time_deviation': 90.0,
+                             'charging_known_before_arrival': 600.0}, (0.4, 90.0, 600.0))])
+def test_charging_is_certain_unless_the_message_says_otherwise(fields, prospect):
+    assert convert_leg(**fields).prospect == ChargingProspect(*prospect)
 
 
 # Cancellation
