@@ -143,7 +143,6 @@ NAN = math.nan
 
 
 @pytest.mark.parametrize('changes, state, problem', [
-    ({'charger_power_w': 0.0}, (5.0, 0.2), 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     ({'charger_power_w': NAN}, (5.0, 0.2), 'charger power: nan is not allowed; it must be 1000 ... '
      '2000000 W'),
     ({'charger_power_w': 150.0}, (5.0, 0.2), 'charger power: 150 is not allowed; it must be 1000 ... '

@@ -58,15 +58,9 @@ def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
 
 @pytest.mark.parametrize('arguments, problem', [
     (['--energy-price', '-0.1'], 'energy price: -0.1 is not allowed; it must be 0 ... 1000 per kWh'),
-    (['--value-of-time', 'nan'], 'value of time: nan is not allowed; it must be 0 ... 1000000 per h'),
-    (['--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     (['--charger-power', '150'], 'charger power: 150 is not allowed; it must be 1000 ... 2000000 W'),
-    (['--charger-power', 'nan'], 'charger power: nan is not allowed; it must be 1000 ... 2000000 W'),
     (['--departure-soc', '80'], 'departure state of charge: 80 is not allowed; it must be 0.05 ... 1 '
      "(the vehicle's soc_range); 0.8?"),
-    (['--departure-soc', '0.1'], 'departure state of charge: 0.1 is below the 0.2'),
-    (['--departure-soc', 'nan'], 'departure state of charge: nan is not allowed; it must be 0.05 ... 1 '),
-    (['--temperature', 'nan'], 'battery temperature: nan is not allowed; it must be -40 ... 60 degC'),
     (['--soc', '0.01'], 'state of charge: 1 % is not enough for this trip, even without heating: ')])
 def test_refused_in_one_line(said, arguments, problem):
     status, output, errors = said(*DRIVE, *arguments)
@@ -120,14 +114,10 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
 @pytest.mark.parametrize('arguments, problem', [
     (['--only', 'moll'], "--only: charger 'moll' is unknown; "),
     (['--end-soc', '30'], "the top of the vehicle's soc_range; 0.3?"),
-    (['--end-soc', 'nan'], 'end state of charge: nan is not allowed; it must be 0.05 ... 1'),
     (['--departure-soc', '0.8'], '--departure-soc: not allowed with --chargers'),
     (['--target-range', '20', '25'], '--target-range: not allowed with --chargers'),
     (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
-    (['--value-of-time', '-1'], 'value of time: -1 is not allowed; it must be 0 ... 1000000 per h'),
-    (['--energy-price', 'nan'], 'energy price: nan is not allowed; it must be 0 ... 1000 per kWh'),
     (['--chargers', 'nowhere'], "charger 'nowhere' is unknown; known: reference"),
-    (['--soc', '1.5'], 'state of charge: 1.5 is not allowed; it must be 0 ... 1'),
     (['--route', 'winter_commute', '--only', 'village'], 'chargers[0] (village).at_min: 20 is beyond the ')])
 def test_several_chargers_refused_in_lines(said, arguments, problem):
     status, output, errors = said(*ALONG, *arguments)

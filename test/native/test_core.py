@@ -19,7 +19,6 @@ from bev_preheat.vehicle.core_library import call, core, core_in_words, Declined
 from bev_preheat.vehicle.core_structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import (
     make_euler,
     make_midpoint,
@@ -124,34 +123,6 @@ def with_resistance(curve):
 def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs):
     assert run_in_core(vehicle, make_integrator, soc, temperature_c, inputs) == run_in_python(
         lambda arithmetic: make_integrator(make_rates(vehicle, arithmetic)), soc, temperature_c, inputs)
-
-
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('path', [HeatPath(33.0), HeatPath(0.0, 15e3, 310.0), HeatPath(47.0, 12e3, 280.0)],
-                         ids=['lag', 'coolant', 'coolant and lag'])
-@given(states=st.tuples(st.floats(0.05, 1.0), st.floats(-25.0, 45.0), st.floats(0.0, 7e3),
-                        st.floats(-5.0, 25.0)),
-       inputs=st.tuples(st.floats(1.0, 300.0), st.floats(-9e4, 3e5), st.floats(0.0, 1e9),
-                        st.floats(-4e3, 8e3), st.floats(0.0, 150.0), st.floats(0.0, 7e3)))
-def test_steps_with_a_heat_path_are_the_same(path, states, inputs):
-    vehicle = replace(TABLES, heat_path=path)
-    ends = np.full((4, 2), nan)
-    ends[:, 0] = states
-    *of_step, command_w = inputs
-    found, native, trip = None, NativeVehicle(vehicle), one_step(of_step)
-    try:
-        call('bev_run_heated', native.address, trip.address, place(np.array([command_w])), place(ends), None)
-        found = tuple(ends[:, 1].tolist())
-    except Declined:
-        pass
-    expected = None
-    for arithmetic in (SATURATING_FLOATS, FLOATS):
-        try:
-            expected = make_heated_step(vehicle, arithmetic)(*states, *inputs)[:4]
-        except ValueError:
-            continue
-    assert found == (expected if all(map(isfinite, expected)) else None)
 
 
 def test_a_curve_of_another_kind_leaves_the_vehicle_to_python():

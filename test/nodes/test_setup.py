@@ -51,9 +51,6 @@ MISFITS = {
     'type of a subscription': ('planner', [
         (lambda bench: bench.record(Temperature, 'hvch_command', 1),
          '/tester subscribes to /hvch_command as sensor_msgs/msg/Temperature')]),
-    'type of hvch_command': ('vehicle_simulator', [
-        (lambda bench: bench.publisher(Temperature, 'hvch_command'),
-         '/tester publishes /hvch_command as sensor_msgs/msg/Temperature')]),
     'best-effort commands': ('vehicle_simulator', [
         (lambda bench: bench.publisher(HvchCommand, 'hvch_command', BEST_EFFORT),
          '/tester publishes /hvch_command with an incompatible quality of service: '

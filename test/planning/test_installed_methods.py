@@ -204,24 +204,18 @@ def raising(error):
 
 @pytest.mark.parametrize('function, problem', [
     (raising(KeyError('minutes')), "raised KeyError: 'minutes'"),
-    (raising(ZeroDivisionError('division by zero')), 'raised ZeroDivisionError: division by zero'),
     (raising(SystemExit(2)), 'raised SystemExit: 2'),
-    (raising(RecursionError('too deep')), 'raised RecursionError: too deep'),
     (lambda situation: situation.predict([1.0]), 'raised ValueError: shape (1,) is not allowed'),
     (lambda situation: situation.heater_limit_w.sort(), 'raised ValueError: '),
     (constant(math.nan), 'answer is refused: nan W in step 0 is not allowed; it must be finite and at least 0 W'),
     (constant(math.inf), 'inf W in step 0 is not allowed'),
     (constant(-500.0), '-500 W in step 0 is not allowed; it must be finite and at least 0 W (and 119 more)'),
     (lambda situation: [5000.0], 'shape (1,) is not allowed; it must be (120,), a power in W for each step'),
-    (lambda situation: [], 'shape (0,) is not allowed'),
     (lambda situation: 5000.0, 'shape () is not allowed'),
-    (lambda situation: np.zeros((120, 1)), 'shape (120, 1) is not allowed'),
     (lambda situation: None, 'NoneType of object is not allowed; it must be an array of powers in W'),
     (lambda situation: ['5000'] * 120, 'list of <U4 is not allowed'),
     (lambda situation: np.ones(120, dtype=bool), 'ndarray of bool is not allowed'),
-    (lambda situation: np.ones(120, dtype=complex), 'ndarray of complex128 is not allowed'),
     (lambda situation: [[1.0], [1.0, 2.0]], 'the answer is refused: '),
-    (lambda situation: (power_w for power_w in [0.0]), 'generator of object is not allowed'),
 ])
 def test_a_broken_answer_is_refused_with_method_package_and_reason(powers, function, problem):
     with pytest.raises(PlanningFailure) as refused:

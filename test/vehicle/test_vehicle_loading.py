@@ -148,8 +148,6 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'defaults, road_load, uncertainty, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
-    ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is not a key of this "
-     'file; such as battery.resistance'),
     ('assumed', ['hvch', 'hvch'], "assumed: contains 'hvch' twice"),
     # A key of the schema that this file does not have.
     ('assumed', ['road_load'], "assumed[0]: 'road_load' is not a key of this file; such as "
@@ -220,11 +218,6 @@ def test_reference_is_the_car_of_the_papers_table_1():
     # Shapes of tables.
     (f'{DISCHARGE}.values', [1000, 50000],
      f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
-    (f'{DISCHARGE}.values', [[1000, 50000, 90000]] * 3,
-     f'{DISCHARGE}.values: must have 3 values, one for each point of its axes'),
-    (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
-              'values': [[-1, -2], [-3, -4], [-5, -6]]},
-     f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
     (CHARGE, {'soc': [0.1, 0.9], 'temperature_c': [-20, 0, 10],
               'values': [[-1, -2, -3], [-4, -5]]},
      f'{CHARGE}.values: must have 2 x 3 values, one for each point of its axes'),
