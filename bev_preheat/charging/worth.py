@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worth of heating before the charger over all targets: the best, break-even prices, the worth of 2 K."""
+"""Result of a search over all targets before the charger: the best, break-even prices, the worth of 2 K."""
 
 from __future__ import annotations
 

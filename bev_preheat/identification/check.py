@@ -190,18 +190,30 @@ class Check:
         """RMSE and worst error of the running planner by lead [s]: without estimation, then with it [K]."""
         found = {}
         for lead_s in LEADS_S:
-            pairs = [(check.without_estimation_k[lead_s], check.with_estimation_k[lead_s]) for check in self.trips
-                     if lead_s in check.without_estimation_k and lead_s in check.with_estimation_k]
+            pairs = [(check.without_estimation_k[lead_s], check.with_estimation_k[lead_s])
+                     for check in self._checks_at(lead_s)]
             if pairs:
                 without, with_it = zip(*pairs)
                 found[lead_s] = (rms(without), max(map(abs, without)), rms(with_it), max(map(abs, with_it)))
         return found
 
+    def _checks_at(self, lead_s: int) -> list[TripCheck]:
+        """Return the checks with both predictions at a lead [s]."""
+        return [check for check in self.trips
+                if lead_s in check.without_estimation_k and lead_s in check.with_estimation_k]
+
     @property
     def estimation_is_no_worse(self) -> bool | None:
-        """Whether the estimation's RMSE is at most that of the file alone at each lead; None: nothing replayed."""
-        leads = self.leads
-        return all(with_k <= without_k for without_k, _, with_k, _ in leads.values()) if leads else None
+        """
+        Whether the estimation's RMSE is at most that of the file alone at each lead; None: nothing replayed.
+
+        Of errors beyond the intervals that the arrival readings stand for; what these do not resolve tells nothing.
+        """
+        leads = [self._checks_at(lead_s) for lead_s in LEADS_S]
+        return all(
+            rms([_beyond_k(check.trip, check.with_estimation_k[lead_s]) for check in checks])
+            <= rms([_beyond_k(check.trip, check.without_estimation_k[lead_s]) for check in checks])
+            for lead_s, checks in zip(LEADS_S, leads) if checks) if any(leads) else None
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the check in JSON form."""
@@ -229,13 +241,17 @@ def check_trips(vehicle: Vehicle, trips: Sequence[Trip], replays: bool = True,
 def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
     predicted = predict(vehicle, trip)
     error_k = float(predicted.reading_c[-1]) - trip.arrival_c
-    beyond_k = max(abs(error_k) - 0.5 * trip.resolution_k, 0.0)
     soc_error = float(predicted.soc[-1]) - trip.arrival_soc
     voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(trip.arrival_soc, trip.arrival_c)
     without, with_it = (replay_errors_k(vehicle, trip, estimation)
                         if replays and can_be_replayed(trip) else {} for estimation in (False, True))
-    return TripCheck(trip, predicted, error_k, float(np.copysign(beyond_k, error_k)), soc_error,
+    return TripCheck(trip, predicted, error_k, math.copysign(_beyond_k(trip, error_k), error_k), soc_error,
                      soc_error * vehicle.battery.capacity_ah * voltage_v, without, with_it)
+
+
+def _beyond_k(trip: Trip, error_k: float) -> float:
+    """Return the distance of an arrival error from the interval that the reading stands for [K]."""
+    return max(abs(error_k) - 0.5 * trip.resolution_k, 0.0)
 
 
 def _reached_s(check: TripCheck) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a log of any known format, found by its content, into a Recording in SI units."""
+"""Reads a log of any known format, found by its content, into a Recording in SI units; refuses several cars."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The time of a simulated drive: its own, which it publishes as `/clock`, or the node's.
+The time of a simulated drive: its own, which it publishes as `/clock`, or the node's; lockstep and its limit.
 
 Only one node may publish `/clock`. A simulator that receives another's clock ends.
 
