@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of the sensors, and the plausibility of the battery readings: when they begin the estimate anew."""
+"""The steps of the sensors, and the plausibility of the battery readings: when the estimate begins again."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collects samples in bounded memory; signals of them: in order (no clock goes back), alike, in the likely unit."""
+"""Collects samples in bounded memory, and makes signals: no clock goes back, all alike, in the likely unit."""
 
 from __future__ import annotations
 
