@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.seen import diagnose, Diagnosis, LONGEST_NAME, MOST_SOURCES
+from bev_preheat.monitoring.seen import diagnose, Diagnosis, LONGEST_SOURCE, MOST_ENTRIES
 from bev_preheat.monitoring.view import (
     Banner,
     banner_of,
@@ -200,17 +200,22 @@ class Board:
 
     def see_source(self, at_s: float, name: str, power_w: float) -> None:
         """Take a command to another heat source; those of an instant are shown once the next instant's begin."""
-        name, coming_w, before_w = shortened(name, LONGEST_NAME), self._coming_w, self._mix_w
-        if at_s != self._coming_s:
-            if len(coming_w) > len(before_w):
+        if self._at_s is None or not abs(at_s - self._at_s) <= LONGEST_LEASE_S or at_s < self._coming_s:
+            return
+        name, before_w = shortened(name, LONGEST_SOURCE), self._mix_w
+        if at_s > self._coming_s:
+            # That of the HVCH comes last.
+            mix_w = {HVCH: self._power_w, **self._coming_w}
+            if len(mix_w) > len(before_w):
                 # Rows with more columns.
                 self.mixes, self.generation = Trail(self._most_points), self.generation + 1
-            if not all(abs(watts - before_w.get(each, math.nan)) < LEAST_CHANGE_W
-                       for each, watts in coming_w.items()):
-                self.mixes.add((self._coming_s, *coming_w.values()))
-                self._mix_w = coming_w
-            self._coming_s, self._coming_w = at_s, {**coming_w, HVCH: self._power_w}
-        if math.isfinite(power_w) and (name in coming_w or len(coming_w) <= MOST_SOURCES):
+            if self._coming_w and not all(abs(watts - before_w.get(each, math.nan)) < LEAST_CHANGE_W
+                                          for each, watts in mix_w.items()):
+                self.mixes.add((self._coming_s, *mix_w.values()))
+                self._mix_w = mix_w
+            self._coming_s, self._coming_w = at_s, dict(self._coming_w)
+        if math.isfinite(power_w) and name != HVCH and (
+                name in self._coming_w or len(self._coming_w) < MOST_ENTRIES):
             self._coming_w[name] = power_w
         self.version += 1
 

@@ -25,11 +25,11 @@ from bev_preheat.messages.battery_state import read_temperatures
 from bev_preheat.messages.fields import seconds
 from bev_preheat.messages.heater import heater_status_event
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.seen import entries_seen, MOST_SOURCES, plan_seen, route_seen
+from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen
 from bev_preheat.monitoring.view import Surroundings
 from bev_preheat.nodes.node import RepetitionFilter
 from bev_preheat.nodes.setup_watch import endpoint_name
-from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES
+from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES, MOST_SOURCES
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ IN_DOUBT = ' in doubt since [s]'
 SHARE = 'share of the command [1]'
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 # Messages come from any publisher; they must not fill the page.
-LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS, MOST_SOURCES, LONGEST_NAME = 600, 24, 12, 20, 40
+LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS, LONGEST_SOURCE = 600, 24, 12, 40
 
 
 class PlanSeen(NamedTuple):
@@ -96,11 +96,11 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
     start_s, after_s = seconds(message.header.stamp), message.time
     count = len(after_s)
     # An axis of time needs rising instants; NaN compares as false.
-    is_whole = count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
+    is_whole = start_s > 0.0 and count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
         message.hvch_power) + 1 and all(
             0.0 <= before < after < LONGEST_DRIVE_S for before, after in zip(after_s, after_s[1:]))
     names, steps, powers_w = message.heat_source_name, count - 1, tuple(message.heat_source_power)
-    is_divided = is_whole and 0 < len(names) <= MOST_SOURCES and len(powers_w) == steps * len(names)
+    is_divided = is_whole and 0 < len(names) <= MOST_ENTRIES and len(powers_w) == steps * len(names)
     return PlanSeen(
         at_s=start_s, route_id=message.route_id, method=message.method, status=message.status,
         sentence=message.explanation,
@@ -115,7 +115,7 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
         times_s=tuple(start_s + each for each in after_s) if is_whole else (),
         temperatures_c=tuple(message.battery_temperature) if is_whole else (),
         socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else (),
-        sources_w={shortened(name, LONGEST_NAME): powers_w[at * steps:(at + 1) * steps]
+        sources_w={shortened(name, LONGEST_SOURCE): powers_w[at * steps:(at + 1) * steps]
                    for at, name in enumerate(names)} if is_divided else {},
         sessions=session_texts(message) or ())
 

@@ -216,3 +216,6 @@ def test_powers_of_heat_sources_pass_to_the_page_or_not_at_all():
         name: power_w.tolist() for name, power_w in plan.source_power_w.items()}
     message.heat_source_power = message.heat_source_power[1:]
     assert plan_seen(message).sources_w == {}
+    # An instant of 0 is unknown.
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    assert plan_seen(message).times_s == ()

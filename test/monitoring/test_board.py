@@ -170,17 +170,21 @@ def test_powers_of_sources_are_rows_of_one_length_by_name_and_bounded():
     message('/planner', board, cursor, 100.0)
     for second, hvch_w, others in ((1.0, 4000.0, {'heat_pump': 1000.0, 'motor': 0.0}),
                                    (2.0, 4000.0, {'heat_pump': NAN, 'motor': 2.0}),
-                                   (3.0, 5000.0, {'motor': 3000.0}), (4.0, 5000.0, {'motor': 3000.0})):
-        board.see_command(START_S + second, hvch_w, int(Status.HEATING), 100.0)
+                                   (3.0, 5000.0, {'motor': 3000.0}), (4.0, 5000.0, {'motor': 3000.0}),
+                                   (5.0, 6000.0, {'motor': 3000.0})):
         for name, power_w in others.items():
             board.see_source(START_S + second, name, power_w)
+        board.see_command(START_S + second, hvch_w, int(Status.HEATING), 100.0)
+    # Of no planner.
+    for at_s in (0.0, NAN, math.inf, START_S - 1e9, START_S + 100.0):
+        board.see_source(at_s, 'motor', 1.0)
     values = json.loads(message('/planner', board, cursor, 102.0))
     assert values['view']['sources'] == [['hvch', 5000.0], ['heat_pump', 1000.0], ['motor', 3000.0]]
     assert values['history']['mixTime'] == [START_S + 1.0, START_S + 3.0]
     assert values['history']['mix'] == [[4000.0, 1000.0, 0.0], [5000.0, 1000.0, 3000.0]]
     assert values['plan']['planMix'] == {'hvch': [0.0, 4000.0, None], 'heat_pump': [0.0, 1000.0, None]}
     for number in range(5000):
-        board.see_source(START_S + 5.0 + number // 100, f'{number}' * 99, 1e3)
+        board.see_source(START_S + 6.0 + number // 200, f'{number}' * 99, 1e3)
     assert len(message('/planner', board, Cursor(), 103.0)) < 50_000
 
 

@@ -52,8 +52,8 @@ def test_a_command_from_before_the_window_holds_until_it_changes(tmp_path):
 def test_heat_sources_are_named_with_their_power(tmp_path):
     board = a_board(sources_w={'hvch': (0.0, 0.0), 'heat_pump': (0.0, 2000.0)}, powers_w=(0.0, 0.0))
     for second, power_w in ((0.0, 1500.0), (1.0, 1500.0), (2.0, 1000.0)):
-        board.see_command(START_S + second, 0.0, int(Status.HEATING), 100.0)
         board.see_source(START_S + second, 'heat_pump', power_w)
+        board.see_command(START_S + second, 0.0, int(Status.HEATING), 100.0)
     with curves_of(board, tmp_path) as page:
         assert page.texts('title-heater', 'power', 'note-heater') == ['Heat sources', '1.5', 'heat_pump\xa01.5']
         page.wait(lambda: 'heat_pump 0.0 kW' in page.page_text(), 'the plan of now')
