@@ -96,8 +96,8 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
     start_s, after_s = seconds(message.header.stamp), message.time
     count = len(after_s)
     # An axis of time needs rising instants; NaN compares as false.
-    is_whole = start_s > 0.0 and count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
-        message.hvch_power) + 1 and all(
+    is_whole = start_s > 0.0 and count > 1 and (
+        len(message.battery_temperature) == len(message.soc) == count == len(message.hvch_power) + 1) and all(
             0.0 <= before < after < LONGEST_DRIVE_S for before, after in zip(after_s, after_s[1:]))
     names, steps, powers_w = message.heat_source_name, count - 1, tuple(message.heat_source_power)
     is_divided = is_whole and 0 < len(names) <= MOST_ENTRIES and len(powers_w) == steps * len(names)
