@@ -218,7 +218,6 @@ def add_parser(subparsers: Subparsers) -> None:
         description='Compare published figures of cars with those computed from their data sheets. Charging '
                     'times: from the data sheet alone, with the published curve, with the published time from 10 '
                     'to 80 %%, with the shipped file. Battery temperatures: heating runs and charging sessions.')
-    parser.add_argument('--sources', action='store_true', help='print the source of each published figure')
     add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -248,12 +247,6 @@ def run(arguments: Namespace) -> int:
     for session in sessions:
         if session.not_comparable:
             console.say(f'{session.car}, {_span(session)}: not comparable: {session.not_comparable}.')
-    if arguments.sources:
-        figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
-        for figure in figures:
-            console.say(f'{figure.car}, {_span(figure)}: {figure.source}')
-        for run in runs:
-            console.say(f'{run.car}, heated for {run.minutes:g} min: {run.source}')
     return 0
 
 

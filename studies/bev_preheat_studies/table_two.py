@@ -14,8 +14,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.terminal import print_records, progress_console, result_console
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
+from bev_preheat.commands.terminal import print_records, progress_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.plan import difference, energy_gap_wh
 from bev_preheat.planning.planner import plan_preheating
@@ -125,12 +125,7 @@ def run(arguments: Namespace) -> int:
     require('casadi', *(['scipy'] if arguments.fit else []))
     with progress_console().status('solving …'):
         result = reproduce()
-    if arguments.json:
-        write_json(arguments.json, result.as_dictionary())
-    if arguments.plot:
-        from bev_preheat.drawing.figure import save_figure
-        save_figure(result.figure(), arguments.plot)
-    console = result_console(arguments.json)
+    console = write_results(arguments, result.as_dictionary, result.figure)
     print_result(console, result)
     if arguments.fit:
         with progress_console().status('fitting …'):
