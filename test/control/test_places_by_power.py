@@ -144,22 +144,26 @@ def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
     assert car.planner.state.decision.status is Status.CHARGING
 
 
-def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_there():
+@pytest.mark.parametrize('has_position', [True, False])
+def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_there(has_position):
     legs = with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,))
     car = Car(legs, soc=0.6)
 
     def go_to(place_m, from_m, seconds, **power):
         for second in range(1, seconds + 1):
             car.go(1, **power)
-            car.planner_step(ProgressArrived(Progress(
-                from_m + (place_m - from_m) * second / seconds, NOW_NS + car.at_s * NS_PER_S, 'trip')))
+            if has_position:
+                car.planner_step(ProgressArrived(Progress(
+                    from_m + (place_m - from_m) * second / seconds, NOW_NS + car.at_s * NS_PER_S, 'trip')))
 
     go_to(7500.0, 0.0, 240, propulsion_w=DRIVE_W)
     # Beside the charger, which is as near as a charger may be.
-    go_to(7430.0, 7500.0, 60, propulsion_w=0.0, charged_w=50e3)
+    go_to(7430.0, 7500.0, 150, propulsion_w=0.0, charged_w=50e3)
     assert (car.planner.state.decision.status, car.delay_s) == (Status.CHARGING, pytest.approx(-60.0, abs=5.0))
     # The battery state alone, as positions end.
-    car.go(240, 0.0, charged_w=50e3)
+    car.go(90, 0.0, charged_w=50e3)
+    car.go(60, 0.0)
+    assert car.delay_s == pytest.approx(-60.0, abs=5.0)
     go_to(15000.0, 7500.0, 300, propulsion_w=DRIVE_W)
     assert car.delay_s == pytest.approx(-60.0, abs=15.0)
     assert car.planner.state.decision.status in (Status.WAITING, Status.HEATING)
