@@ -301,7 +301,7 @@ class Timetable:
         leg = self._leg_at(self.planned_ns(since_ns) if self.held_at_ns is None else self.held_at_ns)
         arrived = replace(
             self, mission=self.planned.delayed(since_ns - leg.arrival_ns), held_at_ns=None, stood_ns=0,
-            fixes=(_Fix(since_ns, leg.arrival_ns),), goes_on_ns=0)
+            fixes=(_Fix(since_ns, leg.arrival_ns),))
         if is_at_place and self.track is not None:
             arrived = replace(arrived, track=self.track._replace(
                 furthest_m=max(self.track.furthest_m, self._end_of_m(leg))))

@@ -71,6 +71,16 @@ def test_time_of_heating_is_that_of_every_millisecond(commands, forgotten_ms, la
     assert history.heated_s(end_ms * MS) == pytest.approx(heated_ms / 1e3, abs=1e-9)
 
 
+def test_a_clock_that_is_set_back_voids_what_was_commanded():
+    history = CommandHistory().noted(5000 * MS, 900.0).noted(9000 * MS, 5300.0).noted(7000 * MS, 7000.0)
+    assert [history.power_w(instant_ms * MS) for instant_ms in (6000, 8000)] == [0.0, 7000.0]
+    assert history.heating_for_s(9500 * MS) == 2.5 and history.heating_for_s(6000 * MS) == 0.0
+    answers, settings = HeaterAnswers(), Settings()
+    for stamp_ns in (9000 * MS, 5000 * MS):
+        answers = answers.with_answer(HeaterStatus(stamp_ns, 0.0, 0.0), stamp_ns, settings)
+    assert answers.status.stamp_ns == 5000 * MS
+
+
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)

@@ -84,6 +84,11 @@ def test_an_early_charger_is_recognised_and_not_heated_at():
     # After two minutes the leg has ended.
     assert car.planner.state.decision.status is Status.ARRIVED
     assert car.planner.state.estimate.heater.heater.value == 'answers'
+    # A route plan of a moment before that end, which was seen, is of the same trip.
+    car.planner_step(RouteArrived(Mission('trip', (replace(
+        leg(30), start_ns=NOW_NS + (plugged_s - 60) * NS_PER_S),))))
+    car.go(200, DRIVE_W)
+    assert (car.heated_s(plugged_s + 10), car.planner.state.decision.status) == (0, Status.ARRIVED)
 
 
 def test_charging_on_the_way_is_a_stop_that_nobody_planned():
@@ -156,17 +161,32 @@ def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_th
                 car.planner_step(ProgressArrived(Progress(
                     from_m + (place_m - from_m) * second / seconds, NOW_NS + car.at_s * NS_PER_S, 'trip')))
 
-    go_to(7500.0, 0.0, 240, propulsion_w=DRIVE_W)
-    # Beside the charger, which is as near as a charger may be.
-    go_to(7430.0, 7500.0, 150, propulsion_w=0.0, charged_w=50e3)
-    assert (car.planner.state.decision.status, car.delay_s) == (Status.CHARGING, pytest.approx(-60.0, abs=5.0))
+    # The charger is 70 m before the place to which the navigation leads.
+    go_to(7430.0, 0.0, 240, propulsion_w=DRIVE_W)
+    go_to(7430.0, 7430.0, 150, propulsion_w=0.0, charged_w=50e3)
+    assert (car.planner.state.decision.status, car.delay_s) == (Status.CHARGING, pytest.approx(-52.0, abs=10.0))
     # The battery state alone, as positions end.
     car.go(90, 0.0, charged_w=50e3)
     car.go(60, 0.0)
-    assert car.delay_s == pytest.approx(-60.0, abs=5.0)
+    assert car.delay_s == pytest.approx(-52.0, abs=10.0)
     go_to(15000.0, 7500.0, 300, propulsion_w=DRIVE_W)
     assert car.delay_s == pytest.approx(-60.0, abs=15.0)
     assert car.planner.state.decision.status in (Status.WAITING, Status.HEATING)
+
+
+def test_a_position_corrects_an_arrival_that_charging_told():
+    car = Car(with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,)), soc=0.6)
+
+    def tell(distance_m):
+        car.planner_step(ProgressArrived(Progress(distance_m, NOW_NS + car.at_s * NS_PER_S, 'trip')))
+
+    tell(0.0)
+    car.go(240, DRIVE_W)
+    car.go(180, 0.0, charged_w=50e3)
+    assert car.delay_s == pytest.approx(-60.0, abs=5.0)
+    tell(5000.0)
+    # Planned after 200 s, it was there after 420 s.
+    assert car.delay_s == pytest.approx(220.0, abs=5.0)
 
 
 def test_a_short_leg_does_not_end_at_the_stop_before_it():
