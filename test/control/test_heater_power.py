@@ -235,6 +235,8 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     output = supervisor.step(NOW_NS, HeaterStatusUnreadable(InvalidInput('active_power: nan W')))
     assert [refusal.source for refusal in output.refusals] == ['hvch_status']
     assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
+    supervisor.step(NOW_NS, HeaterStatusArrived(HeaterStatus(NOW_NS, 0.0, 0.0)))
+    assert supervisor.state.heater_answer.problem == ''
 
 
 # A quarter of an hour, which is too short for the target, so it is heated until the gate closes on the way.
@@ -262,7 +264,7 @@ def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
 
 
 def test_any_confirmed_heat_is_no_refusal():
-    assert answers_with(60.0, active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
+    assert answers_with(60.0, active_w=40.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
 
 
 def test_doubt_ends_with_the_trip():

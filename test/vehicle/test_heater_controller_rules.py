@@ -61,6 +61,15 @@ def test_valid_command_is_applied_until_its_lease_ends():
     assert heater.answer() == (0.0, 0.0, Refusal.NO_COMMAND, 'the lease of the latest command has ended')
 
 
+@pytest.mark.parametrize('set_by_s, left_s', [(0.0, 1.5), (1.0, 0.5), (-1.0, 1.5), (60.0, 0.0)])
+def test_what_is_left_of_a_lease_is_the_shorter_by_both_clocks(set_by_s, left_s):
+    heater = Heater()
+    heater.command(2500.0)
+    heater.wait(1.0)
+    heater.clock_s += set_by_s
+    assert heater.controller.lease_left_s(heater.now) == left_s
+
+
 def test_silence_from_the_start_is_off():
     assert Heater().answer()[:3] == (0.0, 0.0, Refusal.NO_COMMAND)
 
