@@ -267,6 +267,25 @@ def test_any_confirmed_heat_is_no_refusal():
     assert answers_with(60.0, active_w=40.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
 
 
+@pytest.mark.parametrize('share, refuses', [(0.9, False), (1.1, True)])
+def test_heat_may_take_a_while_to_be_confirmed(share, refuses):
+    answers = answers_with(share * CONFIRMED_WITHIN_S, refusal=Refusal.CABIN_FIRST)
+    assert bool(answers.refusal(NOW_NS, SETTINGS)) is refuses
+
+
+def test_a_doubted_answer_a_lease_that_ended_and_another_clock_leave_no_heat():
+    later_ns = NOW_NS + NS_PER_S
+    answers = answers_with(5.0, active_w=5000.0)
+    doubted, _ = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
+    doubted = doubted.with_command(NOW_NS, 1000.0, SETTINGS).with_answer(
+        HeaterStatus(later_ns, 5000.0, 5000.0), later_ns, SETTINGS)
+    assert doubted.history.power_w(later_ns) == 1000.0
+    assert answers.off_since(later_ns).history.power_w(later_ns) == 0.0
+    assert answers.without_instants().status is None
+    trips = answers, answers.on_new_trip(later_ns)
+    assert [each.history.heated_s(later_ns) for each in trips] == [1.0, 0.0]
+
+
 def test_doubt_ends_with_the_trip():
     answers = answers_with(active_w=5000.0)
     answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
