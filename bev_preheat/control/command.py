@@ -120,10 +120,13 @@ class Commander(NamedTuple):
             words = f'{switch.pause.sentence} {words}'
             status = LATER.get(decision.status, decision.status)
         elif switch.is_held:
-            words = (f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
-                     f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.')
-        elif decision.status is Status.HEATING and not switch.is_on:
-            words = f'The heater stays off for its minimum time, {left_s:.0f} s more. {words}'
+            what, aim = (('cooling', f'at most {plan.maximum_arrival_temperature_c:.1f}') if self.cools else
+                         ('heater', f'target {plan.target_temperature_c:.1f}'))
+            words = (f'The {what} stays on for its minimum time, {left_s:.0f} s more: arrival at '
+                     f'{plan.arrival_temperature_c:.1f} degC, {aim} degC.')
+        elif decision.status in LATER and not switch.is_on:
+            what = 'cooling' if decision.status is Status.COOLING else 'heater'
+            words = f'The {what} stays off for its minimum time, {left_s:.0f} s more. {words}'
         elif status is not decision.status:
             words = self.words or words
         commander = self if words == self.words else self._replace(words=words)

@@ -120,6 +120,10 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
     """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
     situation = vehicle, task.route, state, task.goal, task.settings.method
     plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
+    start_s = None if plan.cooling_start_s is not None else plan.heating_start_s
+    if task.is_heating and start_s is not None and 0.0 < start_s <= task.settings.minimum_off_time_s:
+        # The noise of a reading asks for a pause that would last longer: this plan knows the price of a switch-on.
+        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, is_heating=True))
     if task.heater_refusal and plan.heating_start_s is not None:
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)

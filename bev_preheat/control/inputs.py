@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.target import TargetChoice
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices
+    from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.vehicle.description import Vehicle
 
 # Start of every sentence for a goal that is no trip.
@@ -80,14 +81,16 @@ class Terms(NamedTuple):
                 route = route.before(at_s).followed_by(route.after(at_s))
         return route
 
-    def plan(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, method: str) -> Plan:
-        """Return the Plan for a vehicle, in which everything is known; raises as plan_preheating does."""
+    def plan(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, method: str,
+             uncertainty: Uncertainty | None = None) -> Plan:
+        """Return the Plan for a vehicle, None: in which everything is known; raises as plan_preheating does."""
         vehicle = self.vehicle(vehicle)
         if self.is_at_once:
             plan = FullPower(vehicle, route, state).plan(vehicle, goal, lambda part: plan_preheating(
-                vehicle, part, state, goal, method))
+                vehicle, part, state, goal, method, uncertainty))
         else:
-            plan = plan_preheating(vehicle, route, state, goal, method, step_prices=self.step_prices(route))
+            plan = plan_preheating(vehicle, route, state, goal, method, uncertainty,
+                                   step_prices=self.step_prices(route))
         return self.accounted(plan, state.soc)
 
     def accounted(self, plan: Plan, soc: float) -> Plan:

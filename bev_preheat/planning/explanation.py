@@ -146,6 +146,8 @@ def _cooled_in_words(plan: Plan, reserve: float, starts_in_s: float, words: Word
         starts = '' if plan.status is Status.COOLING else f' starts in {starts_in}'
         at_most = '' if math.isinf(most_c) else f', at most {most_c:.1f} degC'
         return f'Cooling{starts}: {arrival}{at_most}.'
+    if plan.status is Status.NOT_NEEDED and math.isfinite(most_c):
+        return f'Neither heating nor further cooling is needed: {arrival}, at most {most_c:.1f} degC.'
     if plan.arrival_temperature_c > most_c and plan.status in (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED):
         means = ('The battery cannot be cooled' if not plan.source_power_w else
                  'Without further cooling' if start_s is None else

@@ -4,6 +4,7 @@
 from dataclasses import replace
 import random
 
+import numpy as np
 import pytest
 from steady_drives import NOW_NS, ns, outcome, steady_leg, VEHICLE
 from stepwise import Stepwise
@@ -293,6 +294,17 @@ def test_the_end_of_the_route_switches_off_without_a_new_state():
 
 
 PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
+
+
+@pytest.mark.parametrize('minimum_off_s, power_w', [(120.0, FULL_POWER_W), (0.0, 0.0)])
+def test_noise_does_not_pause_a_heater_that_could_not_be_switched_on_again_in_time(minimum_off_s, power_w):
+    supervisor = make_supervisor(temperature_c=20.0, settings=replace(PATIENT, minimum_off_time_s=minimum_off_s))
+    plan = supervisor.state.decision.plan
+    start_c = float(np.interp(plan.heating_start_s, plan.time_s, plan.battery_temperature_c))
+    for later_s, more_k, wanted_w in ((1.0, -0.1, FULL_POWER_W), (2.0, 0.1, power_w)):
+        now_ns = NOW_NS + ns(plan.heating_start_s + later_s)
+        feed(supervisor, now_ns, temperature_c=start_c + more_k)
+        assert outcome(supervisor, now_ns)[0] == pytest.approx(wanted_w)
 
 
 def test_time_alone_switches_on_at_full_power():
