@@ -248,9 +248,7 @@ bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, con
   if (status == BEV_SATURATED) {
     status = find_crossing(vehicle, integrator, 1, trip, target_c, terminal_soc, lost_k,
                            idle_temperature_c, instant_s);
-    if (status == BEV_SATURATED) {
-      status = BEV_NOT_FINITE;
-    }
+    status = status == BEV_SATURATED ? BEV_NOT_FINITE : status;
   }
   return status;
 }

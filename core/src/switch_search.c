@@ -209,9 +209,7 @@ static bev_status find_interval(const bev_seen_run *run, bev_switch_plan *plan) 
   plan->end_heated = trip->steps;
   for (int32_t k = 0; k < trip->steps; k++) {
     const double heater_w = run->heater_w[k];
-    if (heater_w != 0.0) {
-      plan->is_heated = 1;
-    }
+    plan->is_heated = heater_w != 0.0 ? 1 : plan->is_heated;
     if (bev_is_heated(trip, run->heater_w, k) != 0) {
       if (plan->first_heated == trip->steps) {
         plan->first_heated = k;
