@@ -113,6 +113,7 @@ FAILURE_S = 200.0 * 3600.0    # s    | mean driving time between failures of a h
 REPAIR_S = 50.0 * 3600.0      # s    | … until it recovers; assumed
 FAULTY = 0.0025               # 1    | share of heaters that failed before the first drive; assumed
 SUSPECT_FROM = 0.5            # 1    | probability of a fault that makes it suspect
+SUSPECT_SAID_S = 60.0         # s    | … for which it is suspect before the plan's sentence says so
 TOLD_FROM = 0.995             # 1    | … that is reported: by its own account wrong once in 200
 TAKEN_BACK_BELOW = 0.2        # 1    | … below which the report is withdrawn
 TIMES_AS_LIKELY = 3.0         # 1    | … of another fault, to replace the reported one
@@ -292,6 +293,7 @@ VALUES_KEPT_S = 60.0         # s  | of the drive, for which a value function hol
 MOST_CHANGED_SHARE = 0.05    # 1  | of the largest power, by which the drive may have changed
 MOST_DEVIATION_SHARE = 0.25  # 1  | … and the uncertainty
 TARGET_HALVINGS = 14         # 1  | of the range in which the warmest target is searched
+REFINED_MINIMA = 3           # n  | of a grid's lowest minima are refined
 
 # planning/dynamics.py: the model
 HOTTEST_BEYOND_RANGE_K = 20.0  # K | the car's own cooling, not in the model, holds the battery

@@ -38,6 +38,7 @@ from bev_preheat.tunables import (
     MOST_EXCESS_K,
     MOST_REVEALED_K,
     NOMINAL_HEAT_LAG_S,
+    SUSPECT_SAID_S,
 )
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
@@ -338,6 +339,9 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
     """
     sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
         heater.heater, '').format(share=100.0 * heater.share)
+    suspected = None if heater is None or refusal else heater.suspected
+    if suspected is not None and suspected.lasts_s >= SUSPECT_SAID_S:
+        sentence += f'The heater may be {suspected.heater.value} ({100.0 * suspected.probability:.0f} %). '
     sentence += f'{unserved} ' if unserved else ''
     sentence += explain(plan, **told)
     if forecast is not None and plan.heating_end_s is not None:

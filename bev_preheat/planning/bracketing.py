@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import math
 from typing import Generic, TypeVar
 
-from bev_preheat.tunables import HALVINGS, MOST_TRIALS
+from bev_preheat.tunables import HALVINGS, MOST_TRIALS, REFINED_MINIMA
 
 Outcome = TypeVar('Outcome')
-# Number of a grid's lowest minima that are refined.
-REFINED_MINIMA = 3
 # Each trial of the golden section reduces the bracket to this share.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 

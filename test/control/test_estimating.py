@@ -115,6 +115,17 @@ def test_a_derated_heater_is_planned_with_its_real_power():
         decision.command_share * limit_w(ride), rel=0.1)
 
 
+def test_a_suspected_heater_is_said_to_be_so_before_it_is_reported():
+    ride = Ride(heater_faults=(HeaterFault(300.0, share=0.4),))
+    said = [ride.until(float(at_s)).explanation[:14] for at_s in range(290, 1400, 10)]
+    first, told = said.index('The heater may'), said.index('The heater del')
+    assert 5 < first < told
+    assert ride.until(1410.0).explanation.startswith('The heater delivers only ')
+    healthy = Ride()
+    assert not any(
+        healthy.until(float(at_s)).explanation.startswith('The heater') for at_s in range(290, 1400, 10))
+
+
 def test_a_heater_that_is_stuck_on_is_commanded_off():
     ride = Ride(temperature_c=24.0, heater_faults=(HeaterFault(100.0, stuck_on=True),))
     decision = ride.until(800.0)
