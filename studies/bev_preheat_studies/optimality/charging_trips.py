@@ -11,11 +11,12 @@ import numpy as np
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.segments import make_route, Route
+from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.description import Cooling, HeatPath
+from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -50,15 +51,9 @@ COOLING_W, COEFFICIENT_OF_PERFORMANCE, BAND_K = (1e3, 8e3), (1.0, 4.0), (1.0, 4.
 
 
 @dataclass(frozen=True)
-class ChargingTrip:
-    """A random drive to a charger, reproducible from `seed` and `number`."""
+class ChargingTrip(DrawnTrip):
+    """A random drive to a charger."""
 
-    seed: int
-    number: int
-    vehicle: Vehicle
-    route: Route
-    state: BatteryState
-    goal: Goal
     stop: ChargingStop
     prices: Prices
 
