@@ -32,7 +32,7 @@ FOLLOWED = 'coolant_c'
 
 
 def reading_of(signal: str, heater: str) -> str:
-    """Return the name of the readings of one of these signals of a heat source."""
+    """Return the name of the readings of such a signal of a heat source."""
     return signal if heater == HVCH else f'{signal} of {heater}'
 
 

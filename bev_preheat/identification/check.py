@@ -207,7 +207,7 @@ class Check:
         """
         Whether the estimation's RMSE is at most that of the file alone at each lead; None: nothing replayed.
 
-        Of errors beyond the intervals for which the arrival readings stand: readings tell no smaller difference.
+        Of errors beyond the intervals for which the arrival readings stand: smaller differences cannot be seen.
         """
         leads = [self._checks_at(lead_s) for lead_s in LEADS_S]
         return all(

@@ -278,8 +278,8 @@ class Cooling:
     Above `set_point_c` [deg C] its heat flow out of the battery rises with the battery temperature, and reaches
     `cooling_power_w` [W] `proportional_band_k` [K] higher, with `electrical_power_w` [W] from the charger. A
     radiator removes at most `radiator_conductance_w_per_k` [W/K] times the battery's temperature above the air.
-    With the `curves` of a cooling heat source, its electrical power [W] and the heat flow for each watt of it over
-    (ambient temperature, battery temperature) [deg C], both powers are the largest of them.
+    With the `curves` of a cooling heat source, its electrical power [W] and its heat flow for each watt over
+    (ambient temperature, battery temperature) [deg C], both powers are the source's largest.
     """
 
     set_point_c: float

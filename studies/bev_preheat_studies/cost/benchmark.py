@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the planner costs: a plan and an update in process, and the planner's process beside an empty node.
+Cost of the planner: a plan and an update in process, and the planner's process beside an empty node.
 
 Times of plans and updates are processor time on the computer that this runs on.
 """
