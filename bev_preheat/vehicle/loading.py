@@ -215,9 +215,9 @@ def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSourc
     values = _floats(node)
     ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
     if 'electrical_power_w' not in values or (ratio is None) == (power_w is None):
-        problems.append('charging.cooling: needs electrical_power_w and exactly one of cooling_power_w, the heat '
-                        'flow out of the battery, and coefficient_of_performance, its ratio to '
-                        'electrical_power_w; or heat_source alone')
+        problems.append('charging.cooling: needs electrical_power_w with either cooling_power_w, the heat flow '
+                        'out of the battery, or coefficient_of_performance, its ratio to electrical_power_w; or '
+                        'heat_source without these')
         return None
     if power_w is None:
         assert ratio is not None
@@ -233,7 +233,7 @@ def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSo
     coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
     if name not in coolers:
         problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
-                        f'heat_sources that cools a car that stands: {", ".join(coolers) or "there is none"}')
+                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has no such"}')
         return None
     if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
         problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '

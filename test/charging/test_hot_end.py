@@ -73,12 +73,13 @@ def test_a_heat_source_cools_at_the_charger_as_on_the_road():
 
 @pytest.mark.parametrize('cooling, problem', [
     ({'heat_source': 'motor'}, ".heat_source: 'motor' is not allowed; it must be a source of heat_sources that "
-                               'cools a car that stands: chiller'),
+                               'cools a standing car: chiller'),
     ({'heat_source': 'chiller', 'electrical_power_w': 2000},
      ': heat_source states the powers; set_point_c and proportional_band_k are allowed beside it'),
-    ({'cooling_power_w': 4000}, ': needs electrical_power_w and exactly one of cooling_power_w, the heat flow '
-                                'out of the battery, and coefficient_of_performance, its ratio to '
-                                'electrical_power_w; or heat_source alone')], ids=['heats', 'twice', 'no power'])
+    ({'cooling_power_w': 4000}, ': needs electrical_power_w with either cooling_power_w, the heat flow '
+                                'out of the battery, or coefficient_of_performance, its ratio to '
+                                'electrical_power_w; or heat_source without these')],
+    ids=['heats', 'twice', 'no power'])
 def test_cooling_without_a_source_of_cold_is_refused(cooling, problem):
     contents = yaml.safe_load(vehicle_file('heat_pump_car').read_text())
     contents['charging']['cooling'] = {'set_point_c': 35, **cooling}
