@@ -113,6 +113,7 @@ FAILURE_S = 200.0 * 3600.0    # s    | mean driving time between failures of a h
 REPAIR_S = 50.0 * 3600.0      # s    | … until it recovers; assumed
 FAULTY = 0.0025               # 1    | share of heaters that failed before the first drive; assumed
 SUSPECT_FROM = 0.5            # 1    | probability of a fault that makes it suspect
+UNHEATED_S = 600.0            # s    | after heating, from which a heater that is off tells nothing
 SUSPECT_SAID_S = 60.0         # s    | … for which it is suspect before the plan's sentence says so
 TOLD_FROM = 0.995             # 1    | … that is reported: by its own account wrong once in 200
 TAKEN_BACK_BELOW = 0.2        # 1    | … below which the report is withdrawn

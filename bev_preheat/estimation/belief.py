@@ -44,6 +44,7 @@ from bev_preheat.estimation.hypotheses import (
     PLACES,
     prior_weights,
     SHARES,
+    STUCK,
     transitions,
 )
 from bev_preheat.estimation.prior import (
@@ -433,6 +434,13 @@ class Belief:
         """Return the Belief with the heaters' weights after other evidence, by its log-likelihoods (heaters,)."""
         return replace(self, weights=_reweighed(
             self.weights, array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]))
+
+    def with_odds_of(self, before: Belief) -> Belief:
+        """Return the Belief with the odds between heaters that are not stuck on of another Belief."""
+        own, other = (belief.weights[:STUCK].sum(axis=1) for belief in (self, before))
+        weights = self.weights.copy()
+        weights[:STUCK] *= (other / other.sum() * own.sum() / own)[:, np.newaxis]
+        return replace(self, weights=weights)
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses; read-only."""

@@ -27,6 +27,7 @@ from bev_preheat.tunables import (
     MOST_OTHER_POWER_W,
     READING_NOISE_K,
     READING_NOISE_SOC,
+    UNHEATED_S,
 )
 from bev_preheat.vehicle.variants import DriveInputs
 
@@ -77,7 +78,8 @@ class Estimator(NamedTuple):
     `stamp_ns` [ns] is the instant of the latest measurement; None: the temperature is taken from the next reading
     alone. `standing` is the Soak before the next reading, and `offset_k` is subtracted from readings [K].
     `knows_power`: the battery's power of the latest step was measured. `suspect` is the heater, None while it is
-    not suspect. `resets` is the number of resets, with the reason and instant of the last one.
+    not suspect. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of resets,
+    with the reason and instant of the last one.
     """
 
     belief: Belief
@@ -89,6 +91,7 @@ class Estimator(NamedTuple):
     standing: Soak | None = None
     offset_k: float = 0.0
     suspect: _Suspect | None = None
+    unheated_s: float = 0.0
     estimate: Estimate | None = None
     resets: int = 0
     reset_reason: str = ''
@@ -165,9 +168,14 @@ class Estimator(NamedTuple):
             return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
         if verdict is Verdict.LASTING:
             belief = belief.of_free_local_rise()
-        return advanced._concluded(measurement, vehicle, *belief.with_battery(
-            state.temperature_c - self.offset_k, readings.temperature_resolution_k,
-            state.soc, readings.soc_resolution), others_odds=others_odds)
+        belief, expected = belief.with_battery(
+            state.temperature_c - self.offset_k, readings.temperature_resolution_k, state.soc,
+            readings.soc_resolution)
+        if advanced.unheated_s > UNHEATED_S:
+            # A heater without a command shows only whether it is stuck on.
+            belief = belief.with_odds_of(self.belief)
+            expected = belief.expected()
+        return advanced._concluded(measurement, vehicle, belief, expected, others_odds=others_odds)
 
     @property
     def fault_odds(self) -> float:
@@ -195,6 +203,7 @@ class Estimator(NamedTuple):
         elapsed_s = (stamp_ns - self.stamp_ns) / NS_PER_S
         if elapsed_s < LEAST_INTERVAL_S:
             return seen
+        seen = seen._replace(unheated_s=0.0 if command_w > 0.0 else self.unheated_s + elapsed_s)
         is_believed = True
         if trusts_both:
             readings, verdict = seen.readings.judged(measurement, self._expected_readings())
@@ -244,12 +253,14 @@ class Estimator(NamedTuple):
     def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle) -> Estimator:
         """Return the Estimator after DrivenIntervals, before the reading at their end."""
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
+        unheated_s = self.unheated_s
         k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
         seen_w, variance_w2 = power.step() or (None, 0.0)
         # Heat leaks from the shell, as it would from the core in colder air.
         shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
         for duration_s, drive, command_w, limit_w, hvch_watts in intervals:
             heat_w, most_heat_w = hvch_watts * command_w, hvch_watts * limit_w
+            unheated_s = 0.0 if command_w > 0.0 else unheated_s + duration_s
             if drive is not None and shell_k != 0.0:
                 drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
             if suspect is not None:
@@ -280,7 +291,7 @@ class Estimator(NamedTuple):
             ), heat_w, most_heat_w, propulsion_w)
             suspect = _explained(suspect, before, belief)
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
-                             knows_power=seen_w is not None)
+                             unheated_s=unheated_s, knows_power=seen_w is not None)
 
     def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
                    expected: tuple[FloatArray, FloatArray], is_held: bool = False,

@@ -12,10 +12,16 @@ import pytest
 
 from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, SENSOR, TEMPERATURE
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import HEALTHY, Heater, STUCK
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.tunables import LOCAL_DEVIATION_K, LONGEST_EXCURSION_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
+from bev_preheat.tunables import (
+    LOCAL_DEVIATION_K,
+    LONGEST_EXCURSION_S,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    UNHEATED_S,
+)
 from bev_preheat.vehicle.variants import Corrections
 
 pytestmark = pytest.mark.costly
@@ -162,6 +168,27 @@ def test_a_healthy_heater_is_never_accused(with_power, seeds):
         followed(car, watch=lambda _, estimate: accused.append(
             estimate.heater.heater is not Heater.ANSWERS))
     assert not any(accused)
+
+
+def test_without_a_command_only_a_heater_that_is_stuck_on_is_told():
+    """The heater delivers 60 % while it heats; later traffic warms the battery otherwise than the route says."""
+    odds = {}
+    car = DrivenCar(commands=Commands(((100, 500),)), heater=lambda second, commanded_w: 0.6 * commanded_w, seed=3,
+                    traffic_w=6000.0)
+    estimator = Estimator.of(VEHICLE)
+    for _ in range(1300):
+        estimator = observed(estimator, car.drive(2), Course(), car.commands)
+        heaters = estimator.belief.weights.sum(axis=1)
+        odds[car.second] = heaters[1:STUCK] / heaters[HEALTHY]
+    last_s = 500 + UNHEATED_S + 10
+    for second, found in odds.items():
+        if second >= last_s:
+            np.testing.assert_allclose(found, odds[last_s], rtol=1e-9)
+    assert np.abs(odds[last_s] / odds[500] - 1.0).max() > 0.1
+    car.heater = lambda second, commanded_w: LIMIT_W
+    for _ in range(400):
+        estimator = observed(estimator, car.drive(2), Course(), car.commands)
+    assert estimator.estimate.heater.heater is Heater.STUCK_ON
 
 
 def moved(measurement, temperature_c=None, soc=None, stamp_ns=None):
