@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.signal_map import database_files, load_signal_map, read_source, source_problems
@@ -224,7 +224,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
-        _heater_frame(live.get('heater_command')), _rule(HeaterStatusRule, live.get('heater_status')),
+        _heater_frame(live['heater_command']) if 'heater_command' in live else None,
+        _rule(HeaterStatusRule, live.get('heater_status')),
         {name: HeaterRules(f'live.heat_sources.{name}.', _heater_frame(entry['command']),
                            _rule(HeaterStatusRule, entry.get('status')))
          for name, entry in live.get('heat_sources', {}).items()})
@@ -246,16 +247,19 @@ def _vss(entry: FileData, folder: Path) -> VssSettings | None:
                                       if key in entry}})
 
 
-def _rule(kind: type[Rule], entry: FileData, **others: FileData) -> Rule | None:
-    """Return a rule of an entry of the map, with other values in its place; None without an entry."""
-    return None if entry is None else kind(**{
-        key: tuple(value) if isinstance(value, list) else value for key, value in {**entry, **others}.items()})
+def _rule(kind: type[Rule], entry: FileData) -> Rule | None:
+    """Return a rule of an entry of the map; None without an entry."""
+    return None if entry is None else _made(kind, entry)
+
+
+def _made(kind: type[Rule], entry: FileData) -> Rule:
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()})
 
 
 def _message(entry: FileData) -> MessageRule:
     return MessageRule(**{**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum'))})
 
 
-def _heater_frame(entry: FileData) -> Any:
-    return entry and _rule(HeaterFrameRule, entry, checksum=_rule(ChecksumRule, entry.get('checksum')),
-                           coolant=_rule(CoolantLaw, entry.get('coolant')))
+def _heater_frame(entry: FileData) -> HeaterFrameRule:
+    return _made(HeaterFrameRule, {**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum')),
+                                   'coolant': _rule(CoolantLaw, entry.get('coolant'))})

@@ -79,9 +79,9 @@ class Commander(NamedTuple):
     cools: bool = False
 
     @property
-    def is_heating(self) -> bool:
-        """Whether the heater is switched on."""
-        return self.switch.is_on
+    def direction(self) -> int:
+        """The direction of heat: 1 if the switch is on and heats, -1 if it cools, else 0."""
+        return 0 if not self.switch.is_on else -1 if self.cools else 1
 
     def free_to_switch(self) -> Commander:
         """Return the Commander that may switch at once: the reason for its waiting time no longer holds."""
@@ -204,7 +204,7 @@ class Commander(NamedTuple):
             decision.charger_heat_w)
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        return self._replace(switch=switch, reason=None), Command(
+        return self._replace(switch=switch, reason=None, cools=False), Command(
             switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod

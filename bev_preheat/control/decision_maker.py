@@ -51,15 +51,15 @@ class Moment(NamedTuple):
     """
     The inputs of a decision at an instant [ns].
 
-    `regime` is the vehicle's RegimeReport, `estimate` the latest Estimate, None without estimation. `is_heating`:
-    the heater is on; it has heated the battery for `heated_s` [s] on this trip.
+    `regime` is the vehicle's RegimeReport, `estimate` the latest Estimate, None without estimation. `direction`: 1
+    if the vehicle heats now, -1 if it cools; it has heated the battery for `heated_s` [s] on this trip.
     """
 
     inputs: AdmittedInputs
     regime: RegimeReport
     now_ns: int
     estimate: Estimate | None
-    is_heating: bool
+    direction: int
     heated_s: float
 
 
@@ -142,7 +142,7 @@ class DecisionMaker(NamedTuple):
             vehicle = maker.forecasts.vehicle(vehicle)
             state = believed_state(vehicle, estimate)
         heater, heat = self.charger_heater.heat(ChargerSituation(
-            vehicle, leg, measurement, state, settings.prices, charger, moment.is_heating))
+            vehicle, leg, measurement, state, settings.prices, charger, moment.direction > 0))
         return maker._replace(charger_heater=heater), heat
 
     def _plan_current(self, moment: Moment, leg: Leg) -> tuple[DecisionMaker, Decision]:
@@ -174,7 +174,7 @@ class DecisionMaker(NamedTuple):
             maker, choice = (maker._without_charger(leg, settings) if is_simple else
                              maker._choose_target(moment, leg, goal, route, estimate))
             goal = choice.goal(goal)
-        task = PlanningTask(route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.terms,
+        task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
                             inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved))
         try:
             if estimate is None:

@@ -74,14 +74,15 @@ class PlanningTask(NamedTuple):
     A route and a goal to plan for now.
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
-    `is_heating`: the heater is on. `terms` are those of the goal's source. `heater_refusal` is the sentence
-    on heat that the heater refuses, `unserved` those on other heat sources that do not heat; '' for none.
+    `direction`: 1 if the vehicle heats now, -1 if it cools. `terms` are those of the goal's source.
+    `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that do
+    not heat; '' for none.
     """
 
     route: Route
     goal: Goal
     settings: Settings
-    is_heating: bool
+    direction: int
     starts_in_s: float
     heated_s: float
     terms: Terms = OF_ROUTE
@@ -121,10 +122,10 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
     """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
     situation = vehicle, task.route, state, task.goal, task.settings.method
     plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
-    start_s = None if plan.cooling_start_s is not None else plan.heating_start_s
-    if task.is_heating and start_s is not None and 0.0 < start_s <= task.settings.minimum_off_time_s:
+    start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.direction]
+    if start_s is not None and 0.0 < start_s <= task.settings.minimum_off_time_s:
         # The noise of a reading asks for a pause that would last longer: this plan knows the price of a switch-on.
-        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, is_heating=True))
+        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, task.direction))
     if task.heater_refusal and plan.heating_start_s is not None:
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
@@ -327,7 +328,7 @@ class _Planning:
             min(max(deviation_k, LEAST_REVEALED_K), MOST_REVEALED_K) if math.isfinite(deviation_k) else
             MOST_REVEALED_K,
             # Heating as soon as possible needs no reason to begin.
-            is_heating=self._task.is_heating or self._full_power is not None)
+            self._task.direction if self._full_power is None else 1)
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,6 +69,7 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
             charging_planned=node.get('charging_planned', True),
             target_temperature_c=None if target_c is None else float(target_c),
             minimum_arrival_soc=float(node.get('minimum_arrival_soc', 0.0)),
+            maximum_arrival_temperature_c=float(node.get('maximum_arrival_temperature_c', math.inf)),
             departure=departure,
             prospect=ChargingProspect(float(node.get('charging_probability', 1.0)),
                                       float(node.get('arrival_time_deviation_s', 0.0)),

@@ -289,7 +289,7 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath 
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         with _environment(environment), listening('scenario', domain_id) as listener:
-            drive = ObservedDrive(listener.node, scenario.first.goal.target_temperature_c)
+            drive = ObservedDrive(listener.node, scenario.first.wanted_c)
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)

@@ -235,7 +235,7 @@ def _by_values(function: str, trip: Trip, start: States, wanted: Requirements, v
     (vehicle, native), steps, uncertainty = _both(trip), len(trip.route), wanted.uncertainty
     states, powers_w, ends_in = np.zeros((4, steps + 1)), np.zeros((4, steps)), c_int32()
     states[:, 0] = start
-    goal = ValueGoalStruct(uncertainty.is_heating, wanted.target_c, wanted.most_c, wanted.reserve,
+    goal = ValueGoalStruct(uncertainty.direction, wanted.target_c, wanted.most_c, wanted.reserve,
                            uncertainty.deviation_k, address_of(wanted.price))
     status = call(
         function, vehicle.address, native.address, byref(goal), *before, address_of(states), address_of(powers_w),

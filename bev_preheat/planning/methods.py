@@ -189,7 +189,7 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
             switched = switched or engine.plan_switch(trip, state, goal.target_temperature_c)
             if is_best(trip, goal, switched):
                 return switched.schedule
-        uncertainty = Uncertainty(0.0, is_heating=state.heater_power_w > LEAST_HEATING_W)
+        uncertainty = Uncertainty(0.0, int(state.heater_power_w > LEAST_HEATING_W))
     reserve = reserve_soc(trip.vehicle, goal)
     aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
     start = initial_states(state)
@@ -225,7 +225,7 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
 
 def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
     """Return the ValueTable with the charge of the plan, heater off before; None: the charge does not last."""
-    certain = Uncertainty(0.0, state.heater_power_w > LEAST_HEATING_W)
+    certain = Uncertainty(0.0, int(state.heater_power_w > LEAST_HEATING_W))
     recursion = Recursion(trip, initial_states(state), Requirements(
         goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
     return None if recursion.plan() is None else recursion.table()

@@ -192,6 +192,10 @@ class Reached(Protocol):
     """The results of a plan: a Plan, or figures read from one."""
 
     @property
+    def arrival_temperature_c(self) -> float:
+        """Battery temperature on arrival [deg C]."""
+
+    @property
     def shortfall_k(self) -> float:
         """By how much the target is missed [K]."""
 
@@ -210,11 +214,13 @@ def difference(plan: Reached, optimum: Reached) -> str:
 
     NaN: unknown.
     """
-    colder_k = plan.shortfall_k - optimum.shortfall_k
+    missed_k = plan.shortfall_k - optimum.shortfall_k
+    # Too cold for the target, or too warm for the highest temperature on arrival.
+    is_colder = plan.arrival_temperature_c < optimum.arrival_temperature_c
     deficit_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
-    if not abs(colder_k) <= SAME_SHORTFALL_K:
-        return (f'{abs(colder_k):.2f} K {"colder" if colder_k > 0.0 else "warmer"}'
-                if colder_k == colder_k else 'unknown arrival')
+    if not abs(missed_k) <= SAME_SHORTFALL_K:
+        return (f'{abs(missed_k):.2f} K {"colder" if is_colder else "warmer"}'
+                if missed_k == missed_k else 'unknown arrival')
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')

@@ -264,15 +264,15 @@ class Recursion:
 
     def _find_path(self) -> bool:
         """Take the best end of each step; return whether the charge carries the trip."""
-        run, is_on = self.run, self._wanted.uncertainty.is_heating
+        run, direction = self.run, self._wanted.uncertainty.direction
         for k in range(len(self._trip.route)):
             to_come_k = self.path.to_come_k(k)
             ends = self.path.ends(k, run.states[0, k:k + 1], run.states[1, k:k + 1] + to_come_k, to_come_k)
             if ends.is_empty[0]:
                 return False
             choice = best_of(ends, self._layers[k + 1], run.joules_per_k, is_mixed=run.is_certain).only(
-                0.0 if is_on else run.switch_on_j)
-            is_on = choice.is_heating
+                direction, run.switch_on_j)
+            direction = choice.direction
             if not run.drive(k, choice.wanted_w(ends), choice.takes_surplus(ends)):
                 return False
         return True

@@ -56,11 +56,11 @@ class Uncertainty:
     How much warmer or colder the rest of the drive may turn out than forecast; a plan with it is made again often.
 
     `deviation_k`: standard deviation [K] of the arrival, of what becomes known on the way, evenly over the time
-    that is left. `is_heating`: the heater is on now.
+    that is left. `direction`: 1 if the vehicle heats now, -1 if it cools, else 0.
     """
 
     deviation_k: float
-    is_heating: bool = False
+    direction: int = 0
 
 
 def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:

@@ -239,6 +239,12 @@ class StepsAhead:
         return enough_w
 
 
+def direction_of(power_w: FloatArray) -> IntArray:
+    """Return the direction of heat under powers [W]: 1 heats, -1 cools, 0 is off, each of their shape."""
+    direction: IntArray = np.sign(power_w).astype(int) * (np.abs(power_w) > LEAST_HEATING_W)
+    return direction
+
+
 class Layer(NamedTuple):
     """Values [J] at one instant: temperatures (P,) [deg C], rows for a heater that was off and that was on."""
 
@@ -282,11 +288,11 @@ class _Mixtures(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """The mixture to take from one temperature: end, share of the next end, and whether they heat or cool."""
+    """The mixture to take from one temperature: end, share of the next end, and 1: they heat, -1: cool, 0."""
 
     end: int
     share: float
-    is_heating: bool
+    direction: int
 
     def takes_surplus(self, ends: StepEnds) -> bool:
         """Return whether regeneration beyond the charge limit heats."""
@@ -301,21 +307,23 @@ class Choice(NamedTuple):
 
 
 class Best(NamedTuple):
-    """The best mixtures that neither heat nor cool, and that do: without the price of switching on."""
+    """The best mixtures that neither heat nor cool, that heat and that cool: without the price of switching on."""
 
     unheated: _Mixtures
     heated: _Mixtures
+    cooled: _Mixtures
 
     def value_j(self, switch_on_j: float) -> FloatArray:
         """Return the value at a price of switching on [J]."""
-        value_j: FloatArray = np.minimum(self.unheated.value_j, self.heated.value_j + switch_on_j)
+        value_j: FloatArray = np.minimum(self.unheated.value_j, np.minimum(
+            self.heated.value_j, self.cooled.value_j) + switch_on_j)
         return value_j
 
-    def only(self, switch_on_j: float) -> Choice:
-        """Return the Choice at the one temperature."""
-        is_heating = bool(self.unheated.value_j[0] > self.heated.value_j[0] + switch_on_j)
-        mixture = self.heated if is_heating else self.unheated
-        return Choice(int(mixture.end[0]), float(mixture.share[0]), is_heating)
+    def only(self, before: int, switch_on_j: float) -> Choice:
+        """Return the Choice at the one temperature after a direction of heat: the other one is switched on."""
+        better = min((0, -1, 1), key=lambda direction: self[direction].value_j[0] + (
+            0.0 if direction in (0, before) else switch_on_j))
+        return Choice(int(self[better].end[0]), float(self[better].share[0]), better)
 
 
 def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: bool) -> Best:
@@ -326,13 +334,13 @@ def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: boo
     """
     points = ends.cost_j.shape[1]
     none = _Mixtures(np.full(points, np.inf), np.zeros(points, dtype=int), np.zeros(points))
-    unheated, heated = none, none
+    best = Best(none, none, none)
     rows = list(zip(*ends[:3]))
     for end, (cost_j, settled_c, command_w) in enumerate(rows):
-        is_heating = np.abs(command_w) > LEAST_HEATING_W
-        value_j = cost_j + following.worth_j(settled_c, is_heating, joules_per_k)
-        heated = heated.with_better(np.where(is_heating, value_j, np.inf), end, 0.0)
-        unheated = unheated.with_better(np.where(is_heating, np.inf, value_j), end, 0.0)
+        direction = direction_of(command_w)
+        value_j = cost_j + following.worth_j(settled_c, direction != 0, joules_per_k)
+        best = Best._make(each.with_better(np.where(direction == at, value_j, np.inf), end, 0.0)
+                          for at, each in zip((0, 1, -1), best))
     for end, (low, high) in enumerate(zip(rows, rows[1:]) if is_mixed else ()):
         cost_j, settled_c, command_w = (row[:, None] for row in low)
         more_j, wide_k, more_w = (next_row[:, None] - row[:, None] for row, next_row in zip(low, high))
@@ -342,6 +350,8 @@ def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: boo
         is_between = (share > 0.0) & (share <= 1.0) & (np.abs(command_w + share * more_w) > least_w)
         value_j = np.where(is_between, cost_j + share * more_j + following.values_j[1], np.inf)
         found = value_j.argmin(axis=1)[:, None]
-        heated = heated.with_better(np.take_along_axis(value_j, found, 1)[:, 0], end,
-                                    np.take_along_axis(share, found, 1)[:, 0])
-    return Best(unheated, heated)
+        at = 1 if end >= ends.colds else -1
+        mixed = best[at].with_better(np.take_along_axis(value_j, found, 1)[:, 0], end,
+                                     np.take_along_axis(share, found, 1)[:, 0])
+        best = best._replace(**{Best._fields[at]: mixed})
+    return best

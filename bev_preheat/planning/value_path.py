@@ -124,7 +124,7 @@ class ValuePath:
         ends = self.ends(k, self.soc[k:k + 1], path_c, self.under_way_k[k], lack_price)
         if ends.is_empty[0]:
             return None
-        choice = best_of(ends, following, self._run.joules_per_k, self._run.is_certain).only(0.0)
+        choice = best_of(ends, following, self._run.joules_per_k, self._run.is_certain).only(0, 0.0)
         beside = self._ahead.end(
             k, soc, np.repeat(path_c, 2), self.under_way_k[k] - moved_k, self._watched[k], lack_price,
             choice.wanted_w(ends), choice.end + choice.share > ends.colds)

@@ -11,6 +11,7 @@ import numpy as np
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.limited_drive import make_limited_drive
+from bev_preheat.planning.steps_ahead import direction_of
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
     HEATING_PRICE,
@@ -115,8 +116,8 @@ class ValueRun:
         charge_as = trip.vehicle.battery.capacity_as * (soc[:-1] - soc[1:])
         energy_j = self.price @ (0.5 * (voltage_v[1:] + voltage_v[:-1]) * charge_as)
         lacking_w = self._lacking_along_w(states, powers_w)
-        is_on = np.append(self._wanted.uncertainty.is_heating, np.abs(powers_w[0]) > LEAST_HEATING_W)
-        switched_j = self.switch_on_j * float((is_on[1:] & ~is_on[:-1]).sum())
+        direction = np.append(self._wanted.uncertainty.direction, direction_of(powers_w[0]))
+        switched_j = self.switch_on_j * float(((direction[1:] != 0) & (direction[1:] != direction[:-1])).sum())
         arrival_c = float(temperature_c[-1])
         short_k = max(aim_c - arrival_c, arrival_c - self._wanted.most_c, 0.0) + max(
             self._beyond_k(states, True), 0.0)

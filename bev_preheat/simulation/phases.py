@@ -50,6 +50,12 @@ class DrivePhase:
     charger: Charger | None = None
     prospect: ChargingProspect = CERTAIN
 
+    @property
+    def wanted_c(self) -> float:
+        """The highest temperature on arrival if one is given, else the target [deg C]."""
+        most_c = self.goal.maximum_arrival_temperature_c
+        return most_c if math.isfinite(most_c) else self.goal.target_temperature_c
+
 
 @dataclass(frozen=True)
 class Charge:

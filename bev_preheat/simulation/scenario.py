@@ -179,7 +179,8 @@ class _PhaseReader:
         default_c = vehicle.defaults.target_battery_temperature_c
         target_c = node.get('target_battery_temperature_c', default_c)
         goal = Goal(default_c if target_c is None else float(target_c),
-                    float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True))
+                    float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True),
+                    maximum_arrival_temperature_c=float(node.get('maximum_arrival_temperature_c', math.inf)))
         check_situation(vehicle, route, goal=goal)
         if target_c is None:
             goal = replace(goal, target_temperature_c=math.nan)

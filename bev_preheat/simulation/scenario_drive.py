@@ -175,7 +175,7 @@ def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd
     for phase, (started_s, ended_s, arrival_c) in zip(scenario.phases, ends):
         record.phases.append(record.during(
             started_s + clock_offset_s(jumps, started_s), ended_s + clock_offset_s(jumps, ended_s),
-            phase.goal.target_temperature_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
+            phase.wanted_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
     if record.phases:
         record.arrival_c = record.phases[0].arrival_c
 
@@ -208,7 +208,7 @@ def drive_scenario(
     """Return the DriveRecord of a Scenario; calls `progress(time_s, total_s)`; `wire(supervisor)`: its Wire."""
     car = scenario.car()
     record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
-                            scenario.first.goal.target_temperature_c, AFTERWARDS_S, progress, wire)
+                            scenario.first.wanted_c, AFTERWARDS_S, progress, wire)
     fill_phases(record, scenario, [
         PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
     return record

@@ -96,7 +96,7 @@ class TripTermsStruct(Structure):
 class ValueGoalStruct(Structure):
     """`bev_value_goal`: the requirements of a plan by values."""
 
-    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('most_c', c_double), ('lowest_soc', c_double),
+    _fields_ = [('direction', c_int32), ('target_c', c_double), ('most_c', c_double), ('lowest_soc', c_double),
                 ('deviation_k', c_double), ('price', c_void_p)]
 
 

@@ -36,7 +36,7 @@ static bev_status place_layers(recursion *of, int32_t number, const double range
 /* The forward pass: in each step the best end. */
 static bev_status find_path(const recursion *of, double *states, double *powers_w) {
   const int32_t steps = of->trip->steps;
-  int32_t is_on = of->goal->is_heating;
+  int32_t direction = of->goal->direction;
   for (int32_t k = 0; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], states[2 * (steps + 1) + k],
                              states[3 * (steps + 1) + k]};
@@ -52,7 +52,7 @@ static bev_status find_path(const recursion *of, double *states, double *powers_
       return status;
     }
     const choice choices = bev_best_of(of, ends, count, &next);
-    const mixture best = bev_better_of(of, &choices, is_on);
+    const mixture best = bev_better_of(of, &choices, direction);
     step_end *end = &ends[best.end];
     if (best.share > 0.0) {
       end->wanted_w =
@@ -64,7 +64,7 @@ static bev_status find_path(const recursion *of, double *states, double *powers_
       return status;
     }
     bev_write_step(of, k, end, states, powers_w);
-    is_on = best.is_heating;
+    direction = best.direction;
   }
   return BEV_OK;
 }

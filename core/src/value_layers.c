@@ -16,8 +16,8 @@ static bev_status ends_from(const recursion *of, int32_t k, const layer *at, int
 static void write_values(const recursion *of, const layer *at, int32_t n, const step_ends *from,
                          const layer *next) {
   const choice best = bev_best_of(of, from->ends, from->count, next);
-  at->off_j[n] = from->count == 0 ? BEV_EMPTY_J : bev_value_of(of, &best, 0);
-  at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : bev_value_of(of, &best, 1);
+  at->off_j[n] = from->count == 0 ? BEV_EMPTY_J : bev_better_of(of, &best, 0).value_j;
+  at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : bev_better_of(of, &best, ANY_DIRECTION).value_j;
 }
 
 /* Whether the same limits act from two temperatures. */

@@ -14,7 +14,7 @@ static bev_status drive_beside(const recursion *of, int32_t k, const layer *next
     return status == BEV_EMPTY ? BEV_OK : status;
   }
   const choice choices = bev_best_of(of, ends, count, next);
-  const mixture best = bev_better_of(of, &choices, 1);
+  const mixture best = bev_better_of(of, &choices, ANY_DIRECTION);
   for (int32_t n = 0; status == BEV_OK && n < 2; n++) {
     beside[n] = ends[best.end];
     if (best.share > 0.0) {

@@ -158,7 +158,7 @@ double bev_most_lack_w(const recursion *of, const double *states, const double *
 double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w,
                           double aim_c) {
   const int32_t steps = of->trip->steps;
-  int32_t was_on = of->goal->is_heating;
+  int32_t before = of->goal->direction;
   double cost_j = 0.0;
   double voltage = voltage_v(of, states[0], states[steps + 1]);
   for (int32_t k = 0; k < steps; k++) {
@@ -168,14 +168,14 @@ double bev_cost_of_run(const recursion *of, const double *states, const double *
     const double next_voltage = voltage_v(of, end.states[0], end.states[1]);
     const double terminal_w =
         of->trip->idle_power_w[k] + powers_w[2 * steps + k] + powers_w[steps + k];
-    const int32_t is_on = fabs(powers_w[k]) > BEV_LEAST_HEATING_W ? 1 : 0;
+    const int32_t direction = direction_of(powers_w[k]);
     cost_j += price_in(of, k) * joules_of_charge(of, 0.5 * (voltage + next_voltage))
             * (start[0] - end.states[0])
         + BEV_HEATING_PRICE * price_in(of, k) * of->trip->duration_s[k]
             * powers_w[(of->trip->sources == NULL ? 0 : 2) * steps + k]
         + of->lack_price * of->trip->duration_s[k] * bev_lacking_w(of, k, start, &end, terminal_w)
-        + (is_on != 0 && was_on == 0 ? of->switch_on_j : 0.0) + hot_j(of, end.states[1]);
-    was_on = is_on;
+        + (direction != 0 && direction != before ? of->switch_on_j : 0.0) + hot_j(of, end.states[1]);
+    before = direction;
     voltage = next_voltage;
   }
   const double arrival_c = states[steps + 1 + steps];

@@ -157,23 +157,20 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
   return BEV_OK;
 }
 
-/* Compare a mixture with the best of its kind: heated or not. */
-static void try_mixture(const recursion *of, const step_end ends[MOST_ENDS], const layer *next,
-                        int32_t end, choice *best) {
-  const int32_t is_heating = fabs(ends[end].powers_w[0]) > BEV_LEAST_HEATING_W ? 1 : 0;
-  const double value_j = ends[end].cost_j + worth_j(of, next, ends[end].settled_c, is_heating);
-  mixture *const kind = is_heating != 0 ? &best->heated : &best->unheated;
-  if (value_j < kind->value_j) {
-    const mixture found = {value_j, 0.0, end, is_heating};
-    *kind = found;
-  }
+/* Compare a mixture with the best of its direction. */
+static void keep_better(choice *best, const mixture *found) {
+  mixture *const before = &best->by_direction[found->direction + 1];
+  *before = found->value_j < before->value_j ? *found : *before;
 }
 
 choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
                       const layer *next) {
-  choice best = {{INFINITY, 0.0, 0, 0}, {INFINITY, 0.0, 0, 1}};
+  choice best = {{{INFINITY, 0.0, 0, -1}, {INFINITY, 0.0, 0, 0}, {INFINITY, 0.0, 0, 1}}};
   for (int32_t end = 0; end < count; end++) {
-    try_mixture(of, ends, next, end, &best);
+    const int32_t direction = direction_of(ends[end].powers_w[0]);
+    const mixture whole = {
+        ends[end].cost_j + worth_j(of, next, ends[end].settled_c, direction), 0.0, end, direction};
+    keep_better(&best, &whole);
   }
   for (int32_t end = 0; of->is_certain != 0 && end + 1 < count; end++) {
     const step_end *low = &ends[end];
@@ -205,21 +202,19 @@ choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t 
       least_j = bev_minimum(least_j, value_j);
     }
     const double low_place = (low->settled_c - next->least_c) / next->step_k;
-    const double value_j = low->cost_j + least_j - low_place * per_point_j;
-    if (value_j < best.heated.value_j) {
-      best.heated.value_j = value_j;
-      best.heated.share = ((double)found - low_place) / (to - low_place);
-      best.heated.end = end;
-    }
+    const mixture mixed = {low->cost_j + least_j - low_place * per_point_j,
+                           ((double)found - low_place) / (to - low_place), end, is_cold ? -1 : 1};
+    keep_better(&best, &mixed);
   }
   return best;
 }
 
-double bev_value_of(const recursion *of, const choice *best, int32_t was_on) {
-  return bev_minimum(best->unheated.value_j,
-                     best->heated.value_j + (was_on != 0 ? 0.0 : of->switch_on_j));
-}
-
-mixture bev_better_of(const recursion *of, const choice *best, int32_t was_on) {
-  return best->unheated.value_j > bev_value_of(of, best, was_on) ? best->heated : best->unheated;
+mixture bev_better_of(const recursion *of, const choice *best, int32_t before) {
+  mixture better = best->by_direction[1];
+  for (int32_t n = 0; n < 3; n += 2) {
+    mixture on = best->by_direction[n];
+    on.value_j += before == on.direction || before == ANY_DIRECTION ? 0.0 : of->switch_on_j;
+    better = on.value_j < better.value_j ? on : better;
+  }
+  return better;
 }

@@ -54,13 +54,15 @@ typedef struct {
   double value_j;
   double share;
   int32_t end;
-  int32_t is_heating;
+  int32_t direction;
 } mixture;
 
-/* The best mixtures that neither heat nor cool, and that do: without the price of switching on. */
+/* Directions of heat: -1 cools, 0 off, 1 heats; ANY_DIRECTION: on, either way. */
+#define ANY_DIRECTION 2
+
+/* The best mixtures that cool, that do neither, and that heat: without the price of switching on. */
 typedef struct {
-  mixture unheated;
-  mixture heated;
+  mixture by_direction[3];
 } choice;
 
 typedef struct {
@@ -123,6 +125,10 @@ typedef struct {
   /* The target of the latest pass, or the temperature that the reserve allows [deg C]. */
   double aim_c;
 } recursion;
+
+static inline int32_t direction_of(double power_w) {
+  return fabs(power_w) <= BEV_LEAST_HEATING_W ? 0 : power_w < 0.0 ? -1 : 1;
+}
 
 static inline double voltage_v(const recursion *of, double soc, double temperature_c) {
   return bev_at(&of->vehicle->open_circuit_voltage, 0, soc, temperature_c);
@@ -203,15 +209,14 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
                                double settled_c, step_end ends[MOST_ENDS], int32_t *count);
 
 /*
- * The best mixtures of an end and the next one, heated and not. Between the ends, the best lies at a temperature of
+ * The best mixtures of an end and the next one, for each direction. Between the ends, the best lies at a temperature of
  * the next layer, as values are straight in between.
  */
 choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
                       const layer *next);
 
-double bev_value_of(const recursion *of, const choice *best, int32_t was_on);
-
-mixture bev_better_of(const recursion *of, const choice *best, int32_t was_on);
+/* The best of all after a direction of heat, its value with the price of switching on. */
+mixture bev_better_of(const recursion *of, const choice *best, int32_t before);
 
 /* The backward pass: the values of all layers, from that of the arrival at `aim_c`. */
 bev_status bev_find_values(recursion *of, double aim_c);

@@ -67,6 +67,22 @@ def test_each_leg_has_a_plan_from_its_departure_for_its_own_end(plans_of):
     assert (last['status'], last['energy_wh']['hvch_electric']) == ('NO_CHARGING_PLANNED', 0.0)
 
 
+def test_a_highest_temperature_of_one_leg_cools_that_leg_alone(preheat_plan, plans_of, tmp_path):
+    (tmp_path / 'hot.csv').write_text(ROUTE.replace('-6', '35').replace('-4', '35'))
+    first, last = ({'route': 'hot.csv', 'target_battery_temperature_c': 19.0, **more} for more in (
+        {'stop_duration_s': 1200, 'departure_temperature_c': 44.0, 'departure_soc': 0.85},
+        {'maximum_arrival_temperature_c': 41.0}))
+    car = ('--vehicle', 'heat_pump_car', '--temperature', '44', '--soc', '0.75')
+    whole, cooled = plans_of(first, last, arguments=car)
+    assert whole['heat_source_power_w']['chiller'] == [0.0] * len(whole['heat_source_power_w']['chiller'])
+    assert whole['arrival_temperature_c'] > 44.0 and 'maximum_arrival_temperature_c' not in whole
+    assert cooled['maximum_arrival_temperature_c'] == 41.0
+    assert cooled['arrival_temperature_c'] == pytest.approx(41.0, abs=0.01)
+    for most_c, allowed in ((18.0, '19 ... 55 degC'), (61, 'at most 60'), (float('nan'), 'not a finite number')):
+        status, _, errors = preheat_plan(first, {**last, 'maximum_arrival_temperature_c': most_c}, arguments=car)
+        assert status == 2 and 'maximum' in errors and f'{most_c:g}' in errors and allowed in errors
+
+
 def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
     wanted = {'charging_planned': True, 'minimum_arrival_soc': 0.3,
               'target_battery_temperature_c': 14.0}

@@ -3,6 +3,7 @@
 
 from collections import deque
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 import pytest
@@ -91,6 +92,16 @@ def test_a_highest_temperature_on_arrival_is_cooled_to_and_no_further(target_c, 
     if charger is not None:
         # The chiller's energy is bought there.
         assert decision.target.bought_energy_wh > decision.target.unheated_bought_energy_wh + 50.0
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+def test_the_noise_of_a_reading_does_not_interrupt_cooling(estimation):
+    """Each interruption would last for the least time off, in which the battery warms by 0.9 K."""
+    commands = list(driven(goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None, start_c=45.0,
+                           estimation=estimation, sensors=Sensors(period_s=1.0, temperature_noise_k=0.1)))
+    switched = [before[1].total_w == 0.0 < after[1].total_w for before, after in pairwise(commands)]
+    assert sum(switched) == 1
+    assert commands[-1][3].plant.temperature_c == pytest.approx(42.0, abs=0.3)
 
 
 @pytest.mark.parametrize('most_c, target_c', [(20.0, None), (24.9, 25.0), (56.0, 25.0)])

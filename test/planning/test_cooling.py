@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans of cars that cool their battery before a fast charge, in a plant of their own."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 
@@ -104,6 +105,20 @@ def test_the_core_plans_as_python_does(vehicle, route, uncertainty):
     assert native.status is python.status
     assert native.energy_wh.battery_total == pytest.approx(python.energy_wh.battery_total, abs=0.1)
     assert native.arrival_temperature_c == pytest.approx(python.arrival_temperature_c, abs=0.005)
+
+
+@pytest.mark.parametrize('start_c', [28.0, 29.5])
+@pytest.mark.parametrize('is_native', [True, False])
+def test_a_pause_of_cooling_is_not_bridged_by_heat(start_c, is_native):
+    """Four seconds of heat cost less than the switch-on of later cooling."""
+    route = ROUTE.after(2426.0)
+    assert route.duration_s[0] == pytest.approx(4.0)
+    with nullcontext() if is_native else without_core():
+        plan = planned(load_vehicle('heat_pump_car'), start_c, 30.0, route, 0.7,
+                       uncertainty=Uncertainty(0.02, direction=-1))
+    powers_w = dict(plan.source_power_w)
+    assert powers_w.pop('chiller').max() > 1000.0
+    assert list(powers_w) == ['hvch', 'motor', 'heat_pump'] and not any(map(np.any, powers_w.values()))
 
 
 def test_the_best_source_cools_first():

@@ -67,7 +67,7 @@ def test_a_heater_that_is_on_for_the_target_stays_on():
     state = BatteryState(float(plan.battery_temperature_c[step]), float(plan.soc[step]),
                          float(plan.heat.heater_power_w[step]), float(plan.heat.coolant_excess_k[step]))
     again = plan_preheating(
-        LATE, FLAT.after(60.0 * step), state, COUNTED, uncertainty=Uncertainty(0.3, is_heating=True))
+        LATE, FLAT.after(60.0 * step), state, COUNTED, uncertainty=Uncertainty(0.3, direction=1))
     assert again.heating_start_s == pytest.approx(0.0, abs=1e-6)
 
 

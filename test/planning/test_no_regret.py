@@ -122,7 +122,7 @@ def test_a_heater_that_cannot_be_switched_off_heats_until_the_car_stands():
 
 @pytest.mark.parametrize('method, uncertainty', [
     *((method, None) for method in METHODS), ('value_function', Uncertainty(1.5)),
-    ('value_function', Uncertainty(1.5, is_heating=True))])
+    ('value_function', Uncertainty(1.5, direction=1))])
 def test_no_method_heats_where_the_charge_does_not_carry(method, uncertainty):
     plan = plan_preheating(
         REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), method, uncertainty)
@@ -314,7 +314,7 @@ def situations(draw, within_limits=False):
 
 
 UNCERTAINTIES = st.none() | st.builds(
-    Uncertainty, deviation_k=st.floats(0.02, 2.0), is_heating=st.booleans())
+    Uncertainty, deviation_k=st.floats(0.02, 2.0), direction=st.integers(-1, 1))
 
 
 @pytest.mark.costly

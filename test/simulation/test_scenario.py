@@ -230,6 +230,20 @@ def test_a_wrong_file_is_refused_with_file_key_and_value(tmp_path, path, value, 
     assert 'tried.yaml' in str(refusal.value)
 
 
+def test_a_highest_temperature_on_arrival_is_what_the_error_counts_from(tmp_path):
+    summer = yaml.safe_load((FOLDER / 'summer_at_most.yaml').read_text())
+    summer['drive']['route'] = 'reference'
+    drive = load(tmp_path, summer).first
+    assert drive.wanted_c == drive.goal.maximum_arrival_temperature_c == 36.0
+    assert load_scenario('nominal').first.wanted_c == 25.0
+    for most_c, problem in ((20.0, 'maximum arrival temperature: 20 is not allowed; it must be 25 ... 55 degC'),
+                            (61.0, 'drive.maximum_arrival_temperature_c: 61.0 is not allowed'),
+                            (float('nan'), 'drive.maximum_arrival_temperature_c: nan')):
+        summer['drive']['maximum_arrival_temperature_c'] = most_c
+        with pytest.raises(InvalidInput, match=problem):
+            load(tmp_path, summer)
+
+
 def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
     (tmp_path / 'own.csv').write_text(
         (configuration_folder('routes') / 'winter_commute.csv').read_text())

@@ -310,12 +310,12 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
 /*
  * The requirements on a plan: least and most temperature on arrival [deg C] (INFINITY: any), and the state of charge
  * that heating does not cost.
- * `is_heating` (not 0): the heater is on before the trip. `deviation_k`: standard deviation of the arrival [K], of what
+ * `direction`: 1 if the vehicle heats before the trip, -1 if it cools, else 0. `deviation_k`: standard deviation of the arrival [K], of what
  * becomes known on the way; 0: the drive goes as forecast. `price` (null: 1 everywhere) are `steps` factors of the
  * battery energy, such as prices of energy from the grid as shares of the highest.
  */
 typedef struct {
-  int32_t is_heating;
+  int32_t direction;
   double target_c;
   double most_c;
   double lowest_soc;
