@@ -75,8 +75,8 @@ class PlanningTask(NamedTuple):
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
     `direction`: 1 if the vehicle heats now, -1 if it cools. `terms` are those of the goal's source.
-    `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that do
-    not heat; '' for none.
+    `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that
+    do not heat; '' for none.
     """
 
     route: Route

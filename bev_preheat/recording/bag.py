@@ -18,7 +18,15 @@ from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import Flight, Given, ROS2_BAG
-from bev_preheat.recording.records import COMMAND, definition, OWN, read_message, RecordedStep, SEPARATOR
+from bev_preheat.recording.records import (
+    COMMAND,
+    definition,
+    OWN,
+    read_message,
+    RecordedStep,
+    SEPARATOR,
+    SOURCE_COMMAND,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -28,7 +36,8 @@ if TYPE_CHECKING:
 MCAP, SQLITE = b'\x89MCAP0\r\n', b'SQLite format 3\0'
 SUFFIXES = ('.mcap', '.db3')
 COMPRESSED = ('.zstd', '.zst')
-TYPES = {**{topic: each.type_name for topic, each in INPUTS.items()}, COMMAND: 'bev_preheat_msgs/msg/HvchCommand'}
+TYPES = {**{topic: each.type_name for topic, each in INPUTS.items()}, COMMAND: 'bev_preheat_msgs/msg/HvchCommand',
+         SOURCE_COMMAND: 'bev_preheat_msgs/msg/HeatSourceCommand'}
 # A message with a younger stamp than this came to the planner before the recorder noted it [ns].
 TRANSPORT_NS = 50_000_000
 # The recorder's clock is the planner's if stamps and times of arrival differ by less [ns].
@@ -170,10 +179,15 @@ class _Message(NamedTuple):
 
 
 class _Command(NamedTuple):
-    """A recorded command: its stamp [ns], and its power [W], end of its lease [ns] and reason."""
+    """
+    A recorded command: its stamp [ns], and its power [W], end of its lease [ns] and reason.
+
+    `sources` are name and power [W] of other heat sources that it commands.
+    """
 
     now_ns: int
     values: tuple[float, int, int]
+    sources: tuple[tuple[str, float], ...] = ()
 
 
 def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) -> Flight:
@@ -229,15 +243,20 @@ def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command
     """Return commands and inputs in the planner's time, each in order."""
     commands: list[_Command] = []
     inputs: list[_Message] = []
+    # Powers of other heat sources by stamp, end of lease and reason, which the command of the HVCH has, too.
+    sources: dict[tuple[int, ...], dict[str, float]] = {}
     # How far the planner's clock is ahead of the recorder's; simulated time may be far off.
     ahead_ns = 0
     for received_ns, topic, type_name, data in messages:
-        if topic == COMMAND:
+        if topic in (COMMAND, SOURCE_COMMAND):
             message = read_message(type_name, data)
-            stamp_ns = nanoseconds(message.header.stamp)
-            ahead_ns = stamp_ns - received_ns
-            commands.append(_Command(stamp_ns, (
-                float(message.battery_heating_power), nanoseconds(message.valid_until), int(message.reason))))
+            stamp_ns, power_w = nanoseconds(message.header.stamp), float(message.battery_heating_power)
+            values = power_w, nanoseconds(message.valid_until), int(message.reason)
+            if topic == COMMAND:
+                ahead_ns = stamp_ns - received_ns
+                commands.append(_Command(stamp_ns, values))
+            elif power_w > 0.0:
+                sources.setdefault((stamp_ns, *values[1:]), {})[str(message.name)] = power_w
             continue
         stamp_ns = _stamp_ns(read_message(type_name, data), topic)
         if abs(ahead_ns) > SAME_CLOCK_NS or (not commands and abs(stamp_ns - received_ns) > SAME_CLOCK_NS
@@ -247,6 +266,8 @@ def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command
         else:
             now_ns = stamp_ns if 0 <= received_ns - stamp_ns <= TRANSPORT_NS else received_ns
         inputs.append(_Message(now_ns, topic, type_name, data))
+    commands = [command._replace(sources=tuple(sources.get((command.now_ns, *command.values[1:]), {}).items()))
+                for command in commands]
     return sorted(commands, key=lambda command: command.now_ns), sorted(
         inputs, key=lambda message: message.now_ns)
 
@@ -300,7 +321,8 @@ def _given(message: _Message | None, command: _Command | None = None) -> Given:
     assert message is not None or command is not None
     now_ns = command.now_ns if command is not None else message.now_ns if message is not None else 0
     return Given(RecordedStep(now_ns, events=() if message is None else ({'kind': message.topic},),
-                              command=None if command is None else command.values),
+                              command=None if command is None else command.values,
+                              sources=() if command is None else command.sources),
                  None if message is None else (message.type_name, message.data))
 
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 # Fields of battery_state and of route_plan, by the names of the command line.
 BATTERY_FIELDS = {'temperature': 'temperature', 'soc': 'percentage', 'voltage': 'voltage', 'current': 'current'}
 ROUTE_FIELDS = {'ambient_temperature': 'ambient_temperature', 'propulsion_power': 'propulsion_power',
-                'target': 'target_battery_temperature'}
+                'target': 'target_battery_temperature',
+                'maximum_arrival_temperature': 'maximum_arrival_temperature'}
 # Without these values the planner still plans.
 MAY_BE_MISSING = frozenset(('voltage', 'current'))
 SIGNALS = (*BATTERY_FIELDS, *ROUTE_FIELDS)
@@ -27,7 +28,7 @@ SIGNALS = (*BATTERY_FIELDS, *ROUTE_FIELDS)
 UNITS = {'temperature': ('degC', 'K', (-60.0, 80.0)), 'soc': ('', '', (0.0, 1.0)),
          'voltage': ('V', 'V', (1.0, 1500.0)), 'current': ('A', 'A', (-3000.0, 3000.0)),
          'ambient_temperature': ('degC', 'K', (-60.0, 60.0)), 'propulsion_power': ('W', 'W', (-1e6, 1e6)),
-         'target': ('degC', 'K', (-40.0, 60.0))}
+         'target': ('degC', 'K', (-40.0, 60.0)), 'maximum_arrival_temperature': ('degC', 'K', (-60.0, 60.0))}
 # Other names of signals.
 ALIASES = {'battery_temperature': 'temperature', 'temp': 'temperature', 'percentage': 'soc',
            'state_of_charge': 'soc', 'charge': 'soc', 'ambient': 'ambient_temperature',
@@ -75,6 +76,10 @@ class SignalChange(NamedTuple):
             message.has_target_battery_temperature |= self.factor == 0.0
             if message.has_target_battery_temperature:
                 message.target_battery_temperature = self.of(message.target_battery_temperature)
+        elif self.signal == 'maximum_arrival_temperature':
+            # 0 and NaN: the route names none, which only another value replaces.
+            if self.factor == 0.0 or message.maximum_arrival_temperature:
+                message.maximum_arrival_temperature = self.of(message.maximum_arrival_temperature)
         elif field is not None:
             setattr(message, field, [self.of(value) for value in getattr(message, field)])
 

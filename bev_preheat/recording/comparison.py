@@ -22,6 +22,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import FLIGHT_RECORDER
 from bev_preheat.recording.records import command_values
 from bev_preheat.vehicle.core_library import core
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
@@ -69,10 +70,12 @@ class Comparison:
         if recorded is None and (replayed is None or self.tolerance_w > 0.0):
             return
         self.commands += 1
-        if recorded is not None and replayed is not None:
-            self.largest_w = max(self.largest_w, abs(recorded[0] - replayed[0]))
+        if recorded is not None and replayed is not None and command is not None:
+            names = HVCH, *dict((*step.sources, *sources))
+            off_w = max(abs(step.command_w(name) - command.power_w(name)) for name in names)
+            self.largest_w = max(self.largest_w, off_w)
             is_same = recorded == replayed and step.sources == sources
-            if is_same or (self.tolerance_w > 0.0 and _are_near(recorded, replayed, self.tolerance_w)):
+            if is_same or (off_w <= self.tolerance_w > 0.0 and _are_near(recorded, replayed)):
                 return
         self.different += 1
         if self.first is None:
@@ -81,9 +84,8 @@ class Comparison:
             self.first = Difference(number, step.now_ns, *texts)
 
 
-def _are_near(recorded: tuple[float, int, int], replayed: tuple[float, int, int], tolerance_w: float) -> bool:
-    return (abs(recorded[0] - replayed[0]) <= tolerance_w and recorded[2] == replayed[2]
-            and abs(recorded[1] - replayed[1]) <= LEASE_TOLERANCE_NS)
+def _are_near(recorded: tuple[float, int, int], replayed: tuple[float, int, int]) -> bool:
+    return recorded[2] == replayed[2] and abs(recorded[1] - replayed[1]) <= LEASE_TOLERANCE_NS
 
 
 def _both_in_words(recorded: tuple[float, int, int] | None,

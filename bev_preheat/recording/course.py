@@ -38,9 +38,9 @@ class TripResult:
     """
     A trip from its first plan to its arrival, or to the end of the recording.
 
-    Instants in ns, temperatures in deg C (NaN: unknown). `obstacles` has the time [s] in each status that is one,
-    `heater` the sentence on a heater that does not obey ('' for none), `accounts` the HeaterAccount of each heat
-    source by name.
+    Instants in ns, temperatures in deg C (NaN: unknown); the battery may arrive at `most_c`. `obstacles` has the
+    time [s] in each status that is one, `heater` the sentence on a heater that does not obey ('' for none),
+    `accounts` the HeaterAccount of each heat source by name.
     """
 
     begun_ns: int
@@ -49,6 +49,7 @@ class TripResult:
     is_over: bool = False
     temperature_c: float = math.nan
     target_c: float = math.nan
+    most_c: float = math.inf
     predicted_c: float = math.nan
     obstacles: dict[Status, float] = field(default_factory=dict)
     heater: str = ''
@@ -71,6 +72,11 @@ class TripResult:
         arrived = f'Arrived after {lasted} at {self.temperature_c:.1f} degC'
         if math.isnan(short_k):
             return f'{arrived}, without a target.'
+        hot_k = self.temperature_c - self.most_c
+        if hot_k > LEAST_REPORTED_K:
+            return f'{arrived}, {hot_k:.1f} K above the {self.most_c:.1f} degC allowed: {self._reason()}.'
+        if math.isfinite(self.most_c) and short_k <= LEAST_REPORTED_K:
+            return f'{arrived}, allowed {self.target_c:.1f} … {self.most_c:.1f} degC.'
         if short_k < -LEAST_REPORTED_K:
             return f'{arrived}, {-short_k:.1f} K above the target of {self.target_c:.1f} degC.'
         if short_k <= LEAST_REPORTED_K:
@@ -166,6 +172,7 @@ class TripResults:
             trip.temperature_c = state.measurement.state.temperature_c
         if plan is not None and not status.meaning.is_over:
             trip.target_c, trip.predicted_c = plan.target_temperature_c, plan.arrival_temperature_c
+            trip.most_c = plan.maximum_arrival_temperature_c
         if state.estimate is not None and state.estimate.heater.heater is not Heater.ANSWERS:
             trip.heater = f'heater {heater_sentence(state.estimate.heater).partition(";")[0]}'
         trip.has_arrived = status.meaning.is_over
@@ -283,9 +290,9 @@ class Course:
 
     @property
     def energy_wh(self) -> float:
-        """The heater's electrical energy [Wh]: as commanded, or of a log as recorded."""
-        account = self.results.account
-        return (account.delivered_wh if account.commanded_wh is None else account.commanded_wh) or 0.0
+        """The electrical energy of all heat sources [Wh]: as commanded, or of a log as recorded."""
+        return sum((account.delivered_wh if account.commanded_wh is None else account.commanded_wh) or 0.0
+                   for account in self.results.accounts.values())
 
     @property
     def arrival(self) -> Instant | None:

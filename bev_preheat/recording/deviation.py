@@ -8,9 +8,10 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import FLOATS, NS_PER_S
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from sensor_msgs.msg import BatteryState
 
@@ -29,9 +30,9 @@ class Deviation:
     Temperature, state of charge and power of a battery by how much they differ from the recorded ones.
 
     The difference of two solutions of eqs. (9b)-(9d) under the same drive: heat that comes in, leaks and is
-    stored, C dT/dt = eta dP - gamma_0 T, and charge that it takes, ds/dt = -dP / (U_oc C_b). The change of the
-    Joule heat with temperature (2 % per kelvin) is left out. `temperature_k` [K], `soc` (0 ... 1), `power_w` [W]
-    of the battery's terminals.
+    stored, C dT/dt = eta dP - gamma_0 T, and charge that it takes, ds/dt = -dP / (U_oc C_b); of other heat sources
+    dP of the heat is the HVCH power with theirs. The change of the Joule heat with temperature (2 % per kelvin) is
+    left out. `temperature_k` [K], `soc` (0 ... 1), `power_w` [W] of the battery's terminals.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -42,32 +43,33 @@ class Deviation:
         self._efficiency = vehicle.hvch.efficiency
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
         self._capacity_as = battery.capacity_as
-        self.temperature_k = self.soc = self.power_w = 0.0
+        self.temperature_k = self.soc = self.power_w = self._heat_w = 0.0
         self._latest_ns: int | None = None
 
-    def advance(self, now_ns: int, power_w: float, soc: float, temperature_c: float) -> None:
+    def advance(self, now_ns: int, power_w: float, heat_w: float, soc: float, temperature_c: float) -> None:
         """
-        Go on to an instant [ns] at a heater power that exceeds the recorded one by `power_w` [W].
+        Go on to an instant [ns] at a power that exceeds the recorded one by `power_w` [W].
 
-        `soc` and `temperature_c` are the recorded ones.
+        `heat_w` is the HVCH power with its heat [W]; `soc` and `temperature_c` are recorded, NaN: unknown.
         """
         before_ns, self._latest_ns = self._latest_ns, now_ns
         if before_ns is None or now_ns <= before_ns:
-            self.power_w = power_w
+            self.power_w, self._heat_w = power_w, heat_w
             return
         left_s = (now_ns - before_ns) * 1e-9
-        voltage_v = max(self._voltage_v(min(max(soc, 0.0), 1.0), temperature_c), 1.0)
+        voltage_v = max(self._voltage_v(
+            min(max(_finite(soc, USUAL_SOC), 0.0), 1.0), _finite(temperature_c, USUAL_C)), 1.0)
         while left_s > 0.0:
             step_s = min(left_s, LONGEST_REPLAYED_STEP_S)
             # Exact for a constant power.
             decay = math.exp(-self._leakage_w_per_k * step_s / self._heat_capacity_j_per_k)
-            gain_k = (self._efficiency * self.power_w * (1.0 - decay) / self._leakage_w_per_k
+            gain_k = (self._efficiency * self._heat_w * (1.0 - decay) / self._leakage_w_per_k
                       if self._leakage_w_per_k > 0.0
-                      else self._efficiency * self.power_w * step_s / self._heat_capacity_j_per_k)
+                      else self._efficiency * self._heat_w * step_s / self._heat_capacity_j_per_k)
             self.temperature_k = self.temperature_k * decay + gain_k
             self.soc -= self.power_w * step_s / (voltage_v * self._capacity_as)
             left_s -= step_s
-        self.power_w = power_w
+        self.power_w, self._heat_w = power_w, heat_w
 
     def alter(self, message: BatteryState) -> None:
         """Add the difference to a battery state."""
@@ -77,6 +79,30 @@ class Deviation:
             message.cell_temperature = [cell_c + self.temperature_k for cell_c in message.cell_temperature]
         if message.voltage > 0.0 and math.isfinite(message.voltage):
             message.current -= self.power_w / message.voltage
+
+
+class SourceHeat:
+    """The power and the heat of a vehicle's heat sources under commands."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take the heat sources beside the HVCH."""
+        self._sources = {source.name: (source.maximum_power_w.function(FLOATS), source.hvch_watts.function(FLOATS))
+                         for source in vehicle.heat_sources}
+
+    def of(self, commands_w: Mapping[str, float], ambient_c: float, temperature_c: float) -> tuple[float, float]:
+        """
+        Return the electrical power [W] and the HVCH power with its heat [W] of commands by name [W].
+
+        In air of `ambient_c` [deg C] (NaN: that of the battery), with a battery of `temperature_c` [deg C].
+        """
+        drawn_w = heat_w = commands_w.get(HVCH, 0.0)
+        temperature_c = _finite(temperature_c, USUAL_C)
+        air_c = _finite(ambient_c, temperature_c)
+        for name, (most_w, hvch_watts) in self._sources.items():
+            power_w = min(commands_w.get(name, 0.0), float(most_w(air_c, temperature_c)))
+            drawn_w += power_w
+            heat_w += power_w * float(hvch_watts(air_c, temperature_c))
+        return drawn_w, heat_w
 
 
 class Unheated:
@@ -107,8 +133,8 @@ class Unheated:
             self.restart()
         self._latest_s = at_s
         # The difference of a car without the heater is negative.
-        self._deviation.advance(_ns(at_s), -_finite(power_w, 0.0), _finite(soc, USUAL_SOC),
-                                _finite(settled_c, USUAL_C))
+        less_w = -_finite(power_w, 0.0)
+        self._deviation.advance(_ns(at_s), less_w, less_w, soc, settled_c)
         return settled_c + self._deviation.temperature_k
 
     def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
@@ -120,7 +146,8 @@ class Unheated:
         """
         ahead, unheated_c = copy.copy(self._deviation), list[float]()
         for at_s, temperature_c, soc, power_w in zip(times_s, temperatures_c, socs, (*powers_w, 0.0)):
-            ahead.advance(_ns(at_s), -_finite(power_w, 0.0), _finite(soc, USUAL_SOC), temperature_c)
+            less_w = -_finite(power_w, 0.0)
+            ahead.advance(_ns(at_s), less_w, less_w, soc, temperature_c)
             unheated_c.append(temperature_c + ahead.temperature_k)
         return unheated_c
 

@@ -54,7 +54,9 @@ def explain(flight: Flight, at_ns: int) -> Why:
 def why(state: State, now_ns: int) -> Why:
     """Return Why a planner in this state gave its latest command, seen from an instant [ns]."""
     command, decision = state.latest_command, state.decision
-    power = 'no command' if command is None else f'{command.battery_heating_power_w:.0f} W'
+    power = 'no command' if command is None else ', '.join((
+        f'{command.battery_heating_power_w:.0f} W',
+        *(f'{name} {power_w:.0f} W' for name, power_w in command.sources_w)))
     answer = f'{power}, {decision.status.name}: {decision.explanation}'
     sections = [_inputs(state, now_ns), *(
         Section(entry.name.partition(': ')[2],

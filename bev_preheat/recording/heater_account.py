@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.heater import HOLD_AT_ONCE
@@ -11,6 +13,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import moment
 from bev_preheat.tunables import FAILURE_S, FAULTY
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -20,7 +23,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.state import State
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.player import Played
-    from bev_preheat_msgs.msg import HvchStatus
+    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat_msgs.msg import HeatSourceStatus, HvchStatus
 
 WH_PER_W_NS = 1.0 / 3600.0 / NS_PER_S
 # An answer of the heater's controller holds this long without another one [ns].
@@ -154,14 +158,14 @@ class HeaterShares:
     """
     The share (0 ... 1) by the number of the step; `add` takes the steps of the unchanged replay.
 
-    It is the share of `hvch_status`, else the estimated one. A fault that was suspected soon after heating began
-    counts from that beginning on, another one from the suspicion on. A heater that is dead or stuck on does not
-    follow any command: 0.
+    It is that of the heat source of a name, by its status, else the estimated one. A fault that was suspected soon
+    after heating began counts from that beginning on, another one from the suspicion on. A source that is dead or
+    stuck on does not follow any command: 0.
     """
 
-    def __init__(self, flight: Flight) -> None:
-        """Begin with a heater that delivers its command."""
-        self._given = flight.given
+    def __init__(self, flight: Flight, name: str = HVCH) -> None:
+        """Begin with a source that delivers its command."""
+        self._name, self._given = name, flight.given
         self._is_log = flight.is_log
         self._steps, self._from, self._shares = 0, [0], [1.0]
         self._suspected_s = 0.0
@@ -197,12 +201,13 @@ class HeaterShares:
             return ''
         least = min(share for _, share in weak)
         gave = 'no heat for its command' if least < NO_HEAT else f'only {100.0 * least:.0f} % of its command'
-        return (f'the recorded heater gave {gave} (least share, first deficit seen {moment(weak[0][0])}); the '
+        name = 'heater' if self._name == HVCH else self._name
+        return (f'the recorded {name} gave {gave} (least share, first deficit seen {moment(weak[0][0])}); the '
                 'changed drive counts the shares that the recording shows')
 
     def _look_at_command(self, number: int) -> None:
         step = self._given[number].step
-        if step.command is not None and step.command[0] >= LEAST_W:
+        if step.command is not None and step.command_w(self._name) >= LEAST_W:
             if step.now_ns - self._heated_ns > LONGEST_BREAK_NS:
                 self._heating = number
             self._heated_ns = step.now_ns
@@ -217,17 +222,49 @@ class HeaterShares:
         return number
 
     def _share(self, state: State) -> float:
-        answer, estimate = state.heater_answer, state.estimate
+        is_hvch, estimate = self._name == HVCH, state.estimate
+        answer = state.heater_answer if is_hvch else state.source_answers.get(self._name)
         if answer is not None and answer.status is not None and not answer.doubt and not answer.silence:
             self._by_status = True
             return _share_of(answer.status, self._shares[-1])
         self._by_status = False
-        if estimate is None:
+        report = (state.source_reports.get(self._name) if not is_hvch else
+                  None if estimate is None else estimate.heater)
+        if report is None:
             return 1.0
-        report = estimate.heater
         if report.suspected is not None:
             self._suspected_s = report.suspected.lasts_s
         return {Heater.ANSWERS: 1.0, Heater.DERATED: report.share}.get(report.heater, 0.0)
+
+
+class RecordedHeat:
+    """The HeaterShares of a vehicle's heat sources along an unchanged replay, and the temperature of the air."""
+
+    def __init__(self, flight: Flight, vehicle: Vehicle) -> None:
+        """Begin with sources that deliver their commands, in unknown air."""
+        self._shares = {name: HeaterShares(flight, name) for name in (
+            HVCH, *(source.name for source in vehicle.heat_sources))}
+        self._ambient_c = array('d')
+
+    def add(self, played: Played) -> None:
+        """Take the next step."""
+        for shares in self._shares.values():
+            shares.add(played)
+        ambient = played.state.preparation.ambient
+        self._ambient_c.append(math.nan if ambient is None else ambient[1])
+
+    def share_at(self, number: int, name: str) -> float:
+        """Return the share that a source delivers at a step; 0 of one that the vehicle does not have."""
+        return self._shares[name].at(number) if name in self._shares else 0.0
+
+    def ambient_c(self, number: int) -> float:
+        """Return the temperature of the air at a step [deg C]; NaN: unknown."""
+        return self._ambient_c[number] if number < len(self._ambient_c) else math.nan
+
+    @property
+    def sentence(self) -> str:
+        """The sentences on sources that did not deliver their commands; '' else."""
+        return '; '.join(filter(None, (shares.sentence for shares in self._shares.values())))
 
 
 def _share_of(status: HeaterStatus, before: float) -> float:
@@ -238,7 +275,7 @@ def _share_of(status: HeaterStatus, before: float) -> float:
     return min(status.confirmed_w / status.requested_w, 1.0)
 
 
-def alter_status(message: HvchStatus, command_w: float, share: float) -> None:
+def alter_status(message: HvchStatus | HeatSourceStatus, command_w: float, share: float) -> None:
     """Let an answer of the heater's controller be the one to another command [W], delivered with a share."""
     if message.refusal not in HOLD_AT_ONCE:
         message.active_power = command_w if message.measured_power_known else share * command_w

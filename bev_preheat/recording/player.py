@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, Reconfigured, ROUTE_PLAN
+from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
 from bev_preheat.control.state_bytes import state_of
 from bev_preheat.control.supervisor import Supervisor
@@ -51,8 +52,8 @@ class Player:
     """
     A Supervisor that is given recorded steps one after the other.
 
-    `alter(message)` may change a battery state before it is read, `alter_heater(message)` an answer of the
-    heater's controller; None: they stay as recorded.
+    `alter(message)` may change a battery state before it is read, `alter_heater(message)` an answer of a heat
+    source's controller; None: they stay as recorded.
     """
 
     def __init__(self, flight: Flight, changes: Changes = Changes(),
@@ -134,7 +135,7 @@ class Player:
         if kind == ROUTE_PLAN:
             for change in self._changes.signals:
                 change.alter_route(message)
-        elif kind == HVCH_STATUS and self._alter_heater is not None:
+        elif kind in (HVCH_STATUS, SOURCE_STATUS) and self._alter_heater is not None:
             self._alter_heater(message)
         elif kind == BATTERY_STATE:
             if self._alter is not None:

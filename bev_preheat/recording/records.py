@@ -38,6 +38,7 @@ from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.estimation.prior import Lags, Learned
 from bev_preheat.files.input_files import installed_prefix
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -250,6 +251,11 @@ class RecordedStep:
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values."""
         return dict(vars(self))
+
+    def command_w(self, name: str) -> float:
+        """Return the commanded power of a heat source [W]; 0 without a command."""
+        powers_w = {} if self.command is None else {HVCH: self.command[0], **dict(self.sources)}
+        return powers_w.get(name, 0.0)
 
     @classmethod
     def from_dictionary(cls, values: Any) -> RecordedStep:

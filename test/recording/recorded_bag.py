@@ -7,20 +7,22 @@ from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 
 from bev_preheat.control.decision import Command
-from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import definition
+from bev_preheat.vehicle import load_vehicle
 
 TYPES = {'battery_state': 'sensor_msgs/msg/BatteryState', 'route_plan': 'bev_preheat_msgs/msg/RoutePlan',
-         'hvch_command': 'bev_preheat_msgs/msg/HvchCommand'}
+         'hvch_command': 'bev_preheat_msgs/msg/HvchCommand',
+         'heat_source_command': 'bev_preheat_msgs/msg/HeatSourceCommand'}
 # The first minutes of the drive are enough.
 STEPS = 500
 # A recorder notes a message this much after it was sent [ns].
 LATE_NS = 3_000_000
 
 
-def topic_messages(folder, prefix='', has_commands=True, ahead_ns=0):
+def topic_messages(folder, prefix='', has_commands=True, ahead_ns=0, vehicle='reference'):
     """Yield topic, type, time of arrival [ns] and bytes; the recorder's clock is `ahead_ns` [ns] behind."""
     for given in read_flight(folder).given[:STEPS]:
         step = given.step
@@ -32,8 +34,11 @@ def topic_messages(folder, prefix='', has_commands=True, ahead_ns=0):
             yield f'{prefix}/{topic}', type_name, at_ns + LATE_NS // 3, data
         if step.command is not None and has_commands:
             power_w, until_ns, reason = step.command
-            message = command_message(Command(power_w, until_ns, Status(reason)), step.now_ns)
-            data = bytes(serialize_message(message))
+            command = Command(power_w, until_ns, Status(reason), step.sources)
+            for message in source_messages(command, load_vehicle(vehicle), step.now_ns):
+                data = bytes(serialize_message(message))
+                yield f'{prefix}/heat_source_command', TYPES['heat_source_command'], at_ns + LATE_NS, data
+            data = bytes(serialize_message(command_message(command, step.now_ns)))
             yield f'{prefix}/hvch_command', TYPES['hvch_command'], at_ns + LATE_NS, data
 
 

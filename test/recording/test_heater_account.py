@@ -2,6 +2,7 @@
 """The heater's energy as commanded and as delivered, the spans without a valid command, and results in words."""
 
 import json
+from math import inf
 from types import SimpleNamespace
 
 import pytest
@@ -53,7 +54,7 @@ def test_answers_tell_what_was_delivered_and_that_the_heater_had_no_command():
     assert account.without_command == [Span(ns(3.0), ns(5.0))]
 
 
-PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8)
+PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8, maximum_arrival_temperature_c=inf)
 COMMAND = Command(3600.0, ns(1e6), Status.HEATING)
 VEHICLE = load_vehicle('reference')
 OBEYS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
@@ -87,6 +88,18 @@ def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
     assert energy == 'The heater was commanded 300 Wh; the delivered energy is not recorded (hvch_status).'
 
 
+@pytest.mark.parametrize('arrival_c, told', [
+    (37.2, 'at 37.2 degC, 2.2 K above the 35.0 degC allowed: the recording names no obstacle'),
+    (35.3, 'at 35.3 degC, allowed 25.0 … 35.0 degC.'), (30.0, 'at 30.0 degC, allowed 25.0 … 35.0 degC.'),
+    (20.0, '5.0 K short of the target of 25.0 degC')])
+def test_an_arrival_is_compared_with_the_highest_temperature_allowed(arrival_c, told):
+    results, plan = TripResults(), SimpleNamespace(**{**vars(PLAN), 'maximum_arrival_temperature_c': 35.0})
+    for each in (step(0, Status.WAITING_TO_COOL, 40.0, plan), step(299, Status.COOLING, arrival_c, plan),
+                 step(300, Status.ARRIVED, arrival_c, None)):
+        results.add(each)
+    assert told in results.trips[0].sentences()[0]
+
+
 @pytest.mark.needs('mcap')
 @pytest.mark.needs('rclpy')
 def test_each_heat_source_has_an_account(tmp_path, capsys):
@@ -103,5 +116,3 @@ def test_each_heat_source_has_an_account(tmp_path, capsys):
     assert any(told.startswith('The heat_pump was commanded 8') for told in replayed['recorded']['results'][0])
     assert main(['replay', str(tmp_path)]) == 0
     assert 'heat_pump commanded [Wh]' in capsys.readouterr().out
-    assert main(['replay', str(tmp_path), '--change', 'temperature=+2']) == 2
-    assert 'heat_pump_car: its drive cannot be replayed with changes' in capsys.readouterr().err

@@ -5,14 +5,16 @@ import csv
 import json
 
 import pytest
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from recorded_bag import STEPS, topic_messages, TYPES, write_mcap, write_sqlite
+from recorded_drive import record_drive
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.commands.main import main
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import definition
+from bev_preheat_msgs.msg import HeatSourceCommand
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
 
@@ -33,6 +35,31 @@ def test_a_bag_gives_the_commands_again(recorded, tmp_path, capsys, ahead_ns):
     assert (status, result['reproduced']) == (0, True)
     assert result['commands'] == sum(output.command is not None for _, output in outputs[:STEPS])
     assert result['recorded']['hvch_commanded_wh'] > 200.0
+
+
+def weaker(data):
+    message = deserialize_message(data, HeatSourceCommand)
+    message.battery_heating_power *= 0.9
+    return bytes(serialize_message(message))
+
+
+def test_a_bag_of_a_car_with_several_heat_sources_is_replayed_as_its_flight_recording(tmp_path, capsys):
+    record_drive(tmp_path / 'flight', 16.0, 120, vehicle='heat_pump_car')
+    messages = list(topic_messages(tmp_path / 'flight', vehicle='heat_pump_car'))
+    bag = write_mcap(tmp_path / 'drive.mcap', messages)
+    status, of_bag = replayed(capsys, bag, '--vehicle', 'heat_pump_car', '--change', 'target=11', '--to', '110')
+    assert (status, of_bag['reproduced']) == (0, True)
+    _, of_flight = replayed(capsys, tmp_path / 'flight', '--change', 'target=11', '--to', '110')
+    for drive in ('recorded', 'changed'):
+        assert of_bag[drive]['heat_pump_commanded_wh'] == pytest.approx(
+            of_flight[drive]['heat_pump_commanded_wh'], abs=2.0), drive
+    assert of_bag['changed']['heat_pump_commanded_wh'] < 0.8 * of_bag['recorded']['heat_pump_commanded_wh']
+    # Another power of one source is no reproduction.
+    bag = write_mcap(tmp_path / 'other.mcap', [(topic, kind, at_ns, weaker(data) if topic == '/heat_source_command'
+                                                else data) for topic, kind, at_ns, data in messages])
+    status, result = replayed(capsys, bag, '--vehicle', 'heat_pump_car')
+    assert (status, result['reproduced']) == (1, False)
+    assert result['largest_difference_w'] == pytest.approx(300.0, abs=1.0)
 
 
 def test_the_folder_of_an_sqlite_bag_is_read(recorded, tmp_path, capsys):
