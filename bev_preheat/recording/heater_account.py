@@ -254,7 +254,7 @@ class RecordedHeat:
         self._ambient_c.append(math.nan if ambient is None else ambient[1])
 
     def share_at(self, number: int, name: str) -> float:
-        """Return the share that a source delivers at a step; 0 of one that the vehicle does not have."""
+        """Return the share that a source delivers at a step; an unknown source delivers 0."""
         return self._shares[name].at(number) if name in self._shares else 0.0
 
     def ambient_c(self, number: int) -> float:
