@@ -102,6 +102,7 @@ def history_values(history: History) -> dict[str, Any]:
     return {
         'time': packed(columns['time'], 'd'),
         'columns': {name: packed(values, 'f') for name, values in columns.items() if name != 'time'},
+        'sources': {name: packed(powers_w, 'f') for name, powers_w in history.sources.items()},
         'sentences': _changes(history.sentences), 'regimes': _changes(history.regimes),
         'doubts': _changes(history.doubts),
         'diagnostics': [[at_s, name, level_name(level), message]

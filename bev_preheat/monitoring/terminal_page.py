@@ -24,6 +24,7 @@ from bev_preheat.monitoring.seen import level_name
 from bev_preheat.monitoring.view import LONGEST_SENTENCE, number, status_name
 from bev_preheat.nodes.node import without_figures
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,15 +60,18 @@ def page(board: Board, now_s: float, name: str, height: int | None = None) -> Pa
         reason = one_line(shortened(view.plan.target_reason, LONGEST_SENTENCE))
         if reason and reason not in view.sentence:
             parts.append(Text.assemble(('Target', 'bold'), f': {reason}'))
-    return Panel(Group(*parts, *_courses(board), _diagnostics(view), _ages(view)), title=name, height=height)
+    return Panel(Group(*parts, *_courses(board), *_source_courses(view), _diagnostics(view), _ages(view)),
+                 title=name, height=height)
 
 
 def line(view: View) -> str:
     """Return the same data in one line of text, for an output that is not a terminal."""
     plan = view.plan
     told = 'no plan yet' if plan is None else f'{status_name(plan.status)}: {one_line(view.sentence)}'
+    others = ''.join(f'{one_line(name)} {_number(power_w, "W", 0)}  ' for name, power_w in view.sources_w.items()
+                     if name != HVCH)
     return (f'battery {_number(view.temperature_c, "degC")}  arrival {_prediction(view)}  '
-            f'heater {_number(view.power_w, "W", 0)}  {told}')
+            f'heater {_number(view.power_w, "W", 0)}  {others}{told}')
 
 
 def figures(view: View) -> list[tuple[str, str]]:
@@ -102,7 +106,7 @@ def _heating(view: View) -> str:
     plan = view.plan
     if plan is None or plan.heating_start_s is None:
         return UNKNOWN if plan is None else 'none planned'
-    if view.power_w > 0.0:
+    if max(0.0, view.power_w, *view.sources_w.values()) > 0.0:
         return f'on; ends {_until(plan.heating_end_s, view.at_s)}'
     return f'starts {_until(plan.heating_start_s, view.at_s)}'
 
@@ -139,6 +143,16 @@ def _courses(board: Board) -> list[Text]:
     low_c, span_k = min(known), max(max(known) - min(known), LEAST_SPAN_K)
     return [_figure(name, f'{course(values, low_c, span_k)}  {values[0]:.1f} to {values[-1]:.1f} degC')
             for name, values in (('Until now', measured), ('Planned', planned)) if len(values) > 1]
+
+
+def _source_courses(view: View) -> list[Text]:
+    """Return the planned power of each heat source in use until arrival, on one scale, and its command."""
+    plans_w = {} if view.plan is None else view.plan.sources_w
+    planned_w = {name: [max(number(power_w) or 0.0, 0.0) for power_w in plans_w.get(name, ())]
+                 for name in view.sources_w}
+    most_w = max(1.0, *(power_w for powers_w in planned_w.values() for power_w in powers_w), 1.0)
+    return [_figure(one_line(name), f'{course(planned_w[name], 0.0, most_w)}  {_number(power_w, "W", 0)} now')
+            for name, power_w in view.sources_w.items() if power_w > 0.0 or any(planned_w[name])]
 
 
 def _drawable(value_c: float) -> float:

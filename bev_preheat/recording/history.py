@@ -74,7 +74,8 @@ class History:
     Collects a drive step by step; `add` takes each Played.
 
     `columns` has the values of COLUMNS, NaN for unknown: times in s since 1970, temperatures in deg C, powers in
-    W, charge 0 ... 1. `sentences` (status, sentence), `regimes` (regime,), `doubts` (names of signals,) and
+    W, charge 0 ... 1. `sources` has the commanded power of each of several heat sources by name, {} for the HVCH
+    alone. `sentences` (status, sentence), `regimes` (regime,), `doubts` (names of signals,) and
     `diagnostics` (entry, level, message) are Changes; `lost` counts the changes beyond MOST_CHANGES, `jumps` those
     of the clock, after which times are those of the clock before.
     """
@@ -85,6 +86,7 @@ class History:
         self._due_ns = self._latest_ns = -1
         self._latest: tuple[Any, ...] = ()
         self.columns: dict[str, array[float]] = {name: array('d') for name in COLUMNS}
+        self.sources: dict[str, array[float]] = {}
         self.sentences: list[Change] = []
         self.regimes: list[Change] = []
         self.doubts: list[Change] = []
@@ -102,17 +104,21 @@ class History:
         """Add a step."""
         now_ns, state, recorded_w = self._drawn_ns(played.now_ns), played.state, played.recorded_w
         command, decision = state.latest_command, state.decision
-        if recorded_w is not None:
-            power_w = recorded_w
-        else:
-            is_expired = command is None or command.valid_until_ns < played.now_ns
-            power_w = 0.0 if command is None or is_expired else command.total_w
+        if command is not None and command.valid_until_ns < played.now_ns:
+            command = None
+        power_w = recorded_w if recorded_w is not None else 0.0 if command is None else command.total_w
         switched = (decision.status, power_w >= LEAST_HEAT_W)
         if now_ns < self._due_ns and switched == self._latest:
             return
         self._due_ns = now_ns - now_ns % self._period_ns + self._period_ns
         self._latest, self._latest_ns = switched, now_ns
         self._add_row(now_ns, state, power_w, recorded_w is None)
+        if not self.sources and state.vehicle.heat_sources:
+            # The first row is that of the vehicle whose sources are shown.
+            none = array('d', [0.0] * (len(self.columns['time']) - 1))
+            self.sources = {name: none[:] for name in (HVCH, *(each.name for each in state.vehicle.heat_sources))}
+        for name, powers_w in self.sources.items():
+            powers_w.append(0.0 if command is None else command.power_w(name))
         if recorded_w is not None:
             return
         explanation = decision.explanation

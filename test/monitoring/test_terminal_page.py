@@ -88,3 +88,15 @@ def test_no_message_ends_it(values, times, numbers, columns, words):
         name=f'planner: {words}', message=words, level=bytes([numbers[2]]))]), 'planner'), NOW_S)
     assert len(text(board, 80, 24).splitlines()) <= 24
     assert line(board.view(NOW_S))
+
+
+def test_each_of_several_heat_sources_has_a_line_with_its_plan_and_its_command():
+    board = a_board(sources_w={'hvch': (0.0, 0.0), 'motor': (0.0, 1500.0), 'heat_pump': (3000.0, inf)})
+    for at_s, motor_w in ((START_S + 1.0, 700.0), (START_S + 2.0, 700.0)):
+        for name, power_w in (('motor', motor_w), ('heat_pump', 2500.0)):
+            board.see_source(at_s, name, power_w)
+        board.see_command(at_s, 0.0, int(Status.HEATING), NOW_S)
+    shown = text(board)
+    assert 'motor            ▁▅  700 W now' in shown and 'heat_pump        █▁  2500 W now' in shown
+    assert 'hvch ' not in shown and 'on; ends in' in shown
+    assert 'heater 0 W  motor 700 W  heat_pump 2500 W  WAITING' in line(board.view(NOW_S))

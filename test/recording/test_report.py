@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from recorded_drive import LENGTH_S, TARGET_C
+from recorded_drive import LENGTH_S, record_drive, TARGET_C
 
 from bev_preheat.commands.main import main
 from bev_preheat.monitoring.pages import report_text, ReportText
@@ -67,6 +67,21 @@ def test_columns_are_those_of_the_drive(page):
     assert label.startswith('HEATING: heating now') and start_s == START_NS / NS_PER_S
     # A plan leads from the battery as it is to its target at the end of the route.
     assert numbers(times_s)[-1] == LENGTH_S and numbers(temperatures_c)[-1] == pytest.approx(TARGET_C, abs=1.0)
+
+
+def test_the_power_of_each_of_several_heat_sources_adds_up_to_the_command(page, tmp_path):
+    record_drive(tmp_path, 16.0, 120, vehicle='heat_pump_car')
+    path = tmp_path / 'drive.html'
+    assert main(['replay', str(tmp_path), '--report', str(path)]) == 0
+    text = path.read_text(encoding='utf-8')
+    recorded = contents_of(text)['recorded']
+    sources = {name: numbers(powers_w) for name, powers_w in recorded['sources'].items()}
+    assert list(sources) == ['hvch', 'motor', 'heat_pump', 'chiller']
+    commanded_w = numbers(recorded['columns']['commanded'])
+    assert [sum(powers_w) for powers_w in zip(*sources.values(), strict=True)] == pytest.approx(commanded_w, abs=0.1)
+    assert max(sources['heat_pump']) == 2500.0 and max(sources['motor']) > 0.0 and not any(sources['chiller'])
+    assert '<td>heat_pump commanded [Wh]</td>' in text
+    assert contents_of(page[1].read_text(encoding='utf-8'))['recorded']['sources'] == {}
 
 
 def test_without_heating_it_would_be_colder_once_it_has_heated(page):

@@ -18,6 +18,12 @@
       data[`changed_${name}`] = floats(changed.columns[name], Float32Array);
     }
   }
+  // The power of each of several heat sources on top of the one before.
+  const sources = Object.keys(recorded.sources);
+  sources.forEach((name, index) => {
+    const own = data[`own${index}`] = floats(recorded.sources[name], Float32Array), below = data[`stack${index - 1}`];
+    data[`stack${index}`] = own.map((power, place) => power + (below ? below[place] : 0));
+  });
   const has = (name) => data[name] && data[name].some((value) => !Number.isNaN(value));
   const known = (series) => series.filter((each) => each.times === 'plan_time' || has(each.key));
 
@@ -53,9 +59,12 @@
       {name: 'without heating', key: 'unheated', colour: 'grey', dash: 'dash'},
       changedLine('measured', 'measured'), changedLine('predicted', 'predicted', {dash: 'dash'}),
       {name: 'plan', key: 'plan_temperature', times: 'plan_time', colour: 'vermillion', dash: 'dot', width: 3}])},
-    {title: 'Heater', unit: 'kW', least: 0, height: 130, series: known([
-      {name: told === recorded ? 'commanded' : 'recorded', key: 'commanded', colour: 'vermillion', step: true,
-        scale: 1e-3, digits: 2},
+    {title: sources.length ? 'Heat sources' : 'Heater', unit: 'kW', least: 0, height: 130, series: known([
+      ...sources.map((name, index) => ({name, key: `stack${index}`, onto: index ? `stack${index - 1}` : '',
+        own: `own${index}`, colour: ['vermillion', 'blue', 'green', 'orange', 'purple', 'grey'][index % 6], step: true,
+        scale: 1e-3, digits: 2})),
+      {name: told === recorded ? 'commanded' : 'recorded', key: 'commanded', colour: sources.length ? 'ink' : 'vermillion',
+        step: true, scale: 1e-3, digits: 2},
       {name: 'confirmed', key: 'confirmed', colour: 'blue', dash: 'dash', step: true, scale: 1e-3, digits: 2},
       changedLine('commanded', 'commanded', {step: true, scale: 1e-3, digits: 2, dash: 'dashdot'}),
       {name: 'plan', key: 'plan_power', times: 'plan_time', colour: 'green', dash: 'dot', step: true, scale: 1e-3,
