@@ -45,7 +45,7 @@ LONGEST_MIN = 24 * 60.0
 # Options that only this part of the subcommand reads.
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
 # Options of a goal for a running planner.
-OF_GOAL = ('at', 'in', 'target', 'plugged_in', 'skip_next', 'skip_none')
+OF_GOAL = ('at', 'in', 'target', 'max_arrival_temperature', 'plugged_in', 'skip_next', 'skip_none')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -61,6 +61,8 @@ def add_parser(subparsers: Subparsers) -> None:
     when.add_argument('--in', type=float, metavar='MINUTES', help='the same, in minutes from now')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature [degC] (default: the planner's)")
+    parser.add_argument('--max-arrival-temperature', type=float, metavar='DEGC',
+                        help='highest battery temperature then [degC] (default: any)')
     parser.add_argument('--ambient', type=float, metavar='DEGC', help='ambient temperature until then [degC] '
                         '(default: that of the route, or the last known)')
     parser.add_argument('--plugged-in', action='store_true',
@@ -106,7 +108,8 @@ def run(arguments: Namespace) -> int:
                     result_console().say(sentence)
                     return 0 if is_done else FAILED
                 return _pursue(PreparationClient(listener, planner_of(arguments), signals), Wanted(
-                    ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in))
+                    ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in,
+                    arguments.max_arrival_temperature))
     except KeyboardInterrupt:
         # A second signal: do not wait for the planner's answer.
         return INTERRUPTED

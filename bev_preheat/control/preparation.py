@@ -119,7 +119,7 @@ class Preparation(NamedTuple):
         target_c = inputs.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
         problems = _problems(goal, now_ns)
         try:
-            check_situation(inputs.vehicle, goal=Goal(target_c))
+            check_situation(inputs.vehicle, goal=Goal(target_c, maximum_arrival_temperature_c=goal.most_c))
         except InvalidInput as error:
             problems += error.problems
         lowest_c = inputs.vehicle.battery.temperature_range_c[0]
@@ -177,7 +177,7 @@ class Preparation(NamedTuple):
             measurement = inputs.measurement
             temperature_c = measurement.state.temperature_c if measurement else math.nan
         return self._replace(outcomes=(*self.outcomes, PreparationOutcome(
-            goal, ending, explanation, max(0.0, target_c - temperature_c)
+            goal, ending, explanation, max(0.0, target_c - temperature_c, temperature_c - goal.most_c)
             if math.isfinite(target_c - temperature_c) else math.nan, temperature_c)))
 
     # The trip that is planned for
@@ -200,7 +200,7 @@ class Preparation(NamedTuple):
         progress = progress if ambient_c is None else replace(progress, ambient_c=ambient_c)
         terms = terms_of(progress.goal, inputs.settings)
         leg = Leg(self._drive(progress, inputs, now_ns, until_ns, propulsion_factor), progress.started_ns,
-                  target_temperature_c=progress.target_c,
+                  target_temperature_c=progress.target_c, maximum_arrival_temperature_c=progress.goal.most_c,
                   minimum_arrival_soc=0.0 if terms.is_from_grid else _reserve_before(
                       inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns),
                   terms=terms).in_planning_steps(inputs.settings.planning_step_s)
@@ -244,6 +244,8 @@ def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
         problems.append(
             f'ready_at: lies {duration_text(abs(ahead_s))} {"ahead" if ahead_s > 0.0 else "in the past"}; '
             'it must lie ahead, by at most 24 h (0: as soon as possible)')
+    if goal.is_soonest and math.isfinite(goal.most_c):
+        problems.append('maximum_arrival_temperature: is not allowed without ready_at')
     low_c, high_c = LIMITS['ambient_temperature_c']
     if goal.ambient_c is not None and not low_c <= goal.ambient_c <= high_c:
         problems.append(f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be '

@@ -51,7 +51,8 @@ class PreparationGoal:
     `ready_at_ns` 0: as soon as possible. `target_c` [deg C] None: the planner's default.
     `is_plugged_in`: the vehicle stands, and the grid feeds the heater. `ambient_c` [deg C] None: that
     of the route, or the last known; `assumed_ambient_c` [deg C] counts if none is known. `prices` are those of
-    energy from the grid: a plugged-in vehicle is heated when it costs the least; None: as late as possible.
+    energy from the grid: a plugged-in vehicle is heated when it costs the least; None: as late as possible. The
+    battery is cooled to `maximum_arrival_temperature_c` [deg C]; None: it may be warmer.
     """
 
     ready_at_ns: int = 0
@@ -60,6 +61,13 @@ class PreparationGoal:
     ambient_c: float | None = None
     assumed_ambient_c: float | None = None
     prices: GridPrices | None = None
+    maximum_arrival_temperature_c: float | None = None
+
+    @property
+    def most_c(self) -> float:
+        """The highest temperature at the instant [deg C]; inf: any."""
+        most_c = self.maximum_arrival_temperature_c
+        return math.inf if most_c is None else most_c
 
     @property
     def is_soonest(self) -> bool:
@@ -71,7 +79,7 @@ class PreparationOutcome(NamedTuple):
     """
     The ending of a PreparationGoal, with the reason as a sentence.
 
-    `shortfall_k` is the shortfall to the target [K], `temperature_c` the battery's temperature [deg C];
+    `shortfall_k` is by how much the battery is too cold or too warm [K], `temperature_c` its temperature [deg C];
     NaN if unknown.
     """
 
@@ -142,7 +150,11 @@ def _conclusion(progress: PreparationProgress, now_ns: int, decision: Decision, 
         return _soonest_conclusion(progress, now_ns, decision.plan, temperature_c)
     if not is_time:
         return None
-    missed_k = progress.target_c - temperature_c
+    most_c, missed_k = progress.goal.most_c, progress.target_c - temperature_c
+    if temperature_c - most_c > SHORTFALL_TOLERANCE_K:
+        return PreparationEnding.MISSED, (
+            f'The battery is at {temperature_c:.1f} degC, {temperature_c - most_c:.1f} K above the {most_c:.1f} '
+            'degC allowed.')
     return _arrived(temperature_c, progress.target_c, missed_k <= SHORTFALL_TOLERANCE_K)
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.fields import known, nanoseconds
+from bev_preheat.messages.route_plan import AT_THE_END
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
@@ -28,13 +29,16 @@ def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
         elif math.isinf(value):
             problems.append(f'{name}: {value:g} is not allowed; it must be finite, or 0 or NaN: not given')
         values[name] = None if not is_given and (value == 0.0 or math.isnan(value)) else float(value)
+    most_c = goal.maximum_arrival_temperature
+    if problem := AT_THE_END['maximum_arrival_temperature'].problem('maximum_arrival_temperature', most_c):
+        problems.append(problem)
     if not (goal.ready_at.sec >= 0 and goal.ready_at.nanosec < NS_PER_S):
         problems.append(f'ready_at: {goal.ready_at.sec} s and {goal.ready_at.nanosec} ns are no instant; '
                         f'seconds must be at least 0, nanoseconds below {NS_PER_S}')
     if problems:
         raise InvalidInput(problems)
     return PreparationGoal(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
-                           values['ambient_temperature'])
+                           values['ambient_temperature'], maximum_arrival_temperature_c=known(most_c))
 
 
 def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
@@ -57,5 +61,5 @@ def feedback_message(state: State, now_ns: int) -> PrepareBattery.Feedback:
         battery_temperature=math.nan if temperature_c is None else temperature_c,
         time_left=max(0.0, (ready_ns - now_ns) / NS_PER_S) if ready_ns else math.nan,
         predicted_battery_temperature=math.nan if plan is None else plan.arrival_temperature_c,
-        battery_heating_power=0.0 if command is None else command.battery_heating_power_w,
+        battery_heating_power=0.0 if command is None else command.total_w,
         status=int(decision.status), explanation=decision.explanation)

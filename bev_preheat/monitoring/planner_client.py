@@ -42,16 +42,23 @@ NOT_THERE = 'no planner answers as {}: is it running, in this ROS domain and und
 
 @dataclass(frozen=True)
 class Wanted:
-    """A goal in a user's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None."""
+    """
+    A goal in a user's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None.
+
+    The battery is then to have at most `most_c` [deg C]; None: it may be warmer.
+    """
 
     ready_in_s: float | None = None
     target_c: float | None = None
     ambient_c: float | None = None
     is_plugged_in: bool = False
+    most_c: float | None = None
 
     def goal(self, now_ns: int) -> PrepareBattery.Goal:
         """Return the goal at an instant of the planner's clock [ns]."""
-        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in)
+        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in, maximum_arrival_temperature=(
+            # 0 is not given.
+            0.0 if self.most_c is None else self.most_c or math.nextafter(0.0, 1.0)))
         if self.ready_in_s is not None:
             goal.ready_at = time_message(now_ns + round(self.ready_in_s * NS_PER_S))
         for name, value in (('target_battery_temperature', self.target_c),

@@ -29,6 +29,7 @@ from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 
 MEASURED = Settings(estimation=False)
@@ -124,6 +125,44 @@ def test_a_plugged_in_battery_is_heated_from_the_last_instant_that_is_early_enou
     assert car.command == (0.0, Status.WAITING)
     assert car.supervisor.state.active_mission.route_id == ROUTE_ID
     assert car.supervisor.state.preparation_goal is preparation_goal and not car.outcomes
+
+
+HOT_CAR = load_vehicle('heat_pump_car')
+HOT = {'is_plugged_in': True, 'target_c': 20.0, 'ambient_c': 30.0}
+
+
+def test_a_plugged_in_battery_is_cooled_for_the_instant_from_the_grid():
+    car = Car(temperature_c=38.0, vehicle=HOT_CAR)
+    preparation_goal = car.want(1800.0, **HOT, maximum_arrival_temperature_c=34.0)
+    assert car.plan.arrival_temperature_c == pytest.approx(34.0, abs=0.01)
+    assert car.command[1] is Status.WAITING_TO_COOL and set(car.plan.soc) == {0.6}
+    # As late as possible: the chiller takes heat away at 7 kW.
+    assert 1500.0 < car.plan.cooling_start_s < 1750.0
+    car.state(1790.0, temperature_c=34.4)
+    assert car.commands[-1].power_w('chiller') > 1000.0
+    car.state(1801.0, temperature_c=34.1)
+    outcome = car.ended(preparation_goal)
+    assert (outcome.ending, outcome.shortfall_k) == (PreparationEnding.REACHED, pytest.approx(0.1))
+
+
+def test_a_battery_that_is_too_warm_at_the_instant_is_said():
+    car = Car(temperature_c=38.0, vehicle=HOT_CAR)
+    preparation_goal = car.want(1800.0, **HOT, maximum_arrival_temperature_c=34.0)
+    car.state(1801.0, temperature_c=36.5)
+    outcome = car.ended(preparation_goal)
+    assert (outcome.ending, outcome.shortfall_k) == (PreparationEnding.MISSED, pytest.approx(2.5))
+    assert outcome.explanation == 'The battery is at 36.5 degC, 2.5 K above the 34.0 degC allowed.'
+
+
+@pytest.mark.parametrize('wanted, problem', [
+    ({'maximum_arrival_temperature_c': 19.0},
+     'maximum arrival temperature: 19 is not allowed; it must be 20 ... 55'),
+    ({'maximum_arrival_temperature_c': 30.0, 'ready_at_ns': 0},
+     'maximum_arrival_temperature: is not allowed without ready_at')])
+def test_a_highest_temperature_that_makes_no_sense_is_refused(wanted, problem):
+    car = Car(temperature_c=38.0, vehicle=HOT_CAR)
+    outcome = car.ended(car.want(1800.0, **HOT, **wanted))
+    assert outcome.ending is PreparationEnding.REFUSED and problem in outcome.explanation
 
 
 def test_the_grid_takes_the_heater_s_power_from_the_battery_s_account():

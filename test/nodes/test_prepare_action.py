@@ -77,6 +77,9 @@ def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
     ({'ambient_temperature': -inf}, 'ambient_temperature: -inf is not allowed'),
     ({'ambient_temperature': nan, 'has_ambient_temperature': True},
      'ambient_temperature: nan is not allowed where has_ambient_temperature is true'),
+    ({'maximum_arrival_temperature': 61.0},
+     'maximum_arrival_temperature: 61 is not allowed; it must be -60 ... 60 degC'),
+    ({'maximum_arrival_temperature': inf}, 'maximum_arrival_temperature: inf is not allowed'),
     ({'ready_at': Time(sec=-1)}, 'ready_at: -1 s and 0 ns are no instant'),
     ({'ready_at': Time(sec=1, nanosec=1_000_000_000)}, 'nanoseconds below 1000000000')])
 def test_a_goal_that_cannot_be_read_is_refused(fields, sentence):

@@ -77,8 +77,8 @@ def test_the_power_of_each_of_several_heat_sources_adds_up_to_the_command(page, 
     recorded = contents_of(text)['recorded']
     sources = {name: numbers(powers_w) for name, powers_w in recorded['sources'].items()}
     assert list(sources) == ['hvch', 'motor', 'heat_pump', 'chiller']
-    commanded_w = numbers(recorded['columns']['commanded'])
-    assert [sum(powers_w) for powers_w in zip(*sources.values(), strict=True)] == pytest.approx(commanded_w, abs=0.1)
+    together_w = [sum(powers_w) for powers_w in zip(*sources.values(), strict=True)]
+    assert together_w == pytest.approx(numbers(recorded['columns']['commanded']), abs=0.1)
     assert max(sources['heat_pump']) == 2500.0 and max(sources['motor']) > 0.0 and not any(sources['chiller'])
     assert '<td>heat_pump commanded [Wh]</td>' in text
     assert contents_of(page[1].read_text(encoding='utf-8'))['recorded']['sources'] == {}
