@@ -132,9 +132,10 @@ def cause_of(flight: Flight, first: Difference) -> str:
 FIGURES_FORMAT = 1
 SAMPLE_S = 60
 # Tolerances that `figures` are written with; the others are compared as they are.
+ENERGY = '_wh'
 TOLERANCES = {
-    'heating_begins_s': 30.0, 'heating_ends_s': 30.0, 'hvch_commanded_wh': 20.0, 'hvch_delivered_wh': 20.0,
-    'arrival_s': 10.0,
+    ENERGY: 20.0,
+    'heating_begins_s': 30.0, 'heating_ends_s': 30.0, 'arrival_s': 10.0,
     'arrival_temperature_c': 0.3, 'last_predicted_arrival_temperature_c': 0.3, 'minute_command_w': 100.0,
     'minute_measured_c': 0.3, 'minute_predicted_c': 0.3, 'largest_difference_w': 1.0}
 
@@ -169,8 +170,7 @@ def figures(comparison: Comparison | None, course: Course) -> dict[str, Any]:
         'heating_begins_s': seconds(heating[0][0] if heating else None),
         'heating_ends_s': seconds(heating[-1][1] if heating else None),
         'switch_ons': len(heating),
-        'hvch_commanded_wh': course.results.account.commanded_wh,
-        'hvch_delivered_wh': course.results.account.delivered_wh,
+        **course.results.energies_wh,
         'arrival_s': seconds(None if arrival is None else arrival.now_ns),
         'arrival_temperature_c': _known(None if arrival is None else arrival.measured_c),
         'last_predicted_arrival_temperature_c': _known(None if predicted is None else predicted.predicted_c),
@@ -203,8 +203,8 @@ def _minutes(course: Course) -> list[Any]:
 def expectation(values: dict[str, Any]) -> dict[str, Any]:
     """Return what `--write-expected` writes of `figures`: each with its usual tolerance."""
     return {'format': FIGURES_FORMAT, 'expected': {
-        name: {'value': _rounded(value), **({'tolerance': TOLERANCES[name]} if name in TOLERANCES else {})}
-        for name, value in values.items()}}
+        name: {'value': _rounded(value), **({'tolerance': TOLERANCES[kind]} if kind in TOLERANCES else {})}
+        for name, value in values.items() for kind in [ENERGY if name.endswith(ENERGY) else name]}}
 
 
 def _rounded(value: Any) -> Any:

@@ -132,6 +132,12 @@ class TripResults:
         """That of the HVCH."""
         return self.accounts[HVCH]
 
+    @property
+    def energies_wh(self) -> dict[str, float | None]:
+        """The commanded and the delivered energy of each heat source [Wh]; None: not recorded."""
+        return {f'{name}_{what}_wh': energy_wh for name, account in self.accounts.items()
+                for what, energy_wh in (('commanded', account.commanded_wh), ('delivered', account.delivered_wh))}
+
     def add(self, played: Played) -> None:
         """Add a step."""
         now_ns, state, recorded_w = played.now_ns, played.state, played.recorded_w
@@ -310,8 +316,7 @@ class Course:
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
             'heating': [{'from_ns': begun, 'to_ns': ended} for begun, ended in self.heating],
-            **{f'{name}_{what}_wh': getattr(account, f'{what}_wh')
-               for name, account in self.results.accounts.items() for what in ('commanded', 'delivered')},
+            **self.results.energies_wh,
             'without_command': span_values(self.results.account.without_command),
             'results': [trip.sentences() for trip in self.results.trips],
             'arrival_ns': None if arrival is None else arrival.now_ns,

@@ -123,18 +123,24 @@ class Unheated:
         """Forget the heat, because another trip begins."""
         self._deviation = Deviation(self._vehicle)
         self._latest_s: float | None = None
-        if self._vehicle.heat_sources:
-            # The heat of other sources depends on the air, which is not known here.
-            self._deviation.temperature_k = math.nan
 
-    def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float) -> float:
-        """Return the unheated temperature [deg C] (NaN: unknown), while the heater takes `power_w` [W]."""
+    def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float,
+                   heat_w: float | None = None) -> float:
+        """
+        Return the unheated temperature [deg C] (NaN: unknown), while the heat sources take `power_w` [W].
+
+        `heat_w` is the HVCH power with their heat [W], None: it is the HVCH's alone; unknown with other sources,
+        whose heat depends on the air.
+        """
+        if heat_w is None and self._vehicle.heat_sources:
+            return math.nan
         if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < UNHEATED_GAP_S:
             self.restart()
         self._latest_s = at_s
         # The difference of a car without the heater is negative.
-        less_w = -_finite(power_w, 0.0)
-        self._deviation.advance(_ns(at_s), less_w, less_w, soc, settled_c)
+        power_w = _finite(power_w, 0.0)
+        heat_w = power_w if heat_w is None else _finite(heat_w, 0.0)
+        self._deviation.advance(_ns(at_s), -power_w, -heat_w, soc, settled_c)
         return settled_c + self._deviation.temperature_k
 
     def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
@@ -145,6 +151,8 @@ class Unheated:
         Instants [s], temperatures [deg C] and charges (0 ... 1) are (N + 1,), powers between them [W] (N,).
         """
         ahead, unheated_c = copy.copy(self._deviation), list[float]()
+        if self._vehicle.heat_sources:
+            return [math.nan] * len(times_s)
         for at_s, temperature_c, soc, power_w in zip(times_s, temperatures_c, socs, (*powers_w, 0.0)):
             less_w = -_finite(power_w, 0.0)
             ahead.advance(_ns(at_s), less_w, less_w, soc, temperature_c)

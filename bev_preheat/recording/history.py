@@ -154,17 +154,25 @@ class History:
         predicted_c = math.nan if plan is None else plan.arrival_temperature_c
         predicted_k = decision.arrival_deviation_k
         power_w = None if measurement is None else measurement.power_w
+        ambient_c = self._ambient.at(decision.leg, now_ns - self._ahead_ns)
+        heater_w, heat_w = (confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
+                            else estimate.heater.share * command_w), None
+        if state.vehicle.heat_sources and has_planner and state.temperature_c is not None:
+            powers = state.answers.powers(
+                state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
+            at_ns = now_ns - self._ahead_ns
+            heater_w, heat_w = powers.others_w(
+                -1, at_ns, at_ns, powers.temperature_c if math.isnan(ambient_c) else ambient_c)
         row = (
             now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
             estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,
             predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
             math.nan if plan is None else plan.target_temperature_c,
-            self._ambient.at(decision.leg, now_ns - self._ahead_ns), command_w,
+            ambient_c, command_w,
             confirmed_w, soc, math.nan if power_w is None else power_w,
             self._unheated.unheated_c(
                 now_ns / NS_PER_S, math.nan if plan is None else float(plan.battery_temperature_c[0]), soc,
-                confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
-                else estimate.heater.share * command_w))
+                heater_w, heat_w))
         for name, value in zip(COLUMNS, row):
             self.columns[name].append(value)
 

@@ -3,6 +3,7 @@
 
 import json
 from math import inf
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -114,5 +115,9 @@ def test_each_heat_source_has_an_account(tmp_path, capsys):
             sum(command.power_w(name) for command in commands) / 7200.0, rel=0.03), name
     assert replayed['recorded']['heat_pump_commanded_wh'] > 75.0
     assert any(told.startswith('The heat_pump was commanded 8') for told in replayed['recorded']['results'][0])
-    assert main(['replay', str(tmp_path)]) == 0
+    expected = str(tmp_path / 'expected.json')
+    assert main(['replay', str(tmp_path), '--write-expected', expected]) == 0
+    assert json.loads(Path(expected).read_text())['expected']['heat_pump_commanded_wh'] == {
+        'value': pytest.approx(replayed['recorded']['heat_pump_commanded_wh'], abs=1e-3), 'tolerance': 20.0}
+    assert main(['replay', str(tmp_path), '--expect', expected]) == 0
     assert 'heat_pump commanded [Wh]' in capsys.readouterr().out
