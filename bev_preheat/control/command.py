@@ -12,23 +12,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
-import numpy as np
-
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.events import BATTERY, ROUTE
 from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.inputs import Leg
+from bev_preheat.control.source_powers import (
+    at_rest,
+    heater_limit_w,
+    is_gated,
+    may_be_held_on,
+    Powers,
+    SourcePowers,
+    Switches,
+)
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.heat_mix import mix_in_segment
 from bev_preheat.planning.status import LATER, Status
-from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W
-from bev_preheat.vehicle.description import HVCH
-from bev_preheat.vehicle.heater_controller import Refusal
+from bev_preheat.tunables import LEAST_STATUS_S, ROUNDING_W
 
 if TYPE_CHECKING:
     from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
-    from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -68,6 +70,7 @@ class Commander(NamedTuple):
     `switch` has the least times on and off, for the heat of all sources as HVCH power. `doubt` is the reason for
     the latest pause; `is_paused`: requested heat waits for its end. `reason` is that of the latest command that a
     plan gave, with its `words`; None: the heater was off for another reason. `cools`: the switch is for cooling.
+    `sources` are the Switches of single sources.
     """
 
     switch: HeaterSwitch = HeaterSwitch()
@@ -77,6 +80,7 @@ class Commander(NamedTuple):
     reason: Status | None = None
     words: str = ''
     cools: bool = False
+    sources: Switches = ()
 
     @property
     def direction(self) -> int:
@@ -99,7 +103,8 @@ class Commander(NamedTuple):
         else:
             switch = switch.forced_off()
         return self._replace(
-            switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None), Command(
+            switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
+            sources=at_rest(self.sources, now_ns)), Command(
                 0.0, now_ns + round(settings.command_lease_s * NS_PER_S), reason)
 
     def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Decision]:
@@ -159,10 +164,13 @@ class Commander(NamedTuple):
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
         share = decision.command_share
-        sources = _Sources(inputs, decision.leg, now_ns, temperature_c, share) if plan.source_power_w else None
-        limit_w = _heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
+        sources = SourcePowers(
+            now_ns, inputs, decision, temperature_c, self.sources) if plan.source_power_w else None
+        limit_w = heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         planned_w = plan.power_at_w(elapsed_s)
+        if sources is not None and sources.held_w != 0.0:
+            planned_w = max(planned_w, sources.held_w) if sources.held_w > 0.0 else min(planned_w, sources.held_w)
         cools = planned_w < 0.0
         if cools:
             assert sources is not None
@@ -174,11 +182,15 @@ class Commander(NamedTuple):
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
-        if wanted_w == 0.0 and not _may_be_held_on(inputs, plan):
+        if wanted_w == 0.0 and not may_be_held_on(inputs, plan):
             switch = switch.turned_off(now_ns)
         switch = switch.asked(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         power_w, reason = switch.power_w, decision.status
+        powers = Powers(power_w, (), at_rest(self.sources, now_ns))
+        if sources is not None and power_w > 0.0:
+            powers = sources.divided(-power_w if cools else power_w)
+            power_w = power_w if powers.hvch_w > 0.0 or powers.sources_w else 0.0
         active = Status.COOLING if cools else Status.HEATING
         is_paused = wanted_w > 0.0 and power_w == 0.0 and switch.pause.left_s > 0.0
         if is_paused:
@@ -190,21 +202,21 @@ class Commander(NamedTuple):
         steady = self.steady.forgotten() if switch.is_held else self.steady
         steady = steady.settled(now_ns, reason, power_w > 0.0)
         assert steady.shown is not None
-        hvch_w, sources_w = (power_w, ()) if sources is None else sources.split_w(
-            -power_w if cools else power_w)
         return self._replace(
-            switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown, cools=cools), Command(
-                hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, sources_w)
+            switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown, cools=cools,
+            sources=powers.switches), Command(
+                powers.hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, powers.sources_w)
 
     def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
                          decision: Decision) -> tuple[Commander, Command]:
         """Return the Command of a Decision that heats while the vehicle charges, and the Commander after it."""
         settings = inputs.settings
-        wanted_w = 0.0 if _is_gated(inputs, 0.0) else inputs.vehicle.heating_gates.step_below_w(
+        wanted_w = 0.0 if is_gated(inputs, 0.0) else inputs.vehicle.heating_gates.step_below_w(
             decision.charger_heat_w)
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        return self._replace(switch=switch, reason=None, cools=False), Command(
+        return self._replace(
+            switch=switch, reason=None, cools=False, sources=at_rest(self.sources, now_ns)), Command(
             switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod
@@ -221,54 +233,6 @@ class Commander(NamedTuple):
                 Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
         return None
-
-
-class _Sources:
-    """
-    The heat sources of AdmittedInputs at an instant [ns] on a leg, with the battery at a temperature [deg C].
-
-    The HVCH delivers a `share` of its command. `limit_w` is their most heat, `most_cold_w` the most heat that they
-    take from the battery, as HVCH power [W].
-    """
-
-    def __init__(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, temperature_c: float | None,
-                 share: float) -> None:
-        assert temperature_c is not None
-        segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-        self._share, self._hvch_w = share, _heater_limit_w(inputs, leg, now_ns)
-        refusing = [each.name for each in inputs.unserved if each.is_refused]
-        self._refusing = [source for source in inputs.vehicle.heat_sources if source.name in refusing]
-        self._shares = {each.name: each.share for each in inputs.unserved if each.share > 0.0}
-        self._whole = mix_in_segment(inputs.vehicle, leg.route, segment, self._hvch_w)
-        self._mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * self._hvch_w)
-        self._at_c = np.array([temperature_c])
-        self._merit = self._mix.at(0, temperature_c)
-        is_gated = _is_gated(inputs, float(leg.route.speed_mps[segment]))
-        self.limit_w = 0.0 if is_gated else float(self._merit.ends_w[-1])
-        self.most_cold_w = -float(self._merit.cold_ends_w[-1]) if self._mix.cools else 0.0
-
-    def split_w(self, heat_w: float) -> tuple[float, tuple[tuple[str, float], ...]]:
-        """Return the power of the HVCH [W], and of each other source in use, for a heat as HVCH power [W]."""
-        if heat_w == 0.0:
-            return 0.0, ()
-        split_w = self._mix.split_w(np.array([self._merit.capped_w(heat_w)]), self._at_c)
-        powers_w = {name: float(power_w[0]) / self._shares.get(name, 1.0) for name, power_w in split_w.items()}
-        # A source that refuses is asked on: it draws nothing until it serves again.
-        most_w = self._whole.most_w(self._at_c)
-        powers_w |= {source.name: most_w[source.name] for source in self._refusing
-                     if source.cools is (heat_w < 0.0)}
-        hvch_w = powers_w.pop(HVCH)
-        whole_w = self._hvch_w if heat_w > 0.0 else 0.0
-        return hvch_w / self._share if self._share > 0.0 else whole_w, tuple(
-            (name, power_w) for name, power_w in powers_w.items() if power_w > 0.0)
-
-
-def _may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:
-    """Return whether the heater may stay on for its least time beyond its Plan, because the heat is harmless."""
-    assert inputs.measurement is not None
-    temperature_c = inputs.measurement.state.temperature_c
-    highest_c = inputs.vehicle.battery.temperature_range_c[1]
-    return temperature_c <= min(plan.target_temperature_c + HELD_ABOVE_TARGET_K, highest_c - HELD_BELOW_HIGHEST_K)
 
 
 def _cause_in_words(reason: Status, sentence: str) -> str:
@@ -290,27 +254,7 @@ def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
                measurement.expires_ns(settings.battery_state_timeout_s))
 
 
-def _heater_limit_w(inputs: AdmittedInputs, leg: Leg, now_ns: int) -> float:
-    """Return the heater power that the cabin and the car's gates leave [W] at an instant on a leg."""
-    vehicle = inputs.vehicle
-    segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-    cabin_w = float(leg.route.cabin_heating_power_w[segment])
-    if _is_gated(inputs, float(leg.route.speed_mps[segment])):
-        return 0.0
-    return vehicle.heating_gates.step_below_w(max(0.0, vehicle.hvch.maximum_power_w - cabin_w))
-
-
 def _step_below_w(vehicle: Vehicle, power_w: float) -> float:
     """Return the heater's step of power for a plan's power [W], which may round to slightly less than a step."""
     gates = vehicle.heating_gates
     return power_w if not gates.power_steps_w else gates.step_below_w(power_w + ROUNDING_W)
-
-
-def _is_gated(inputs: AdmittedInputs, speed_mps: float) -> bool:
-    """Return whether a gate of the car is closed for the measured battery at a speed [m/s]."""
-    gates, measurement = inputs.vehicle.heating_gates, inputs.measurement
-    if not gates.is_any:
-        return False
-    assert measurement is not None
-    verdict = gates.verdict(measurement.state.soc, measurement.state.temperature_c, speed_mps)
-    return verdict.refusal is not Refusal.NOT_REFUSED

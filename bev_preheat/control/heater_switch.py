@@ -139,15 +139,19 @@ class HeaterSwitch(NamedTuple):
         """Return the switch with the command for `wanted_w` [W], or held on up to `limit_w` [W], or held off."""
         pause, is_on, since_ns = self.pause.at(now_ns), self.is_on, self.since_ns
         wants_on = wanted_w > 0.0
-        least_s = max(minimum_on_time_s if is_on else minimum_off_time_s, pause.spacing_s)
-        # After the clock was set back the time since the last switching is unknown.
-        must_wait = since_ns is not None and 0 <= now_ns - since_ns < round(least_s * NS_PER_S)
+        must_wait = self.must_wait(now_ns, minimum_on_time_s, minimum_off_time_s)
         if wants_on != is_on and not must_wait and not (wants_on and pause.left_s > 0.0):
             is_on, since_ns = wants_on, now_ns
             if wants_on:
                 pause = pause.switched_on()
         power_w = 0.0 if not is_on else min(wanted_w if wants_on else self.power_w, limit_w)
         return HeaterSwitch(is_on, is_on and not wants_on, pause, since_ns, power_w)
+
+    def must_wait(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> bool:
+        """Return whether the heater may not be switched yet, by its own times."""
+        least_s = max(minimum_on_time_s if self.is_on else minimum_off_time_s, self.pause.at(now_ns).spacing_s)
+        # After the clock was set back the time since the last switching is unknown.
+        return self.since_ns is not None and 0 <= now_ns - self.since_ns < round(least_s * NS_PER_S)
 
     def held_for_s(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> float:
         """Return the time [s] until the heater may be switched again."""

@@ -139,8 +139,7 @@ class HeaterControllerNode(ProgramNode):
         self._bus_problem, self._is_active = '', not values['lifecycle']
         self._execution = HeaterExecution(
             self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
-                               vehicle.heating_gates.power_steps_w if name == HVCH else (),
-                               values['longest_lease'], values['clock_tolerance']),
+                               vehicle.steps_w(name), values['longest_lease'], values['clock_tolerance']),
             output or self._can or _without_heater, self._obstacle,
             self.tell, _or_none(values['command_deadline']), name)
         self._gate_inputs = GateInputs(self, vehicle.gates_of(name), values['battery_state_timeout'], self.tell)

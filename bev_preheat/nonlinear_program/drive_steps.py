@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, TYPE_CHECKING
 
 import casadi
@@ -20,6 +21,7 @@ from bev_preheat.nonlinear_program.symbols import (
     symbolic_rates,
     symbolic_step,
 )
+from bev_preheat.tunables import ROUNDING_W
 from bev_preheat.vehicle.model import heat_with_brake_w
 
 if TYPE_CHECKING:
@@ -234,6 +236,9 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
             source.maximum_power_w, source.hvch_watts))
         if source.shares_cabin_limit:
             limit_w = casadi.fmax(limit_w - cabin_w, 0.0)
+        if source.power_steps_w:
+            limit_w = sum(((high_w - low_w) * (limit_w + ROUNDING_W >= high_w)
+                           for low_w, high_w in pairwise((0.0, *source.power_steps_w))), nothing)
         room.append(limit_w - source_w)
         # All heat takes the HVCH's path; the power beyond that of the HVCH for it has no heat.
         command_w, idle_power_w = command_w + hvch_watts * source_w, idle_power_w + (1.0 - hvch_watts) * source_w

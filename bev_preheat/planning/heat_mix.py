@@ -18,8 +18,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.tunables import FIRST_STEP_K, LEAST_SOURCE_W
-from bev_preheat.vehicle.description import HVCH, STANDING_MPS
+from bev_preheat.tunables import FIRST_STEP_K, LEAST_SOURCE_W, ROUNDING_W
+from bev_preheat.vehicle.description import HVCH, STANDING_MPS, steps_below_w
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -132,10 +132,10 @@ class Sources(NamedTuple):
 
     def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
         """See Merit; a source that would heat or cool with next to nothing is left out."""
-        return sum((part * (abs(part) >= LEAST_SOURCE_W) for part, _ in _parts(heat_w, self.heats_w)), 0.0)
+        return sum((part * (abs(part) >= LEAST_SOURCE_W) for part, _ in parts(heat_w, self.heats_w)), 0.0)
 
 
-def _parts(value: AnyNumber, widths: list[AnyNumber]) -> Iterator[tuple[AnyNumber, AnyNumber]]:
+def parts(value: AnyNumber, widths: list[AnyNumber]) -> Iterator[tuple[AnyNumber, AnyNumber]]:
     """
     Yield the part of a value in each width, filled one after the other, and its share of the width.
 
@@ -154,7 +154,7 @@ def _parts(value: AnyNumber, widths: list[AnyNumber]) -> Iterator[tuple[AnyNumbe
 
 def _along(value: AnyNumber, widths: list[AnyNumber], others: list[AnyNumber]) -> AnyNumber:
     total: AnyNumber = 0.0
-    for (_, share), other in zip(_parts(value, widths), others):
+    for (_, share), other in zip(parts(value, widths), others):
         total = total + share * other
     return total
 
@@ -209,7 +209,7 @@ class HeatMix:
 
     @cached_property
     def _sources(self) -> list[tuple[Any, ...]]:
-        """Whether each source is open, what cabin heating takes of its power, and the functions of its curves."""
+        """Whether each source is open, the cabin's share of its power, its curves' functions, and its steps."""
         route, sources = self.route, []
         stands = route.speed_mps < STANDING_MPS
         moves = ~stands if not self.vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
@@ -217,7 +217,7 @@ class HeatMix:
             is_open = {'driving': moves, 'standing': stands}.get(source.only_while, stands | moves)
             taken_w = route.cabin_heating_power_w if source.shares_cabin_limit else np.zeros(len(route))
             sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
-                            source.hvch_watts.function(ARRAYS)))
+                            source.hvch_watts.function(ARRAYS), source.power_steps_w))
         return sources
 
     @cached_property
@@ -235,8 +235,10 @@ class HeatMix:
         """Return most heat and electrical power [W] (S, P) of the sources in steps and at temperatures (P,)."""
         shape, ambient_c = temperature_c.shape, self.route.ambient_temperature_c[k]
         powers_w, hvch_watts = [np.broadcast_to(self.hvch_limit_w[k], shape)], [np.ones(shape)]
-        for is_open, taken_w, most_w, watts in self._sources:
+        for is_open, taken_w, most_w, watts, steps_w in self._sources:
             power_w = is_open[k] * np.maximum(most_w(ambient_c, temperature_c) - taken_w[k], 0.0)
+            if steps_w:
+                power_w = steps_below_w(steps_w, power_w + ROUNDING_W)
             powers_w.append(np.broadcast_to(power_w, shape))
             hvch_watts.append(np.broadcast_to(watts(ambient_c, temperature_c), shape))
         return np.array(powers_w) * np.array(hvch_watts), np.array(powers_w)
@@ -263,12 +265,13 @@ class HeatMix:
         heats_w, powers_w, order = self._ordered(np.arange(len(heat_w)), temperature_c)
         split_w = np.zeros(powers_w.shape)
         np.put_along_axis(split_w, order, np.array([
-            share * power_w for (_, share), power_w in zip(_parts(heat_w, list(heats_w)), powers_w)]) + 0.0, 0)
+            share * power_w for (_, share), power_w in zip(parts(heat_w, list(heats_w)), powers_w)]) + 0.0, 0)
         return dict(zip(self.names, split_w))
 
-    def most_w(self, temperature_c: FloatArray) -> dict[str, float]:
-        """Return the most electrical power [W] of each source in the first step at a temperature (1,)."""
-        return dict(zip(self.names, self._each(np.array([0]), temperature_c)[1][:, 0].tolist()))
+    def by_merit(self, temperature_c: float) -> dict[str, tuple[float, float]]:
+        """Return most heat and power [W] of each source in the first step at a temperature [deg C], by merit."""
+        heats_w, powers_w, order = (each[:, 0].tolist() for each in self._ordered(0, np.array([temperature_c])))
+        return {self.names[number]: (heat_w, power_w) for heat_w, power_w, number in zip(heats_w, powers_w, order)}
 
     def for_core(self) -> tuple[FloatArray, ...]:
         """Return the arrays of a `bev_heat_sources`."""
@@ -280,12 +283,15 @@ class HeatMix:
         ambient_c = np.repeat(self.route.ambient_temperature_c, len(axis_c))
         power_w, watts, taken_w = [np.repeat(self.hvch_limit_w, len(axis_c))], [np.ones(len(ambient_c))], [
             np.zeros(steps)]
-        for is_open, cabin_w, most_w, hvch_watts in self._sources:
+        most_steps = max([1, *(len(source.power_steps_w) for source in self._others)])
+        steps_w = np.full((1 + len(self._others), most_steps), np.inf)
+        for number, (is_open, cabin_w, most_w, hvch_watts, own_w) in enumerate(self._sources, 1):
+            steps_w[number, :len(own_w)] = own_w
             for rows, curve in (power_w, most_w), (watts, hvch_watts):
                 rows.append(np.broadcast_to(curve(ambient_c, np.tile(temperature_c, steps)), ambient_c.shape))
             taken_w.append(np.where(is_open, cabin_w, np.inf))
         by_source = (np.stack(rows, axis=-1).reshape(steps, len(axis_c), -1) for rows in (power_w, watts))
-        return temperature_c, *by_source, np.stack(taken_w, axis=-1), self.most_power_w, self.most_cold_w
+        return temperature_c, *by_source, np.stack(taken_w, axis=-1), steps_w, self.most_power_w, self.most_cold_w
 
 
 @lru_cache(maxsize=KEPT_SEGMENTS)

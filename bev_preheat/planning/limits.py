@@ -19,6 +19,7 @@ from bev_preheat.planning.heat_run import ends_before_arrival_s, make_heat_run
 from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
+from bev_preheat.vehicle.description import steps_below_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def notes_on_route(trip: Trip) -> list[str]:
     if gates.only_while_standing and (trip.heater_limit_w <= 0.0).any():
         sentences.append('The vehicle heats its battery only while it stands.')
     left_w = np.maximum(trip.vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0)
-    if gates.power_steps_w and (gates.steps_below_w(left_w) < left_w - ROUNDING_W).any():
+    if gates.power_steps_w and (steps_below_w(gates.power_steps_w, left_w) < left_w - ROUNDING_W).any():
         sentences.append(_sentence_on_steps(gates))
     return sentences
 
@@ -143,13 +144,14 @@ def _against_gates(gates: HeatingGates, schedule: Schedule, notes: dict[str, Non
 def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule) -> FloatArray:
     """Return the power [W] (N,) of a Schedule while the heater is on in each step, in the heater's own steps."""
     power_w = schedule.heater_power_w
-    if not gates.power_steps_w:
+    if not gates.power_steps_w or trip.vehicle.heat_sources:
         return power_w
     start_s, end_s = trip.time_s[:-1], trip.time_s[1:]
     first_s = -np.inf if schedule.heating_start_s is None else schedule.heating_start_s
     last_s = np.inf if schedule.heating_end_s is None else schedule.heating_end_s
     on_share = np.clip((np.minimum(end_s, last_s) - np.maximum(start_s, first_s)) / (end_s - start_s), 1e-9, 1.0)
-    stepped_w: FloatArray = gates.steps_below_w(power_w / on_share + ROUNDING_W) * on_share
+    stepped_w: FloatArray = steps_below_w(
+        gates.power_steps_w, power_w / on_share + ROUNDING_W) * on_share
     return np.minimum(stepped_w, power_w)
 
 

@@ -13,7 +13,7 @@ from bev_preheat.numerics import FloatArray
 from bev_preheat.planning import engine
 from bev_preheat.planning.heat_mix import ALONE, Alone, HeatMix
 from bev_preheat.route.segments import Route
-from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
+from bev_preheat.vehicle.description import STANDING_MPS, steps_below_w, Vehicle
 from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w, TripColumns
 
 # This many trips with at most this many segments are cached, for planning again from another state or for another
@@ -127,17 +127,17 @@ def _kept_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
 
 def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     """Return the same Trip as `make_trip`, without the cache."""
-    trip = _with_sources(Trip(vehicle, *engine.model_inputs(vehicle, route, heater_share, heat_lag_s)), heat_lag_s)
+    trip = Trip(vehicle, *engine.model_inputs(vehicle, route, heater_share, heat_lag_s))
     gates = vehicle.heating_gates
-    if vehicle.heat_sources or not (gates.only_while_standing or gates.power_steps_w):
-        return trip
-    # The heater's steps are those of its command, whatever share arrives.
-    limit_w = gates.steps_below_w(np.maximum(
-        vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0))
-    is_open = trip.heater_limit_w > 0.0
-    if gates.only_while_standing:
-        is_open &= trip.route.speed_mps < STANDING_MPS
-    return trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
+    if gates.only_while_standing or gates.power_steps_w:
+        # The heater's steps are those of its command, whatever share arrives.
+        limit_w = steps_below_w(gates.power_steps_w, np.maximum(
+            vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0))
+        is_open = trip.heater_limit_w > 0.0
+        if gates.only_while_standing:
+            is_open &= trip.route.speed_mps < STANDING_MPS
+        trip = trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
+    return _with_sources(trip, heat_lag_s)
 
 
 def _with_sources(trip: Trip, heat_lag_s: float) -> Trip:
@@ -146,10 +146,7 @@ def _with_sources(trip: Trip, heat_lag_s: float) -> Trip:
     if not vehicle.heat_sources:
         return trip
     is_open = trip.time_s[-1] - trip.time_s[1:] + 0.5 * route.duration_s > heat_lag_s
-    hvch_w = trip.heater_limit_w
-    if vehicle.heating_gates.only_while_standing:
-        hvch_w = np.where(route.speed_mps < STANDING_MPS, hvch_w, 0.0)
-    mix = HeatMix(vehicle, route, hvch_w)
+    mix = HeatMix(vehicle, route, trip.heater_limit_w)
     return replace(trip.changed(heater_limit_w=is_open * mix.most_heat_w), mix=mix)
 
 

@@ -80,11 +80,10 @@ class HeaterSide:
         """Forget all commands and who sent them, as after a restart: time that stands ends no lease."""
         vehicle = self._car.vehicle
         limits = HeaterLimits(
-            vehicle.hvch.maximum_power_w, steps_w=vehicle.heating_gates.power_steps_w,
-            longest_lease_s=SIMULATED_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S)
-        self._controllers = {HVCH: HeaterController(limits), **{
-            source.name: HeaterController(replace(limits, maximum_power_w=source.most_w))
-            for source in vehicle.heat_sources}}
+            0.0, longest_lease_s=SIMULATED_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S)
+        self._controllers = {name: HeaterController(replace(
+            limits, maximum_power_w=vehicle.most_w(name), steps_w=vehicle.steps_w(name)))
+            for name in (HVCH, *(source.name for source in vehicle.heat_sources))}
 
     @property
     def names(self) -> tuple[str, ...]:

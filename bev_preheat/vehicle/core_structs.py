@@ -80,9 +80,10 @@ class TripStruct(Structure):
 class HeatSourcesStruct(Structure):
     """`bev_heat_sources`."""
 
-    _fields_ = [*((name, c_int32) for name in ('count', 'heating_count', 'temperature_count')),
+    _fields_ = [*((name, c_int32) for name in ('count', 'heating_count', 'temperature_count', 'step_count')),
                 *((name, c_void_p) for name in (
-                    'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'drawing_limit_w', 'cold_limit_w'))]
+                    'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'steps_w', 'drawing_limit_w',
+                    'cold_limit_w'))]
 
 
 class TripTermsStruct(Structure):
@@ -250,8 +251,9 @@ class NativeTrip:
         """Take the columns of a trip, and of its heat sources the arrays and the number that heat."""
         self.steps, self._block = columns.steps, columns.block
         self._kept = [doubles(array) for array in sources]
-        self._sources = HeatSourcesStruct(sources[1].shape[2], heating, len(sources[0]), *map(
-            address_of, self._kept)) if sources else None
+        self._sources = HeatSourcesStruct(
+            sources[1].shape[2], heating, len(sources[0]), sources[4].shape[1],
+            *map(address_of, self._kept)) if sources else None
         first, width = address_of(columns.block), DOUBLE_BYTES * columns.steps
         after = first + width + DOUBLE_BYTES
         self.struct = TripStruct(

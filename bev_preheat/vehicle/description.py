@@ -19,7 +19,7 @@ from bev_preheat.numerics import Curve, Number
 from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from bev_preheat.numerics import FloatArray
 
@@ -113,14 +113,6 @@ class HeatingGates:
         """Return the highest power [W] that the heater has and that is at most `power_w`."""
         return step_below_w(self.power_steps_w, power_w)
 
-    def steps_below_w(self, power_w: FloatArray) -> FloatArray:
-        """Return `step_below_w` for an array of powers [W]."""
-        if not self.power_steps_w:
-            return power_w
-        steps_w = np.array((0.0, *self.power_steps_w))
-        below_w: FloatArray = steps_w[np.maximum(np.searchsorted(steps_w, power_w, side='right') - 1, 0)]
-        return below_w
-
     def verdict(self, soc: float, temperature_c: float, speed_mps: float = 0.0) -> Verdict:
         """Return the Verdict on heating at a charge, a temperature [deg C] and a speed [m/s]; NaN forbids."""
         if self.minimum_soc > 0.0 and not soc >= self.minimum_soc:
@@ -138,14 +130,26 @@ class HeatingGates:
 NO_GATES = HeatingGates()
 
 
+def steps_below_w(steps_w: Sequence[float], power_w: FloatArray) -> FloatArray:
+    """Return `step_below_w` for an array of powers [W]."""
+    if not steps_w:
+        return power_w
+    with_off_w = np.array((0.0, *steps_w))
+    below_w: FloatArray = with_off_w[np.maximum(np.searchsorted(with_off_w, power_w, side='right') - 1, 0)]
+    return below_w
+
+
+def step_problems(place: str, steps_w: Sequence[float], most_w: float, most: str) -> Iterator[str]:
+    """Yield a sentence for implausible steps of power, at a place of a file that also gives their most [W]."""
+    if any(not low_w < high_w for low_w, high_w in zip(steps_w, steps_w[1:])):
+        yield f'{place}.power_steps_w: {list(steps_w)} must rise from step to step'
+    if steps_w and steps_w[-1] > most_w:
+        yield f'{place}.power_steps_w: {steps_w[-1]:g} W is above {most}.maximum_power_w, {most_w:g} W'
+
+
 def gate_problems(gates: HeatingGates, maximum_power_w: float, lowest_c: float) -> Iterator[str]:
     """Yield a sentence for each implausible value; heater [W] and coldest battery [deg C] of the same file."""
-    steps_w = gates.power_steps_w
-    if any(not low_w < high_w for low_w, high_w in zip(steps_w, steps_w[1:])):
-        yield f'heating_gates.power_steps_w: {list(steps_w)} must rise from step to step'
-    if steps_w and steps_w[-1] > maximum_power_w:
-        yield (f'heating_gates.power_steps_w: {steps_w[-1]:g} W is above hvch.maximum_power_w, '
-               f'{maximum_power_w:g} W')
+    yield from step_problems('heating_gates', gates.power_steps_w, maximum_power_w, HVCH)
     if gates.maximum_temperature_c <= lowest_c:
         yield (f'heating_gates.maximum_temperature_c: {gates.maximum_temperature_c:g} degC is not above the '
                f'lowest temperature of battery.temperature_range_c, {lowest_c:g} degC, so the vehicle would never '
@@ -239,7 +243,8 @@ class HeatSource:
     Curves over (ambient temperature, battery temperature) [deg C]: `maximum_power_w`, electrical, and
     `hvch_watts`, the HVCH power with the heat of one watt of this source; below 0 it `cools`. `only_while` is
     'driving', 'standing' or '' for both; with `shares_cabin_limit` cabin heating comes first. `most_w` is the most
-    electrical power [W].
+    electrical power [W]. `power_steps_w` are as those of HeatingGates. Once on or off, it stays so for its minimum
+    time [s]; `switch_on_wh` [Wh] is the price of a start.
     """
 
     name: str
@@ -249,6 +254,15 @@ class HeatSource:
     shares_cabin_limit: bool = False
     cools: bool = False
     most_w: float = inf
+    power_steps_w: tuple[float, ...] = ()
+    minimum_on_time_s: float = 0.0
+    minimum_off_time_s: float = 0.0
+    switch_on_wh: float = 0.0
+
+    @property
+    def is_switched(self) -> bool:
+        """Whether a start or a stop of this source has consequences."""
+        return max(self.minimum_on_time_s, self.minimum_off_time_s, self.switch_on_wh) > 0.0
 
 
 @dataclass(frozen=True)
@@ -410,6 +424,11 @@ class Vehicle:
             raise InvalidInput(f'heat source {quoted(name)} is not in vehicle {self.name}, which has '
                                f'{", ".join(most_w)}')
         return most_w[name]
+
+    def steps_w(self, name: str) -> tuple[float, ...]:
+        """Return the steps of power [W] of the heat source of a name, () for none."""
+        return {source.name: source.power_steps_w for source in self.heat_sources}.get(
+            name, self.heating_gates.power_steps_w)
 
     def __repr__(self) -> str:
         """Return name, heater and the number of assumed values as one line."""

@@ -9,17 +9,18 @@ import numpy as np
 
 from bev_preheat.errors import figure, quoted
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import HeatSource, HVCH
+from bev_preheat.vehicle.description import HeatSource, HVCH, step_problems
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.vehicle.description import HeatingGates, HeatPath
+    from bev_preheat.vehicle.description import HeatPath
 
 SOURCE_RANGE_W = (0.0, 50e3)
 # Below the low end a source heats by waste; above the high end no heat pump works. Negative: a source that cools.
 HEAT_PER_WATT_RANGE = (0.05, 10.0)
+SWITCHING = ('minimum_on_time_s', 'minimum_off_time_s', 'switch_on_wh')
 
 
 def read_table(key: str, node: dict[str, FileData], problems: list[str], rows_over: str = 'soc') -> Table:
@@ -65,17 +66,18 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
     hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
         tuple(value / efficiency for value in row) for row in heat.values))
     return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False),
-                      cools, max(map(max, power.values)))
+                      cools, max(map(max, power.values)), tuple(map(float, node.get('power_steps_w', ()))),
+                      *(float(node.get(key, 0.0)) for key in SWITCHING))
 
 
-def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath, gates: HeatingGates) -> Iterator[str]:
-    """Yield a sentence for each implausible HeatSource of a file, beside a HeatPath and HeatingGates."""
+def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath) -> Iterator[str]:
+    """Yield a sentence for each implausible HeatSource of a file, beside a HeatPath."""
     for source in sources:
         if source.name == HVCH or not source.name.isidentifier() or not source.name.islower():
             yield (f'heat_sources: {quoted(source.name)} is no name for a source beside hvch; lower-case letters, '
                    'digits and _ are allowed')
+        place = f'heat_sources.{source.name}'
+        yield from step_problems(place, source.power_steps_w, source.most_w, place)
     if sources and path.heater_lag_s > 0.0:
         yield (f'heat_path.heater_lag_s: {path.heater_lag_s:g} s is not allowed beside heat_sources, whose lag is '
                'not described; it must be 0')
-    if sources and gates.power_steps_w:
-        yield ('heating_gates.power_steps_w: is not allowed beside heat_sources, which have no steps yet')

@@ -99,7 +99,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     heat_sources = tuple(read_heat_source(name, node, float(contents['hvch']['efficiency']), problems)
                          for name, node in contents.get('heat_sources', {}).items())
-    problems += heat_source_problems(heat_sources, path_of_heat, gates)
+    problems += heat_source_problems(heat_sources, path_of_heat)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
     if time_constant_s < LEAST_TIME_CONSTANT_S:

@@ -87,8 +87,10 @@ def with_sources_at(vehicle: Vehicle, shares: tuple[tuple[str, float], ...]) -> 
     for source in vehicle.heat_sources:
         share, power = of.get(source.name, 1.0), source.maximum_power_w
         if share > 0.0:
-            kept.append(replace(source, maximum_power_w=replace(power, values=tuple(
-                tuple(share * value for value in row) for row in power.values))
+            kept.append(replace(
+                source, power_steps_w=tuple(share * step_w for step_w in source.power_steps_w),
+                maximum_power_w=replace(power, values=tuple(
+                    tuple(share * value for value in row) for row in power.values))
                 if share < 1.0 and isinstance(power, Table) else power))
     return replace(vehicle, heat_sources=tuple(kept))
 

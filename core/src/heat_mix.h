@@ -40,20 +40,19 @@ static inline void bev_merit_at(const bev_trip *trip, int32_t k, double temperat
     const double *watts = &from->hvch_watts[place];
     const double most_w = power_w[0] + share * (power_w[merit->count] - power_w[0])
         - from->taken_w[k * merit->count + n];
-    const double here_w = most_w > 0.0 ? most_w : 0.0;
+    const double *steps_w = &from->steps_w[n * from->step_count];
+    double here_w = most_w > 0.0 && isinf(steps_w[0]) ? most_w : 0.0;
+    for (int32_t step = 0; step < from->step_count && steps_w[step] <= most_w + BEV_ROUNDING_W; step++) {
+      here_w = steps_w[step];
+    }
     const double per_watt = watts[0] + share * (watts[merit->count] - watts[0]);
     /* Insertion by falling merit; equal ones stay in their order. A source without power goes to the end. */
-    const double rank = here_w > 0.0 ? fabs(per_watt) : 0.0;
     const int32_t first = n < merit->heating ? 0 : merit->heating;
     int32_t into = n;
-    for (; into > first; into--) {
-      const double before_w = merit->powers_w[into - 1];
-      const double before = before_w > 0.0 ? fabs(merit->heats_w[into - 1]) / before_w : 0.0;
-      if (!(rank > before)) {
-        break;
-      }
+    for (; into > first && here_w > 0.0 && (merit->powers_w[into - 1] == 0.0
+               || fabs(per_watt) * merit->powers_w[into - 1] > fabs(merit->heats_w[into - 1])); into--) {
       merit->heats_w[into] = merit->heats_w[into - 1];
-      merit->powers_w[into] = before_w;
+      merit->powers_w[into] = merit->powers_w[into - 1];
     }
     merit->heats_w[into] = here_w * per_watt;
     merit->powers_w[into] = here_w;

@@ -116,7 +116,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
     }
     if (kind >= 2) {
       /* The best source, the two best, and so on. */
-      heat_w = merit.count == 0 ? full_w : bev_minimum(heat_w + merit.heats_w[kind - 2], full_w);
+      heat_w = merit.count == 0 ? full_w : heat_w + merit.heats_w[kind - 2];
     }
     end->wanted_w = kind == 0 ? 0.0 : heat_w;
     end->kind = kind;

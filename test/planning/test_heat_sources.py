@@ -41,6 +41,8 @@ def vehicle_with(sources, **changes):
 
 
 VEHICLE = vehicle_with(SOURCES)
+STEPPED = vehicle_with({'motor': {**MOTOR, 'power_steps_w': [2300]}, 'heat_pump': {
+    **PUMP, 'power_steps_w': [900, 1800, 2400], 'minimum_on_time_s': 300, 'minimum_off_time_s': 180}})
 ROUTE = load_route('reference', VEHICLE.defaults)
 ALONE = load_vehicle('reference')
 
@@ -79,8 +81,14 @@ def heat_of(plan, route=ROUTE, sources=SOURCES):
      'heat_sources.pump.heat_per_watt.values: must have 2 x 2 values, one for each point of its axes'),
     (SOURCES, {'heat_path': {'heater_lag_s': 30}}, 'heat_path.heater_lag_s: 30 s is not allowed beside '
      'heat_sources, whose lag is not described; it must be 0'),
-    (SOURCES, {'heating_gates': {'power_steps_w': [3000]}}, 'heating_gates.power_steps_w: is not allowed beside '
-     'heat_sources, which have no steps yet')])
+    ({'pump': {**PUMP, 'power_steps_w': [2000, 1000]}}, {},
+     'heat_sources.pump.power_steps_w: [2000.0, 1000.0] must rise from step to step'),
+    ({'pump': {**PUMP, 'power_steps_w': [1000, 2700]}}, {},
+     'heat_sources.pump.power_steps_w: 2700 W is above heat_sources.pump.maximum_power_w, 2600 W'),
+    ({'pump': {**PUMP, 'power_steps_w': [0, 2000]}}, {},
+     'heat_sources.pump.power_steps_w[0]: 0 is not allowed; it must be above 0 and at most 50000'),
+    ({'pump': {**PUMP, 'minimum_on_time_s': 3601}}, {},
+     'heat_sources.pump.minimum_on_time_s: 3601 is not allowed; it must be at least 0 and at most 3600')])
 def test_refused_in_words(sources, changes, problem):
     with pytest.raises(InvalidInput) as refusal:
         vehicle_with(sources, **changes)
@@ -113,6 +121,26 @@ def test_the_mix_takes_the_least_power_of_all_mixes():
         assert [power_w[k] for power_w in split_w.values()] @ watts == pytest.approx(wanted_w)
 
 
+def test_a_source_with_steps_has_the_power_of_the_step_below_its_limit():
+    # The cabin takes 500 W of the pump's 2600 W beyond -8 degC, and 500 W of the HVCH's 5000 W.
+    pump, route = {**PUMP, 'shares_cabin_limit': True}, replace(
+        ROUTE, cabin_heating_power_w=np.full(len(ROUTE), 500.0))
+    hvch = {**REFERENCE['hvch'], 'maximum_power_w': 5000}
+    stepped = planned(vehicle_with({'pump': {**pump, 'power_steps_w': [1000, 2000, 2500]}}, hvch=hvch,
+                                   heating_gates={'power_steps_w': [1500, 4000]}), -7.0, route, Goal(40.0))
+    limited = planned(vehicle_with({'pump': {**pump, 'maximum_power_w': 2500}},
+                                   hvch={**hvch, 'maximum_power_w': 4500}), -7.0, route, Goal(40.0))
+    assert stepped.source_power_w['pump'].max() == pytest.approx(2000.0)
+    assert stepped.source_power_w['hvch'].max() == pytest.approx(4000.0)
+    for name in 'pump', 'hvch':
+        assert stepped.source_power_w[name] == pytest.approx(limited.source_power_w[name], abs=1.0)
+    assert stepped.arrival_temperature_c == pytest.approx(limited.arrival_temperature_c, abs=1e-3)
+    # Where the limit rises with the battery's temperature, step by step: 650 W for each kelvin from -12 degC on.
+    mix = HeatMix(vehicle_with({'pump': {**PUMP, 'power_steps_w': [1000, 2000]}}), ROUTE, np.zeros(len(ROUTE)))
+    assert [mix.by_merit(at_c)['pump'][1] for at_c in (-10.5, -10.46, -8.93, -8.92, 20.0)] == [
+        0.0, 1000.0, 1000.0, 2000.0, 2000.0]
+
+
 @pytest.mark.parametrize('temperature_c', [-20.0, -11.0, 2.0])
 def test_the_battery_arrives_as_planned_in_another_plant(temperature_c):
     plan = planned(temperature_c=temperature_c)
@@ -137,10 +165,12 @@ def test_two_sources_like_the_hvch_are_one_larger_hvch():
     assert two.arrival_temperature_c == pytest.approx(one.arrival_temperature_c, abs=1e-3)
 
 
-@pytest.mark.parametrize('temperature_c', [-25.0, -14.0, 5.0])
-def test_close_to_the_program_and_cheaper_than_the_hvch(temperature_c):
-    plan = planned(temperature_c=temperature_c)
-    optimum = solve_optimum(VEHICLE, ROUTE, BatteryState(temperature_c, 0.9), GOAL)
+# Where a source's step depends on the battery's temperature, the program finds the best plan nearby only.
+@pytest.mark.parametrize(('temperature_c', 'vehicle'), [
+    (-25.0, VEHICLE), (-14.0, VEHICLE), (5.0, VEHICLE), (-8.5, STEPPED), (5.0, STEPPED)])
+def test_close_to_the_program_and_cheaper_than_the_hvch(temperature_c, vehicle):
+    plan = planned(vehicle, temperature_c)
+    optimum = solve_optimum(vehicle, ROUTE, BatteryState(temperature_c, 0.9), GOAL)
     assert optimum.solver_status == 'Solve_Succeeded'
     assert -1.5 < energy_gap_wh(plan, optimum.plan) < 0.5
     assert plan.energy_wh.battery_total < planned(ALONE, temperature_c).energy_wh.battery_total - 100.0
@@ -185,10 +215,13 @@ def test_limits_hold_with_all_sources():
     assert again.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, abs=0.1)
 
 
-@pytest.mark.parametrize(('route', 'temperature_c', 'soc'), [
-    ('winter_commute', -16.0, 0.8), ('alpine_pass', -11.0, 0.97), ('reference', -15.0, 0.3)])
-def test_the_core_plans_as_python_does(route, temperature_c, soc):
-    situation = {'route': load_route(route, VEHICLE.defaults), 'temperature_c': temperature_c, 'soc': soc}
+@pytest.mark.parametrize(('route', 'temperature_c', 'soc', 'vehicle'), [
+    ('winter_commute', -16.0, 0.8, VEHICLE), ('alpine_pass', -11.0, 0.97, VEHICLE),
+    ('reference', -15.0, 0.3, VEHICLE),
+    ('reference', -11.0, 0.8, STEPPED), ('winter_commute', -11.5, 0.8, STEPPED)])
+def test_the_core_plans_as_python_does(route, temperature_c, soc, vehicle):
+    situation = {'vehicle': vehicle, 'route': load_route(route, VEHICLE.defaults), 'temperature_c': temperature_c,
+                 'soc': soc}
     native = planned(**situation)
     with without_core():
         python = planned(**situation)

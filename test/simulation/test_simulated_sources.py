@@ -21,13 +21,15 @@ COMMANDS_W = {'motor': 1700.0, 'heat_pump': 900.0}
 MINUTE_S = 60.0
 
 
-def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s=60.0, shares=None, **columns):
+def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s=60.0, shares=None,
+           commands_w=COMMANDS_W, drives=True, **columns):
     route = make_route({'duration_s': [seconds], 'speed_mps': [speed_mps], 'propulsion_power_w': [9e3],
                         'ambient_temperature_c': [-10.0], 'cabin_heating_power_w': [800.0], **columns},
                        vehicle.defaults)
     plant = VehiclePlant(vehicle, route, BatteryState(temperature_c, 0.8))
     plant.sources.shares.update(shares or {})
-    plant.advance_under(HeaterLease(0.0, until_s, COMMANDS_W), seconds)
+    if drives:
+        plant.advance_under(HeaterLease(0.0, until_s, commands_w), seconds)
     return plant
 
 
@@ -67,6 +69,28 @@ def test_heat_of_the_sources_takes_the_way_of_the_coolant():
 def test_a_source_heats_as_far_as_it_may(changes, motor_wh, pump_wh):
     assert driven(**changes).sources.energy_wh == pytest.approx(
         {'motor': motor_wh, 'heat_pump': pump_wh, 'chiller': 0.0})
+
+
+PUMP = {'power_steps_w': (800.0, 1000.0, 2000.0), 'minimum_off_time_s': 50.0}
+STEPPED = replace(CAR, heat_sources=tuple(
+    replace(source, **PUMP) if source.name == 'heat_pump' else source for source in CAR.heat_sources))
+
+
+@pytest.mark.parametrize(('command_w', 'power_w'), [(799.0, 800.0), (790.0, 0.0), (1990.0, 1000.0), (9e3, 2000.0)])
+def test_a_source_with_steps_runs_at_the_step_below_its_command(command_w, power_w):
+    plant = driven(STEPPED, seconds=10.0, commands_w={'heat_pump': command_w})
+    assert plant.sources.energy_wh['heat_pump'] == pytest.approx(power_w / 360.0)
+
+
+def test_a_source_that_was_on_rests_before_it_starts_again():
+    plant = driven(STEPPED, seconds=500.0, drives=False)
+    powers_w = []
+    for second in range(0, 200, 10):
+        is_on = second < 20 or 40 <= second < 60 or second >= 80
+        plant.advance_under(HeaterLease(0.0, np.inf, {'heat_pump': 1000.0 * is_on}), second + 10.0)
+        powers_w.append(plant.sources.powers_w['heat_pump'])
+    # Off at 20 s: it may start from 70 s on.
+    assert powers_w == [1000.0] * 2 + [0.0] * 6 + [1000.0] * 12
 
 
 @pytest.mark.parametrize(('temperature_c', 'power_w', 'cold'), [

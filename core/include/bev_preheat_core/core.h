@@ -131,17 +131,20 @@ typedef struct {
  * The heat sources of a trip: at `temperature_count` temperatures of the battery, at least two, for each step and
  * source the most electrical power [W], and the HVCH power that heats like one watt; linear in between. The first
  * `heating_count` sources heat, the others cool: their HVCH power is below 0. `taken_w` is the cabin's share of each
- * source in each step, more than its power if it may not heat. `drawing_limit_w` is the most electrical power of all
+ * source in each step, more than its power if it may not heat. `steps_w` are its `step_count` powers other than 0,
+ * ascending, infinite beyond the last: all infinite, it has any power. `drawing_limit_w` is the most electrical power of all
  * in a step [W], `cold_limit_w` the least heat of all at any temperature, as HVCH power [W].
  */
 typedef struct {
   int32_t count;
   int32_t heating_count;
   int32_t temperature_count;
+  int32_t step_count;
   const double *temperature_c;
   const double *power_w;
   const double *hvch_watts;
   const double *taken_w;
+  const double *steps_w;
   const double *drawing_limit_w;
   const double *cold_limit_w;
 } bev_heat_sources;
