@@ -108,17 +108,22 @@ def figure_rows(courses: tuple[Course, ...]) -> list[list[str]]:
     names = list(dict.fromkeys(name for course in courses for name in course.results.accounts))
     energies = [f'{"HVCH" if name == HVCH else name} {what} [Wh]'
                 for name in names for what in ('commanded', 'delivered')]
-    titles = ['begins', 'length', 'heating begins after', 'switch-ons', *energies, 'without a valid command',
+    begun = {'heating begins after': [course.heating for course in courses],
+             'cooling begins after': [course.cooling for course in courses]}
+    if not any(begun['cooling begins after']):
+        del begun['cooling begins after']
+    titles = ['begins', 'length', *begun, 'switch-ons', *energies, 'without a valid command',
               'arrival after', 'arrival temp. [degC]', 'last prediction [degC]', 'last status']
     columns = [(
         moment(course.instants[0].now_ns), after(course.instants[-1].now_ns),
-        after(course.heating[0][0]) if course.heating else 'never', str(len(course.heating)),
+        *(after(periods[at][0][0]) if periods[at] else 'never' for periods in begun.values()),
+        str(sum(len(periods[at]) for periods in begun.values())),
         *(_energy_text(energy_wh) for name in names for account in [course.results.accounts[name]]
           for energy_wh in (account.commanded_wh, account.delivered_wh)),
         lapses_in_words(course.results.account.without_command) or 'never',
         'not in the recording' if course.arrival is None else after(course.arrival.now_ns), _arrival_text(course),
         'none' if course.latest_prediction is None else f'{course.latest_prediction.predicted_c:.2f}',
-        course.said[-1].status.name if course.said else '') for course in courses]
+        course.said[-1].status.name if course.said else '') for at, course in enumerate(courses)]
     return [[name, *values] for name, *values in zip(titles, *columns)]
 
 

@@ -202,12 +202,14 @@ class Instant(NamedTuple):
     """
     The course at an instant [ns]: measured, estimated and predicted arrival temperature [deg C], SoC.
 
-    `command_w` [W] is the command to all that heats, `deviation_k` [K] is that of the prediction, `start_ns`
-    [ns] the planned start of heating; NaN and None: unknown. `until_ns` [ns] is the end of the command's lease.
+    `command_w` [W] is the command to all that heats, `cold_w` [W] to all that cools, `deviation_k` [K] is that of
+    the prediction, `start_ns` [ns] the planned start of heating; NaN and None: unknown. `until_ns` [ns] is the end
+    of the command's lease.
     """
 
     now_ns: int
     command_w: float
+    cold_w: float
     measured_c: float
     estimated_c: float
     predicted_c: float
@@ -254,10 +256,11 @@ class Course:
         start_ns = None
         if plan is not None and plan.heating_start_s is not None:
             start_ns = decision.plan_start_ns + round(plan.heating_start_s * NS_PER_S)
+        cold_w = 0.0 if command is None else sum(
+            command.power_w(source.name) for source in state.vehicle.heat_sources if source.cools)
         instant = Instant(
             played.now_ns, recorded_w if recorded_w is not None else
-            0.0 if command is None else command.total_w - sum(
-                command.power_w(source.name) for source in state.vehicle.heat_sources if source.cools),
+            0.0 if command is None else command.total_w - cold_w, cold_w,
             math.nan if measurement is None else measurement.state.temperature_c,
             math.nan if estimate is None else estimate.temperature_c,
             math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
@@ -282,12 +285,20 @@ class Course:
     @property
     def heating(self) -> list[tuple[int, int]]:
         """The periods of heating, as instants [ns]."""
+        return self._periods([instant.command_w for instant in self.instants])
+
+    @property
+    def cooling(self) -> list[tuple[int, int]]:
+        """The periods of cooling, as instants [ns]."""
+        return self._periods([instant.cold_w for instant in self.instants])
+
+    def _periods(self, powers_w: list[float]) -> list[tuple[int, int]]:
         periods: list[tuple[int, int]] = []
         begun: int | None = None
-        for instant in self.instants:
-            if instant.command_w >= LEAST_HEAT_W and begun is None:
+        for instant, power_w in zip(self.instants, powers_w):
+            if power_w >= LEAST_HEAT_W and begun is None:
                 begun = instant.now_ns
-            elif instant.command_w < LEAST_HEAT_W and begun is not None:
+            elif power_w < LEAST_HEAT_W and begun is not None:
                 periods.append((begun, instant.now_ns))
                 begun = None
         if begun is not None:
@@ -315,7 +326,8 @@ class Course:
         arrival, predicted = self._arrived, self._predicted
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
-            'heating': [{'from_ns': begun, 'to_ns': ended} for begun, ended in self.heating],
+            **{kind: [{'from_ns': begun, 'to_ns': ended} for begun, ended in periods]
+               for kind, periods in (('heating', self.heating), ('cooling', self.cooling))},
             **self.results.energies_wh,
             'without_command': span_values(self.results.account.without_command),
             'results': [trip.sentences() for trip in self.results.trips],
@@ -335,9 +347,11 @@ def what_if_sentence(changes: Changes, recorded: Course, changed: Course) -> str
 
 
 def _start(recorded: Course, changed: Course) -> str:
-    before, after = recorded.heating, changed.heating
+    before, after, done = recorded.heating, changed.heating, 'heated'
+    if not before and not after and (recorded.cooling or changed.cooling):
+        before, after, done = recorded.cooling, changed.cooling, 'cooled'
     if not after:
-        return 'not heated either' if not before else 'not heated'
+        return f'not {done} either' if not before else f'not {done}'
     if not before:
         return f'started after {duration_text((after[0][0] - changed.instants[0].now_ns) / NS_PER_S)}'
     later_s = (after[0][0] - before[0][0]) / NS_PER_S

@@ -5,16 +5,19 @@ from dataclasses import replace
 import json
 
 import pytest
-from recorded_drive import LENGTH_S, LONG_S, LONG_TARGET_C, record_drive
+from recorded_drive import LENGTH_S, LONG_S, LONG_TARGET_C, no_warning, record_drive
 
 from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import Beginning
 from bev_preheat.recording.what_if import replay, replay_changed
+from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
@@ -110,3 +113,33 @@ def test_another_format_is_refused_by_name(recorded):
     values = {**read_flight(recorded[1]).beginning.as_dictionary(), 'format': 99, 'version': '9.9.9'}
     with pytest.raises(InvalidInput, match=r"format '99' of version '9\.9\.9'"):
         Beginning.from_dictionary(values)
+
+
+@pytest.fixture(scope='module')
+def cooled(tmp_path_factory):
+    """`cooled(most_c)` returns the recording of a car that arrives with at most that [deg C]."""
+    def cooled(most_c):
+        path = tmp_path_factory.mktemp('cooled') / 'drive.mcap'
+        scenario = load_scenario('summer_at_most')
+        drive = replace(scenario.first, route=scenario.first.route.before(420.0), goal=Goal(
+            25.0, maximum_arrival_temperature_c=most_c))
+        drive_recorded(replace(scenario, phases=(drive,), state=BatteryState(38.0, 0.8)),
+                       path, no_warning)
+        return path
+
+    return cooled
+
+
+def test_a_drive_that_cools_is_told_and_asked_what_if(cooled, capsys):
+    assert main(['replay', str(cooled(36.0)), '--change', 'maximum_arrival_temperature=+1', '--json', '-']) == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    recorded, changed = result['recorded'], result['changed']
+    assert result['reproduced'] and recorded['heating'] == changed['heating'] == []
+    assert len(recorded['cooling']) == 1 and 'cooling begins after' in printed.err
+    assert 'allowed 25.0 … 36.0 degC.' in recorded['results'][0][0]
+    assert 'later, used' in result['verdict'][-1] and 'arrived at' in result['verdict'][-1]
+    actual = replay(read_flight(cooled(37.0))).course
+    assert changed['arrival_temperature_c'] == pytest.approx(actual.arrival.measured_c, abs=0.5)
+    assert changed['chiller_commanded_wh'] == pytest.approx(actual.energy_wh, abs=10.0)
+    assert recorded['chiller_commanded_wh'] > actual.energy_wh + 30.0
