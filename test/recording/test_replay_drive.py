@@ -121,7 +121,7 @@ def cooled(tmp_path_factory):
     def cooled(most_c):
         path = tmp_path_factory.mktemp('cooled') / 'drive.mcap'
         scenario = load_scenario('summer_at_most')
-        drive = replace(scenario.first, route=scenario.first.route.before(420.0), goal=Goal(
+        drive = replace(scenario.first, route=scenario.first.route.before(540.0), goal=Goal(
             25.0, maximum_arrival_temperature_c=most_c))
         drive_recorded(replace(scenario, phases=(drive,), state=BatteryState(38.0, 0.8)),
                        path, no_warning)
