@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A what-if counts the share of its command that the recorded heater delivered."""
 
+from math import nan
 from types import SimpleNamespace
 
 import pytest
@@ -10,11 +11,13 @@ from bev_preheat.control.heater import HeaterAnswerReport, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.changes import Changes, SignalChange
+from bev_preheat.recording.deviation import Deviation, SourceHeat
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.heater_account import alter_status, HeaterShares
 from bev_preheat.recording.records import RecordedStep
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.heater import HeaterFault
+from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchStatus
 
@@ -120,3 +123,20 @@ def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c
     assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
     assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02, abs=1.0)
     assert abs(whole.energy_wh - actual.energy_wh) > 300.0
+
+
+def test_an_unknown_reading_leaves_the_difference_known():
+    deviation = Deviation(load_vehicle('reference'))
+    for second, (soc, temperature_c) in enumerate([(0.5, 20.0), (nan, nan), (0.5, 20.0)]):
+        deviation.advance(second * NS_PER_S, 1000.0, 2000.0, soc, temperature_c)
+    assert deviation.power_w == 1000.0 and -1e-4 < deviation.soc < 0.0
+    # 2 kW of heat for two seconds in some 380 kJ/K.
+    assert deviation.temperature_k == pytest.approx(2000.0 * 0.87 * 2.0 / 380e3, rel=0.03)
+
+
+@pytest.mark.parametrize('air_c, heat_per_watt', [(-10.0, 2.0), (nan, 2.5)])
+def test_a_source_brings_its_own_heat_within_its_power(air_c, heat_per_watt):
+    """The vehicle file's table for a battery of 0 degC; without a route the air is as warm as the battery."""
+    drawn_w, heat_w = SourceHeat(load_vehicle('heat_pump_car')).of(
+        {'hvch': 100.0, 'heat_pump': 4000.0, 'unknown': 500.0}, air_c, 0.0)
+    assert drawn_w == 2600.0 and heat_w == pytest.approx(100.0 + 2500.0 * heat_per_watt / 0.9)
