@@ -64,7 +64,9 @@ class SourcePowers:
         share, hvch_w = decision.command_share, heater_limit_w(inputs, leg, now_ns)
         mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * hvch_w)
         self._merit, self._by_merit = mix.at(0, temperature_c), mix.by_merit(temperature_c)
-        self._shares = {HVCH: share, **{each.name: each.share for each in inputs.unserved if each.share > 0.0}}
+        # Of its command that a source delivers; 0 of the HVCH: it is only asked on.
+        self._shares = {HVCH: share or 1.0, **{
+            each.name: each.share for each in inputs.unserved if each.share > 0.0}}
         # A source that refuses is asked on: it draws nothing until it serves again.
         whole = mix_in_segment(inputs.vehicle, leg.route, segment, hvch_w).by_merit(temperature_c)
         refusing = {each.name for each in inputs.unserved if each.is_refused} | ({HVCH} if share == 0.0 else set())
@@ -87,9 +89,9 @@ class SourcePowers:
         elif is_free and switch.is_on:
             switch = switch.allowed()
         elif most_w > 0.0 and switch.is_on and switch.must_wait(self._now_ns, source.minimum_on_time_s, 0.0):
-            least_w = source.power_steps_w[0] if source.power_steps_w else switch.power_w
-            served_w = min(least_w * self._shares.get(name, 1.0), most_w)
-            self._held[name] = heat_w * served_w / most_w, served_w
+            most_w /= self._shares.get(name, 1.0)
+            least_w = min(source.power_steps_w[0] if source.power_steps_w else switch.power_w, most_w)
+            self._held[name] = heat_w * least_w / most_w, least_w
         self._switches[name] = switch
 
     def divided(self, heat_w: float) -> Powers:
@@ -99,24 +101,24 @@ class SourcePowers:
         for name, (most_heat_w, most_w) in self._by_merit.items():
             held_heat_w, held_w = self._held.get(name, (0.0, 0.0))
             left_w += held_heat_w
-            part_w, share = next(parts(left_w, [most_heat_w]))
-            power_w = self._switched(name, max(share * most_w, held_w), most_w, heat_w)
+            (part_w, part), share = next(parts(left_w, [most_heat_w])), self._shares.get(name, 1.0)
+            powers_w[name] = self._switched(name, max(part * most_w / share, held_w), most_w / share, heat_w)
             # Its steps and the next plans give it its part in the mean.
-            left_w -= 0.0 if power_w == 0.0 else held_heat_w if abs(held_heat_w) > abs(part_w) else part_w
+            if powers_w[name] > 0.0:
+                left_w -= max(part_w, held_heat_w, key=abs)
             if self._held and abs(left_w) < LEAST_SOURCE_W:
                 left_w = 0.0
-            powers_w[name] = power_w / self._shares.get(name, 1.0) if power_w > 0.0 else 0.0
         for name, (most_heat_w, most_w) in self._asked.items():
             powers_w[name] = self._switched(name, most_w if most_heat_w * heat_w > 0.0 else 0.0, most_w, heat_w)
         return Powers(powers_w.pop(HVCH), tuple(
             (name, power_w) for name, power_w in powers_w.items() if power_w > 0.0), tuple(self._switches.items()))
 
     def _switched(self, name: str, wanted_w: float, most_w: float, heat_w: float) -> float:
-        """Return the power [W] of a source instead of `wanted_w` up to `most_w`, for a heat as HVCH power [W]."""
-        share, steps_w = self._shares.get(name, 1.0), self._vehicle.steps_w(name)
+        """Return the command [W] of a source for `wanted_w` of `most_w`, as a part of a heat as HVCH power [W]."""
+        steps_w = self._vehicle.steps_w(name)
         if steps_w:
-            wanted_w = min((share * step_w for step_w in (0.0, *steps_w) if share * step_w <= most_w + ROUNDING_W),
-                           key=lambda power_w: abs(power_w - wanted_w))
+            wanted_w = min((step_w for step_w in (0.0, *steps_w) if step_w <= most_w + ROUNDING_W),
+                           key=lambda step_w: abs(step_w - wanted_w))
         if name not in self._switches:
             return wanted_w
         source, switch = self._sources[name], self._switches[name]
@@ -130,7 +132,9 @@ class SourcePowers:
         """Return whether a start pays: the plan uses the source for its least time, and that saves the price."""
         plan = self._plan
         first = int(plan.time_s.searchsorted(self._elapsed_s, side='right')) - 1
-        unused = np.flatnonzero(plan.source_power_w[source.name][first:] < LEAST_SOURCE_W)
+        # A plan of a moment ago may have been made without the source.
+        power_w = plan.source_power_w.get(source.name, np.zeros(len(plan.command_w)))
+        unused = np.flatnonzero(power_w[first:] < LEAST_SOURCE_W)
         lasts_s = plan.time_s.item(first + unused.item(0) if len(unused) else -1) - self._elapsed_s
         if lasts_s < source.minimum_on_time_s or source.switch_on_wh == 0.0:
             return lasts_s >= source.minimum_on_time_s

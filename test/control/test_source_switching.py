@@ -7,16 +7,20 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from bev_preheat.control.events import SourceStatusArrived
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
+from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
 
 CAR = load_vehicle('heat_pump_car')
 STEPS_W = (1000.0, 2000.0, 2500.0)
@@ -41,9 +45,10 @@ class Drive:
     """A drive, and the uses of a source in its commands: start, end [s], and the status at the end."""
 
     def __init__(self, car, name='heat_pump', start_c=-10.0, goal=Goal(25.0), route=None, until_s=np.inf,
-                 **sensors):
-        simulated = ImperfectCar(car, DrivePhase(route or route_of(), goal), BatteryState(start_c, 0.9),
-                                 Imperfections(sensors=Sensors(period_s=4.0, **sensors)))
+                 heater_faults=(), **sensors):
+        simulated = ImperfectCar(
+            car, DrivePhase(route or route_of(), goal), BatteryState(start_c, 0.9),
+            Imperfections(sensors=Sensors(period_s=4.0, **sensors), heater_faults=heater_faults))
         supervisor = Supervisor(car, Settings(command_period_s=2.0))
         self.plant, self.uses, self.powers_w, self.commands = simulated.plant, [], set(), []
         since_s = None
@@ -61,6 +66,7 @@ class Drive:
             elif power_w == 0.0 and since_s is not None:
                 self.uses.append((since_s, moment.time_s, command.reason))
                 since_s = None
+        self.shares = {name: report.share for name, report in supervisor.state.source_reports.items()}
 
     @property
     def pauses_s(self):
@@ -90,6 +96,33 @@ def test_a_doubt_switches_it_off_at_once_and_it_rests_then():
     again_s = next(at_s for at_s, command in drive.commands if at_s > end_s and command.power_w('heat_pump') > 0.0)
     # The others serve while it rests.
     assert heating_s < end_s + 60.0 and again_s - end_s == pytest.approx(180.0, abs=4.0)
+
+
+def test_a_pump_that_refuses_is_asked_on_and_serves_again():
+    car = car_with(**PUMP)
+    simulated = ImperfectCar(car, DrivePhase(route_of(), Goal(45.0)), BatteryState(-20.0, 0.9))
+    supervisor = Supervisor(car, Settings())
+    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 30.0):
+        now_ns, power_w = supervisor.state.now_ns, supervisor.state.latest_command.power_w('heat_pump')
+        is_refused = 10.0 < moment.time_s < 20.0
+        output = supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(
+            now_ns, power_w, 0.0 if is_refused else power_w, Refusal(6 * is_refused)), 'heat_pump'))
+        assert not output.failure and not moment.output.failure
+        assert moment.time_s < 1.0 or power_w == 2500.0
+
+
+def test_a_derated_source_is_commanded_in_its_own_steps():
+    heater_faults = (HeaterFault(0.0, share=0.6, source='heat_pump'),)
+    drive = Drive(car_with(hvch_w=2000.0, **PUMP), start_c=-18.0, until_s=1800.0, heater_faults=heater_faults)
+    assert drive.shares['heat_pump'] == pytest.approx(0.6, abs=0.15)
+    assert drive.powers_w <= {0.0, *STEPS_W}
+
+
+def test_the_hvch_has_steps_beside_other_sources():
+    gates = replace(CAR.heating_gates, power_steps_w=(1500.0, 3000.0))
+    drive = Drive(replace(car_with(**PUMP), heating_gates=gates), 'hvch', -20.0, Goal(30.0), route_of(40))
+    assert {0.0, 3000.0} <= drive.powers_w <= {0.0, 1500.0, 3000.0}
+    assert drive.plant.temperature_c == pytest.approx(30.0, abs=0.5)
 
 
 def test_short_stops_give_a_source_that_needs_motion_its_rest():
