@@ -57,8 +57,8 @@ static inline int bev_are_sources(const bev_heat_sources *sources) {
       && sources->heating_count >= 1 && sources->heating_count <= sources->count
       && sources->temperature_count >= 2 && sources->temperature_count <= BEV_MOST_AXIS
       && sources->temperature_c != NULL && sources->power_w != NULL && sources->hvch_watts != NULL
-      && sources->step_count >= 1 && sources->steps_w != NULL && sources->taken_w != NULL
-      && sources->drawing_limit_w != NULL && sources->cold_limit_w != NULL;
+      && sources->step_count >= 1 && sources->step_count <= BEV_MOST_AXIS && sources->steps_w != NULL
+      && sources->taken_w != NULL && sources->drawing_limit_w != NULL && sources->cold_limit_w != NULL;
 }
 
 static inline int bev_is_trip(const bev_trip *trip) {
