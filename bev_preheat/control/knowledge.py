@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Knowledge of the regime, of the valid signals, and of the car as learned from them.
+Knowledge of the regime and of the valid signals.
 
 `Knowledge.seen` takes each valid battery state before it is learned from and planned with; no later stage uses a
 refuted signal.
@@ -8,15 +8,14 @@ refuted signal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.expected_drive import driven_at, intervals_between, planned_around
+from bev_preheat.control.expected_drive import driven_at, planned_around
+from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
-from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
-from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.prior import after_soak, Soak
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
 from bev_preheat.estimation.signal_checks import (
     CURRENT,
@@ -31,36 +30,23 @@ from bev_preheat.estimation.signal_checks import (
     VOLTAGE,
 )
 from bev_preheat.estimation.temperature_check import TemperatureCheck
-from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.explanation import duration_text
+from bev_preheat.numerics import JOULES_PER_WH, NS_PER_S, WH_PER_KWH
 from bev_preheat.tunables import (
     ARRIVES_AFTER_S,
-    CONTRADICTS_BEYOND_K,
-    LEAST_COURSE_S,
-    LONGEST_GAP_S,
-    MOST_NOTED,
     NEAR_END_S,
     NEAR_END_SHARE,
     NEAR_START_SHARE,
-    NOTED_EVERY_S,
-    PARKED_WITHIN_S,
     SIGNAL_DOUBT_SHOWN_S,
-    TOLD_FROM,
-    TRIED_OFF_S,
     UNPLUGGED_AFTER_S,
 )
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.plausibility import energy_between_kwh
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
@@ -72,7 +58,8 @@ class Known(NamedTuple):
     `timetable` is that of the route, with its place at that instant; None without a route. `command_w` [W] is the
     power of the heat sources at its instant, `heat_w` their heat as HVCH power. `is_described`: the model
     describes this instant, so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`,
-    `trusts_soc`: these readings hold.
+    `trusts_soc`: these readings hold. `wrong_since_ns` [ns] is the instant since which the model has not described
+    the vehicle, as is only seen now; None: what was learned holds.
     """
 
     measurement: Measurement
@@ -83,6 +70,7 @@ class Known(NamedTuple):
     is_open: bool
     trusts_temperature: bool
     trusts_soc: bool
+    wrong_since_ns: int | None = None
 
 
 class Knowledge(NamedTuple):
@@ -143,38 +131,46 @@ class Knowledge(NamedTuple):
         regimes = self.regimes.seen(Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,
             0.0 if timetable is None or has_moved is None else timetable.stood_ns / NS_PER_S,
-            knowledge.sign.sign is Sign.RIGHT))
+            knowledge.sign.sign is Sign.RIGHT, None if STATE_OF_CHARGE in doubts else seen.state.soc,
+            _full_j(vehicle)))
         report, is_one_battery = regimes.report, SOURCE not in doubts
-        kept = None if timetable is None else self._kept(timetable, report, stamp_ns, settings)
+        kept = None if timetable is None else self._kept(
+            timetable, report, stamp_ns, settings, regimes.course.driven_since_ns())
         charged_ns = self.charged_ns
         if timetable is not None:
-            charged_ns = (stamp_ns if report.regime is Regime.CHARGING else
+            # A charge that has risen is no descent.
+            is_brief = seen.power_w is not None or measurement.supply_status is SupplyStatus.CHARGING
+            charged_ns = (stamp_ns if report.regime is Regime.CHARGING and is_brief else
                           charged_ns if report.regime is Regime.STANDING else None)
         drive = driven_at(vehicle, kept if active is timetable else active, stamp_ns)
         heat_w = powers.heat_w(stamp_ns, powers.temperature_c if drive is None else drive.ambient_temperature_c)
         temperature = self.temperature.seen(seen, drive if is_one_battery else None, heat_w, vehicle)
         doubts = doubts.noted(TEMPERATURE, temperature.stuck.doubt, stamp_ns)
         is_described = (
-            drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
-            and not report.suspicion and not doubts.needed)
+            drive is not None and not report.is_at_rest and not report.suspicion and not doubts.needed)
         return knowledge._replace(
             feed=feed, temperature=temperature, regimes=regimes, charged_ns=charged_ns, doubts=doubts,
         ), Known(seen, kept, command_w, heat_w, is_described, is_described and report.is_doubtful,
-                 TEMPERATURE not in doubts and is_one_battery, STATE_OF_CHARGE not in doubts and is_one_battery)
+                 TEMPERATURE not in doubts and is_one_battery, STATE_OF_CHARGE not in doubts and is_one_battery,
+                 report.since_ns if has_moved is None and regimes.has_seen_late(self.regimes) else None)
 
-    def _kept(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> Timetable:
-        """Return a Timetable with the place at an instant [ns]; a recent position outranks the battery's power."""
+    def _kept(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings,
+              driven_since_ns: int | None) -> Timetable:
+        """
+        Return a Timetable with the place at an instant [ns]; a recent position outranks the battery's power.
+
+        A vehicle that stood has driven since `driven_since_ns` [ns]; None: that is not known.
+        """
         is_charged = report.regime is Regime.CHARGING
-        is_at_rest = is_charged or report.regime is Regime.STANDING
         if timetable.end is not None:
             return timetable
         if timetable.has_position(now_ns, settings):
             return timetable.arrived(report.since_ns, True) if (
-                is_at_rest and timetable.is_at_end_of_leg(now_ns)) else timetable
-        if not is_at_rest:
+                report.is_at_rest and timetable.is_at_end_of_leg(now_ns)) else timetable
+        if not report.is_at_rest:
             if self.charged_ns is not None and now_ns - self.charged_ns <= UNPLUGGED_AFTER_S * NS_PER_S:
                 return timetable.driven_all_along()
-            return timetable.driving() if report.regime is Regime.DRIVING else timetable.released()
+            return timetable.driving() if report.regime is Regime.DRIVING else timetable.released(driven_since_ns)
         leg = timetable.mission.legs[timetable.mission.leg_number(now_ns)]
         left_s, whole_s = -leg.ended_for_s(now_ns), leg.route.total_duration_s
         near_s = min(max(NEAR_END_S, NEAR_END_SHARE * whole_s), (1.0 - NEAR_START_SHARE) * whole_s)
@@ -216,215 +212,6 @@ class Knowledge(NamedTuple):
         ), doubts.at(now_ns), without if current_doubt else measurement
 
 
-class StandReport(NamedTuple):
-    """A temperature [deg C] read after `stood_s` [s] at `ambient_c` [deg C], and the Soak."""
-
-    reading_c: float
-    stood_s: float
-    ambient_c: float
-    standing: Soak
-
-    @property
-    def contradiction(self) -> str:
-        """The sentence on a sensor that contradicts the standing time; '' without a contradiction."""
-        expected_c = self.standing.temperature_c
-        allowed_k = CONTRADICTS_BEYOND_K + self.standing.left_deviation_k
-        difference_k = self.reading_c - expected_c
-        if abs(difference_k) <= allowed_k:
-            return ''
-        direction = 'warmer' if difference_k > 0.0 else 'colder'
-        return (f'battery_state.temperature was {self.reading_c:.1f} degC after '
-                f'{duration_text(self.stood_s)} of standing at {self.ambient_c:.1f} degC: '
-                f'{abs(difference_k):.1f} K {direction} than the {expected_c:.1f} degC expected, '
-                f'{allowed_k:.1f} K are allowed; check the sensor, and standing_time of route_plan')
-
-
-class StandWatch(NamedTuple):
-    """
-    Temperatures before each trip; `report` is the StandReport of the current trip.
-
-    `history` are LastSeens of the last days, in order, and `latest` is the latest one; `history` may begin with
-    the one before a restart. `is_done`: the first battery state of the trip with `route_id` was compared.
-    """
-
-    history: tuple[LastSeen, ...] = ()
-    latest: LastSeen | None = None
-    route_id: str | None = None
-    is_done: bool = False
-    report: StandReport | None = None
-
-    def noted(self, seen: LastSeen) -> StandWatch:
-        """Return the watch after a LastSeen, later than those before: the vehicle may be parked then."""
-        history, latest = self.history, self.latest
-        if latest is not None and (
-                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > LONGEST_GAP_S * NS_PER_S):
-            history = (*history, latest)
-        if history and seen.stamp_ns < history[-1].stamp_ns:
-            # The clock was set back.
-            history = ()
-        if not history or seen.stamp_ns - history[-1].stamp_ns >= NOTED_EVERY_S * NS_PER_S:
-            history = (*history, seen)
-        return self._replace(history=history[-MOST_NOTED:], latest=seen)
-
-    def _parked(self, parked_ns: int) -> LastSeen | None:
-        """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
-        return next((seen for seen in reversed(self.history)
-                     if abs(seen.stamp_ns - parked_ns) <= PARKED_WITHIN_S * NS_PER_S), None)
-
-    def compared(self, mission: Mission | None, measurement: Measurement,
-                 vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
-        """Return the watch after a Measurement, and the Soak before it, at most once a trip; None: no soak."""
-        route_id = None if mission is None else mission.route_id
-        watch = self if route_id == self.route_id else self._replace(
-            route_id=route_id, is_done=False, report=None)
-        if mission is None or watch.is_done:
-            return watch, None
-        since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
-        if since_start_s > LONGEST_GAP_S:
-            return watch._replace(is_done=True), None
-        stood_s = mission.standing_time_s + min(since_start_s, 0.0)
-        if mission.standing_time_s == 0.0 or stood_s <= 0.0:
-            return watch, None
-        ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
-        parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
-        parked_c = None
-        if parked is not None:
-            stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
-        standing = after_soak(vehicle, ambient_c, stood_s, parked_c)
-        return watch._replace(is_done=True, report=StandReport(
-            measurement.state.temperature_c, stood_s, ambient_c, standing)), standing
-
-
-class SourceTrial(NamedTuple):
-    """
-    Switches sources off by turns while all heat and the faulty one is unknown: `name`, '' without a trial.
-
-    `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
-    the latest beginning; None: none.
-    """
-
-    name: str = ''
-    since_ns: int | None = None
-    suspect_ns: int | None = None
-
-    def at(self, now_ns: int, odds: Mapping[str, float], is_told: bool) -> SourceTrial:
-        """Return the trial at an instant [ns] with odds of a fault by source; `is_told`: one is named."""
-        if is_told or sum(odds.values()) < TOLD_FROM / (1.0 - TOLD_FROM):
-            is_on = self.name and not is_told and self._lasts(self.since_ns, now_ns, TRIED_OFF_S)
-            return self if is_on else SourceTrial()
-        if self.suspect_ns is None or now_ns < self.suspect_ns:
-            return SourceTrial(suspect_ns=now_ns)
-        if self._lasts(self.suspect_ns, now_ns, LEAST_COURSE_S) or self._lasts(self.since_ns, now_ns, TRIED_OFF_S):
-            return self
-        others = [name for name in odds if name not in (HVCH, self.name)] or [self.name]
-        return self._replace(name=max(others, key=odds.__getitem__), since_ns=now_ns)
-
-    @staticmethod
-    def _lasts(since_ns: int | None, now_ns: int, for_s: float) -> bool:
-        return since_ns is not None and 0 <= now_ns - since_ns < for_s * NS_PER_S
-
-
-NO_TRIAL = SourceTrial()
-
-
-@dataclass(frozen=True, eq=False)
-class Learning:
-    """
-    The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
-
-    `others` are name and Estimator of the other heat sources that heat; each takes the rest of the car as it is
-    known, and judges its own source. `trial` tells them apart.
-    """
-
-    estimator: Estimator
-    stand_watch: StandWatch
-    others: tuple[tuple[str, Estimator], ...] = ()
-    trial: SourceTrial = NO_TRIAL
-
-    @classmethod
-    def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
-              last_seen: LastSeen | None = None) -> Learning:
-        """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
-        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)), tuple(
-            (source.name, Estimator.of(vehicle, learned)) for source in vehicle.heat_sources if not source.cools))
-
-    @property
-    def reports(self) -> dict[str, HeaterReport]:
-        """The reports on all heat sources by name, as far as there are any."""
-        return {name: each.estimate.heater for name, each in ((HVCH, self.estimator), *self.others)
-                if each.estimate is not None}
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """The shares of their commands that the sources deliver, by name; 1 is left out."""
-        return {name: report.share for name, report in self.reports.items() if report.share < 1.0}
-
-    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
-                trip: Mission | None) -> Learning:
-        """
-        Return the Learning after a Known measurement, on a Timetable's mission and under SourcePowers.
-
-        `trip` is the Mission of the route plan, before which the vehicle may have stood.
-        """
-        measurement, stand_watch, standing = known.measurement, self.stand_watch, None
-        if known.trusts_temperature:
-            stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
-        learning = replace(self, stand_watch=stand_watch)
-        if standing is not None:
-            soak = standing
-            learning = learning._each(lambda estimator: estimator.after_soak(soak))
-        if known.is_open:
-            # The next state that is clear is compared with the latest one before this.
-            return learning
-        if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
-            # Then the battery's power does not show the heater's.
-            measurement = replace(measurement, voltage_v=None, current_a=None)
-        odds = learning._odds()
-        numbers = {HVCH: 0, **{source.name: number for number, source in enumerate(vehicle.heat_sources, 1)}}
-
-        def after(estimator: Estimator, name: str) -> Estimator:
-            if not known.is_described:
-                return estimator.held(
-                    measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
-            return estimator.observed(measurement, intervals_between(
-                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
-                    value for other, value in odds.items() if other != name))
-
-        learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
-            (name, after(estimator, name)) for name, estimator in learning.others))
-        # The faulty source explains what other sources were suspected of.
-        if learning.others and learning.shares != self.shares:
-            learning = replace(learning, estimator=learning.estimator.without_suspicion(), others=tuple(
-                (name, estimator.without_suspicion()) for name, estimator in learning.others))
-        if learning.others and known.is_described:
-            learning = replace(learning, trial=learning.trial.at(
-                measurement.stamp_ns, learning._odds(), is_told=bool(learning.shares)))
-        estimate = learning.estimator.estimate
-        if estimate is None:
-            return learning
-        return replace(learning, stand_watch=stand_watch.noted(
-            LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns)))
-
-    def _odds(self) -> dict[str, float]:
-        """Return the odds of a fault of each source by name; {} with the HVCH alone."""
-        return {name: estimator.fault_odds for name, estimator in (
-            (HVCH, self.estimator), *self.others)} if self.others else {}
-
-    def _each(self, change: Callable[[Estimator], Estimator]) -> Learning:
-        """Return the Learning with a change of each Estimator."""
-        return replace(self, estimator=change(self.estimator), others=tuple(
-            (name, change(estimator)) for name, estimator in self.others))
-
-    def on_new_trip(self) -> Learning:
-        """Return the Learning without the consumption of the route before: another trip begins."""
-        return self._each(Estimator.of_another_route)
-
-    def with_acquitted_heater(self, name: str = HVCH) -> Learning:
-        """Return the Learning of a healthy heat source: the power with which it was compared is refuted."""
-        return replace(self, estimator=self.estimator.of_healthy_heater() if name == HVCH else self.estimator,
-                       others=tuple((each, estimator.of_healthy_heater() if each == name else estimator)
-                                    for each, estimator in self.others))
-
-    def without_instants(self) -> Learning:
-        """Return the Learning without instants, because the clock was restarted."""
-        return self._each(Estimator.without_instants)
+@lru_cache(maxsize=1)
+def _full_j(vehicle: Vehicle) -> float:
+    return energy_between_kwh(vehicle, 0.0, 1.0) * WH_PER_KWH * JOULES_PER_WH

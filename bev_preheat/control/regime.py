@@ -4,7 +4,8 @@ The regime of the vehicle, from evidence and not from its route: driving, standi
 
 The battery's power is the quickest evidence. Charging is steady and flows into the battery where the
 route plans no such regeneration; a vehicle that stands takes no more than its consumers where the
-route drives. A position outranks the power; `power_supply_status` counts if it is set.
+route drives. A position outranks the power; `power_supply_status` counts if it is set. Without power, the
+course of the state of charge tells the same, within minutes.
 Instants are integers, in nanoseconds of the node's clock; power is positive while the battery is
 discharged. Limits were chosen on nine measured winter drives (10 300 s): regeneration never lasted
 20 s, and never stayed within 10 % for 9 s, although it once ran at the charge limit of a cold battery.
@@ -16,17 +17,20 @@ from enum import Enum
 from itertools import dropwhile
 from typing import NamedTuple
 
+from bev_preheat.control.charge_course import ChargeCourse
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     BEYOND_REGENERATION,
     BEYOND_REGENERATION_W,
+    CHANGED_CHARGE,
     CHARGES_W,
     CHARGING_AFTER_S,
     CHARGING_DOUBTED_AFTER_S,
     DRIVES_W,
     DRIVING_AFTER_S,
     HEATER_FOLLOWS_S,
+    LEAST_CHARGED,
     LEAST_CHARGING_STATES,
     MIRRORED_UP_TO,
     NOT_PARKED_SHARE,
@@ -68,6 +72,11 @@ class RegimeReport(NamedTuple):
     is_parked: bool = False
     is_doubtful: bool = False
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the vehicle stands or is charged."""
+        return self.regime in (Regime.STANDING, Regime.CHARGING)
+
     def entered(self, regime: Regime, now_ns: int, evidence: str, since_ns: int | None = None) -> RegimeReport:
         """Return the RegimeReport of an instant [ns] on a regime since another, None: since then."""
         if regime is not self.regime:
@@ -100,7 +109,8 @@ class Evidence(NamedTuple):
     `power_w` is the battery's terminal power [W], None: unknown. `command_w` is the heater's
     command [W]. `has_moved`: by its position the vehicle moved within the last seconds; None: no
     position is known. `stood_s` [s] is for how long it has not, by its position.
-    `is_sign_proven`: the sign of the current is known to be right.
+    `is_sign_proven`: the sign of the current is known to be right. `soc` is the state of charge, None: in doubt,
+    and `full_j` the battery's energy [J].
     """
 
     stamp_ns: int
@@ -111,6 +121,8 @@ class Evidence(NamedTuple):
     has_moved: bool | None = None
     stood_s: float = 0.0
     is_sign_proven: bool = True
+    soc: float | None = None
+    full_j: float = 1.0
 
 
 class _PowerSample(NamedTuple):
@@ -125,48 +137,60 @@ class RegimeWatch(NamedTuple):
     The RegimeReport `report`, and the memory for the next one.
 
     `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
-    been that of a vehicle that stands; None: it is not.
+    been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known.
     """
 
     report: RegimeReport = RegimeReport(Regime.UNKNOWN)
     samples: tuple[_PowerSample, ...] = ()
     low_since_ns: int | None = None
+    course: ChargeCourse = ChargeCourse()
 
     def seen(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
         report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
+        course = self.course
         if samples and not 0 <= now_ns - samples[-1].stamp_ns <= SHORT_GAP_S * NS_PER_S:
-            report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
+            report, samples, low_since_ns, course = RegimeReport(Regime.UNKNOWN, now_ns), (), None, ChargeCourse()
+        course = ChargeCourse() if evidence.power_w is not None or evidence.soc is None else course.seen(
+            now_ns, evidence.soc, evidence.planned, evidence.command_w, evidence.full_j)
         oldest_ns = now_ns - HEATER_FOLLOWS_S * NS_PER_S
         return RegimeWatch(report, (
             *dropwhile(lambda sample: sample.stamp_ns < oldest_ns, samples),
             _PowerSample(now_ns, evidence.power_w, evidence.command_w, evidence.supply)),
-            low_since_ns)._judged(evidence)
+            low_since_ns, course)._judged(evidence)
+
+    def has_seen_late(self, before: RegimeWatch) -> bool:
+        """Return whether the charge shows standing or charging only now, some time after its beginning."""
+        return self.course.latest is not None and self.report.is_at_rest and not before.report.is_at_rest
 
     def _judged(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch whose latest sample is that of the Evidence."""
-        charging, suspicion = self._charging(evidence), ''
+        # A car that stands drives down no hill.
+        (charging, since_ns), suspicion = self._charging(
+            evidence, CHARGING_AFTER_S, CHANGED_CHARGE if self.report.is_at_rest else LEAST_CHARGED), ''
         if not evidence.is_sign_proven:
             suspicion = self.report.suspicion if self._may_be_reversed() else ''
             if charging and _is_mirrored(evidence):
                 suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
                              'battery_state.current may be reversed')
             charging = '' if suspicion else charging
-        report, low_since_ns = self._entered(evidence, charging, suspicion != '')
+        report, low_since_ns = self._entered(evidence, charging, since_ns, suspicion != '')
         is_doubtful = (report.regime is not Regime.CHARGING and not evidence.has_moved
-                       and self._charging(evidence, CHARGING_DOUBTED_AFTER_S) != '')
-        return RegimeWatch(
-            report._replace(suspicion=suspicion, is_doubtful=is_doubtful), self.samples, low_since_ns)
+                       and self._charging(evidence, CHARGING_DOUBTED_AFTER_S, CHANGED_CHARGE)[0] != '')
+        return self._replace(
+            report=report._replace(suspicion=suspicion, is_doubtful=is_doubtful), low_since_ns=low_since_ns)
 
-    def _entered(self, evidence: Evidence, charging: str, is_suspected: bool) -> tuple[RegimeReport, int | None]:
-        """Return the RegimeReport, and since when the power has been low; `charging`: evidence."""
+    def _entered(self, evidence: Evidence, charging: str, since_ns: int,
+                 is_suspected: bool) -> tuple[RegimeReport, int | None]:
+        """Return the RegimeReport, and since when the power has been low; `charging`: evidence since [ns]."""
         report, now_ns, before = self.report, evidence.stamp_ns, self.report.regime
         if evidence.has_moved:
             return report.entered(Regime.DRIVING, now_ns, 'the position moves'), self.low_since_ns
         if charging:
-            return report.entered(Regime.CHARGING, now_ns, charging, self._window(CHARGING_AFTER_S)[0].stamp_ns
-                                  ), self.low_since_ns
-        if before is Regime.CHARGING and self._is_still_charged():
+            # The charge shows late that it has risen, and since when.
+            recognised_ns = now_ns if evidence.power_w is not None else since_ns
+            return report.entered(Regime.CHARGING, recognised_ns, charging, since_ns), self.low_since_ns
+        if before is Regime.CHARGING and (self._is_still_charged() or self.course.is_rising()):
             return report, self.low_since_ns
         if before is not Regime.DRIVING and not is_suspected and self._drives(evidence):
             return report.entered(Regime.DRIVING, now_ns, f'the battery gives {evidence.power_w or 0.0:.0f} W'
@@ -176,13 +200,15 @@ class RegimeWatch(NamedTuple):
             since_ns = now_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
             if low_since_ns is not None:
                 since_ns = min(since_ns, low_since_ns)
-            # A stop of a minute is part of the route.
-            recognised_ns = since_ns + round(STANDING_AFTER_S * NS_PER_S)
-            report = report.entered(Regime.STANDING, recognised_ns, standing, since_ns)._replace(
+            # A stop of a minute is part of the route; a charge shows only longer ones.
+            stop_s = 0.0 if evidence.power_w is None and evidence.has_moved is None else STANDING_AFTER_S
+            report = report.entered(
+                Regime.STANDING, since_ns + round(stop_s * NS_PER_S), standing, since_ns)._replace(
                 is_parked=self._is_parked(evidence))
         elif before is Regime.CHARGING:
             report = report.entered(Regime.STANDING, now_ns, 'it is no longer charged')
-        elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
+        elif before is Regime.STANDING and (
+                evidence.power_w is not None or evidence.has_moved is not None or self.course.stays()):
             pass
         elif evidence.power_w is not None and not is_suspected and (
                 evidence.planned.is_driving or before is Regime.DRIVING):
@@ -204,31 +230,34 @@ class RegimeWatch(NamedTuple):
         powers_w = [sample.power_w for sample in window if sample.power_w is not None]
         return powers_w if len(window) >= LEAST_CHARGING_STATES and len(powers_w) == len(window) else []
 
-    def _charging(self, evidence: Evidence, after_s: float = CHARGING_AFTER_S) -> str:
-        """Return the evidence of charging for `after_s` [s]; '' for none."""
+    def _charging(self, evidence: Evidence, after_s: float, least_charged: float) -> tuple[str, int]:
+        """Return evidence of charging for `after_s` [s] or by `least_charged` and since when [ns]; '' for none."""
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
-            return ''
+            return '', 0
         window = self._window(after_s)
+        since_ns = window[0].stamp_ns if window else 0
         by_status = len(window) >= LEAST_CHARGING_STATES and all(
             sample.supply is SupplyStatus.CHARGING for sample in window)
         planned = evidence.planned
         regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
-        if evidence.power_w is None:
-            return ('power_supply_status is CHARGING' if by_status and regeneration_w == 0.0
-                    and all(sample.power_w is None for sample in window) else '')
-        powers_w = self._powers_w(window)
-        if not powers_w or max(powers_w) > -CHARGES_W:
-            return ''
-        mean_w = sum(powers_w) / len(powers_w)
         says_otherwise = all(sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING)
                              for sample in window)
+        if evidence.power_w is None:
+            if by_status and regeneration_w == 0.0 and all(sample.power_w is None for sample in window):
+                return 'power_supply_status is CHARGING', since_ns
+            risen_ns = None if says_otherwise else self.course.charged_since_ns(least_charged)
+            return ('', 0) if risen_ns is None else ('the state of charge rises', risen_ns)
+        powers_w = self._powers_w(window)
+        if not powers_w or max(powers_w) > -CHARGES_W:
+            return '', 0
+        mean_w = sum(powers_w) / len(powers_w)
         is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
         if not is_certain and (
                 says_otherwise or max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
                 or -mean_w < BEYOND_REGENERATION * regeneration_w + (
                     BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0)):
-            return ''
-        return f'the battery is charged with {-mean_w:.0f} W'
+            return '', 0
+        return f'the battery is charged with {-mean_w:.0f} W', since_ns
 
     def _is_still_charged(self) -> bool:
         """Whether any of the last samples still shows charging."""
@@ -256,6 +285,10 @@ class RegimeWatch(NamedTuple):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns
+        if evidence.power_w is None:
+            since_ns = self.course.standing_since_ns()
+            return ('', None) if since_ns is None else (
+                'the state of charge stays where the route takes from it', since_ns)
         power_w = self._low_power_w(evidence)
         if power_w is None:
             return '', None

@@ -10,7 +10,8 @@ from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.heater import Answers
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.knowledge import Knowledge, Learning
+from bev_preheat.control.knowledge import Knowledge
+from bev_preheat.control.learning import Learning
 from bev_preheat.control.obstacle import Unserved
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
     from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.knowledge import StandReport
+    from bev_preheat.control.learning import StandReport
     from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport

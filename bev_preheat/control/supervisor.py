@@ -26,7 +26,8 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.heater import Answers, HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
-from bev_preheat.control.knowledge import Knowledge, Learning
+from bev_preheat.control.knowledge import Knowledge
+from bev_preheat.control.learning import Learning
 from bev_preheat.control.obstacle import find_obstacle, Unserved
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened

@@ -285,9 +285,14 @@ class Timetable:
         """Return the Timetable of a vehicle that drives on from its place."""
         return replace(self, held_at_ns=None, stood_ns=0, stood_before_ns=0, delay_before_charge_ns=None)
 
-    def released(self) -> Timetable:
-        """Return the Timetable of a vehicle without evidence that it still stands."""
-        return self if self.held_at_ns is None else self.driving()
+    def released(self, until_ns: int | None = None) -> Timetable:
+        """Return the Timetable of a vehicle that stood until an instant [ns]; None: until now, or did not."""
+        if self.held_at_ns is None:
+            return self
+        if until_ns is None or self.end is not None:
+            return self.driving()
+        delay_ns = max(until_ns - self.held_at_ns, self.delay_ns - self.stood_ns)
+        return replace(self.driving(), mission=self.planned.delayed(delay_ns), fixes=())
 
     def driven_all_along(self) -> Timetable:
         """Return the Timetable without the latest charge, which was a descent."""

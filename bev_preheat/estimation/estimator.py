@@ -122,6 +122,11 @@ class Estimator(NamedTuple):
         is_told = self.estimate is not None and self.estimate.heater.heater is not Heater.ANSWERS
         return self if is_told else self.of_healthy_heater()
 
+    def with_learned_of(self, earlier: Estimator) -> Estimator:
+        """Return the Estimator with what an earlier one had learned, and the temperature of the next reading."""
+        return earlier.without_instants()._replace(
+            readings=self.readings, offset_k=self.offset_k, standing=self.standing)
+
     def after_soak(self, standing: Soak) -> Estimator:
         """Return the Estimator that takes the sensor's offset from the next reading, of a battery after a Soak."""
         return self.without_instants()._replace(standing=standing, belief=self.belief.of_stood_car())

@@ -8,7 +8,7 @@ from steady_drives import NOW_NS, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
-from bev_preheat.control.knowledge import StandWatch
+from bev_preheat.control.learning import StandWatch
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.prior import after_soak

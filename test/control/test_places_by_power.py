@@ -215,8 +215,52 @@ def test_what_the_model_does_not_describe_teaches_nothing():
     assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
 
 
-def test_without_voltage_and_current_the_route_goes_by_time():
-    car = Car(reports_power=False)
-    car.go(200, DRIVE_W)
-    car.go(300, 0.0, 0.0)
+def test_without_voltage_and_current_the_charge_tells_the_charger():
+    car = Car((leg(12),), temperature_c=-5.0, reports_power=False)
+    car.go(6 * 60, DRIVE_W)
+    assert car.command_w > 0.0
+    plugged_s = car.at_s
+    car.go(300, 0.0, charged_w=90e3)
+    assert car.heated_s(plugged_s) < 150
+    assert car.planner.state.decision.status is Status.ARRIVED
+    assert car.planner.state.estimate.temperature_c == pytest.approx(car.temperature_c, abs=1.0)
+
+
+def test_without_voltage_and_current_a_charge_on_the_way_is_a_stop():
+    car = Car((leg(60),), reports_power=False)
+    car.go(4 * 60, DRIVE_W)
+    car.go(300, 0.0, charged_w=90e3)
+    assert (car.planner.state.decision.status, car.command_w) == (Status.CHARGING, 0.0)
+    car.go(300, DRIVE_W)
+    # The end is seen when the charge has fallen, and then when it was.
+    assert car.planner.state.regime.regime is Regime.UNKNOWN
+    assert car.delay_s == pytest.approx(300.0, abs=15.0)
+
+
+def test_without_voltage_and_current_a_stand_that_is_seen_late_has_taught_nothing():
+    # For 4 min it stands heated and seems to drive: without the heat of driving, less than the model expects.
+    car = Car((leg(40),), temperature_c=-5.0, reports_power=False)
+    car.go(20 * 60, DRIVE_W)
+    before = car.planner.state.estimate
+    while car.planner.state.regime.regime is not Regime.STANDING:
+        car.go(10, 0.0, 500.0)
+    after = car.planner.state.estimate
+    assert car.command_w > 0.0 and car.at_s < 30 * 60
+    assert after.log_factors == pytest.approx(before.log_factors, abs=0.05)
+    assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.01)
+    assert after.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
+
+
+def test_without_voltage_and_current_a_car_is_not_heated_for_hours_where_it_is_parked():
+    car = Car((leg(120),), temperature_c=-5.0, reports_power=False)
+    car.go(10 * 60, DRIVE_W)
     assert (car.planner.state.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
+    parked_s = car.at_s
+    car.go(3 * 3600, 0.0, 200.0)
+    state = car.planner.state
+    assert (state.regime.regime, state.decision.status) == (Regime.STANDING, Status.WAITING)
+    assert car.heated_s(parked_s) < 30 * 60
+    assert car.delay_s == pytest.approx(3 * 3600.0 - 60.0, abs=200.0)
+    car.go(600, DRIVE_W)
+    assert car.planner.state.regime.regime is Regime.UNKNOWN
+    assert car.delay_s == pytest.approx(3 * 3600.0, abs=400.0)

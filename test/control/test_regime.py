@@ -182,6 +182,81 @@ def test_a_position_tells_standing_without_voltage_and_current():
     assert stood[-1][1].since_ns == pytest.approx(START_S * NS_PER_S, abs=NS_PER_S)
 
 
+# Without power and position: the state of charge alone, of a battery of 75 kWh
+
+FULL_J = 270e6
+
+
+def charges(powers_w, step=0.001, soc=0.4, noise=0.0):
+    """Return a function from instants [s] to the charges that (duration [s], power [W]) leave, in steps."""
+    drawn, socs = random.Random(5), []
+    for duration_s, power_w in powers_w:
+        for _ in range(duration_s):
+            soc -= power_w / FULL_J
+            shown = soc + noise * drawn.gauss(0.0, 1.0)
+            socs.append(round(shown / step) * step if step else shown)
+    return lambda at_s: socs[round(at_s - START_S)]
+
+
+def watch_charges(powers_w, planned=ROAD, step=0.001, noise=0.0, **evidence):
+    return watch([None] * sum(duration_s for duration_s, _ in powers_w), planned, soc=charges(
+        powers_w, step, noise=noise), full_j=FULL_J, **evidence)
+
+
+@pytest.mark.parametrize('step, within_s', [(0.001, 100), (0.005, 115), (0.01, 130)])
+def test_a_charge_that_rises_tells_charging(step, within_s):
+    # 100 kW: 3 % in 81 s.
+    reports = watch_charges([(900, 17400.0), (200, -100000.0)], step=step)
+    assert 980 <= first_at(reports, Regime.CHARGING) <= 900 + within_s
+    since_s = reports[-1][1].since_ns / NS_PER_S - START_S
+    assert 870 <= since_s <= 930
+    # Nothing is learned from the rise before it is recognised.
+    doubtful_s = next(at_s for at_s, report in reports if report.is_doubtful)
+    assert 900 < doubtful_s < 900 + within_s / 2 + 10
+
+
+def test_charging_by_the_charge_ends_when_it_falls_or_stays():
+    driven = watch_charges([(900, 17400.0), (200, -100000.0), (300, 17400.0)])
+    assert 1100 <= max(at_s for at_s, report in driven if report.regime is Regime.CHARGING) <= 1100 + 110
+    assert driven[-1][1].regime is Regime.UNKNOWN
+    full = dict(watch_charges([(200, -100000.0), (400, 0.0)], step=0.01))
+    assert full[450].regime is Regime.CHARGING and full[599].regime is Regime.STANDING
+
+
+def test_a_status_outranks_the_charge():
+    assert {report.regime for _, report in watch_charges(
+        [(300, -50000.0)], supply=SupplyStatus.DISCHARGING)} == {Regime.UNKNOWN}
+
+
+@pytest.mark.parametrize('power_w, planned, step, noise', [
+    (17400.0, ROAD, 0.0, 0.002), (6000.0, ROAD, 0.01, 0.0), (5000.0, CITY, 0.001, 0.0),
+    (-20000.0, DESCENT, 0.001, 0.0), (-30000.0, DESCENT, 0.01, 0.0), (-22000.0, ROAD, 0.01, 0.0)])
+def test_the_charge_of_a_drive_is_no_charging_and_no_standing(power_w, planned, step, noise):
+    # The last one is a descent on no map.
+    reports = watch_charges([(290, power_w)] if power_w < 0 else [(3000, power_w)], planned, step, noise)
+    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
+
+
+def test_a_corrected_display_is_no_charging():
+    reports = watch_charges([(400, 17400.0), (1, -0.05 * FULL_J), (400, 17400.0)])
+    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
+
+
+@pytest.mark.parametrize('step, within_s', [(0.001, 8 * 60), (0.01, 28 * 60)])
+@pytest.mark.parametrize('command_w', [0.0, 5000.0])
+def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
+    # The route takes 15 kW, the vehicle 1 kW and what the heater is commanded to take.
+    reports = watch_charges([(900, 17400.0), (1800, 1000.0 + command_w)], step=step,
+                            command_w=command_w)
+    assert 900 + 120 <= first_at(reports, Regime.STANDING) <= 900 + within_s
+    assert reports[-1][1].regime is Regime.STANDING
+
+
+def test_a_heater_that_does_not_follow_is_no_standing():
+    reports = watch_charges([(1800, 17400.0)], command_w=6000.0)
+    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
+
+
 # Time
 
 def test_a_silence_ends_what_was_known():

@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
 from bev_preheat.control.heater import HeaterStatus
-from bev_preheat.control.knowledge import NO_TRIAL
+from bev_preheat.control.learning import NO_TRIAL
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor

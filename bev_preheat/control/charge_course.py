@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The course of the state of charge against the route, where the battery's power is not measured.
+
+A charge that rises by more than the route's descents give is charged; one that stays where the route would take
+from it is that of a vehicle that stands. Both take minutes, longer if the signal is coarse.
+"""
+
+from __future__ import annotations
+
+from itertools import dropwhile
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.estimation.readings import Resolution, SOC_STEPS
+from bev_preheat.numerics import NS_PER_S
+from bev_preheat.tunables import (
+    BEYOND_REGENERATION,
+    CHANGED_CHARGE,
+    COURSE_EVERY_S,
+    COURSE_S,
+    LEAST_CHARGED,
+    LEAST_TAKEN,
+    RISES_WITHIN_S,
+    SOC_JUMP,
+    SOC_JUMP_PER_S,
+    SOC_JUMP_STEPS,
+    STANDS_SHARE,
+)
+
+if TYPE_CHECKING:
+    from bev_preheat.control.regime import PlannedPower
+
+
+class CourseSample(NamedTuple):
+    """
+    A state of charge (0 ... 1) at an instant [ns].
+
+    Since the course began the route takes at least `taken` of the charge, regenerates at most `regenerated`, and
+    the heat sources were commanded to take `heated`.
+    """
+
+    stamp_ns: int
+    soc: float
+    taken: float = 0.0
+    regenerated: float = 0.0
+    heated: float = 0.0
+
+
+class ChargeCourse(NamedTuple):
+    """The latest CourseSample, None before the first, and those of the last COURSE_S, COURSE_EVERY_S apart."""
+
+    latest: CourseSample | None = None
+    samples: tuple[CourseSample, ...] = ()
+    steps: Resolution = Resolution(SOC_STEPS)
+
+    def seen(self, stamp_ns: int, soc: float, planned: PlannedPower, command_w: float,
+             full_j: float) -> ChargeCourse:
+        """Return the course after a charge under a PlannedPower and a command [W]; `full_j` [J] is 1."""
+        before, steps = self.latest, self.steps.seen(soc)
+        sample = CourseSample(stamp_ns, soc)
+        if before is not None:
+            elapsed_s = (stamp_ns - before.stamp_ns) / NS_PER_S
+            if abs(soc - before.soc) > SOC_JUMP + SOC_JUMP_STEPS * steps.step + SOC_JUMP_PER_S * elapsed_s:
+                # The display is corrected.
+                return ChargeCourse(sample, (sample,), steps)
+            per_w = elapsed_s / full_j
+            sample = CourseSample(
+                stamp_ns, soc, before.taken + per_w * planned.least_in_300_s_w,
+                before.regenerated + per_w * max(0.0, -planned.least_in_60_s_w), before.heated + per_w * command_w)
+        samples = self.samples
+        if not samples or stamp_ns - samples[-1].stamp_ns >= COURSE_EVERY_S * NS_PER_S:
+            samples = (*dropwhile(lambda old: stamp_ns - old.stamp_ns > COURSE_S * NS_PER_S, samples), sample)
+        return ChargeCourse(sample, samples, steps)
+
+    def charged_since_ns(self, least: float = LEAST_CHARGED) -> int | None:
+        """Return the instant [ns] since which the charge has risen by `least` that no descent gave; None: none."""
+        recent = self._recent()
+        if not recent or recent[-1].soc < max(sample.soc for sample in recent):
+            return None
+        latest = recent[-1]
+        low = min(reversed(recent), key=lambda sample: sample.soc)
+        gained = latest.soc - low.soc - self.steps.step
+        given = BEYOND_REGENERATION * (latest.regenerated - low.regenerated)
+        return low.stamp_ns if gained > least + given else None
+
+    def standing_since_ns(self) -> int | None:
+        """Return the instant [ns] since which the charge has stayed where the route takes it; None: none."""
+        latest, step = self.latest, self.steps.step
+        if latest is None:
+            return None
+        # Before the beginning of the stand, the charge fell by more than this share of what the route took.
+        most, since, fell, lowest = step, latest, 0.0, latest.soc + latest.heated
+        for sample in reversed(self.samples):
+            unheated = sample.soc + sample.heated
+            lowest = min(lowest, unheated)
+            fell = max(fell, unheated - lowest)
+            exceeds = STANDS_SHARE * (latest.taken - sample.taken) - fell
+            if exceeds > most:
+                most, since = exceeds, sample
+        planned = latest.taken - since.taken
+        return since.stamp_ns if planned >= max(LEAST_TAKEN, 2.0 * step / STANDS_SHARE) else None
+
+    def driven_since_ns(self) -> int | None:
+        """Return the instant [ns] since which the charge falls as the route takes it; None: unknown."""
+        latest = self.latest
+        return None if latest is None else max((latest, *reversed(self.samples)), key=lambda sample: (
+            sample.soc + sample.heated + STANDS_SHARE * sample.taken)).stamp_ns
+
+    def is_rising(self) -> bool:
+        """Return whether the charge has risen within RISES_WITHIN_S and not fallen since."""
+        recent = self._recent()
+        return self.stays() and recent[-1].soc > recent[0].soc
+
+    def stays(self) -> bool:
+        """Return whether the charge has fallen within RISES_WITHIN_S by no more than the heat sources took."""
+        recent = self._recent()
+        if not recent:
+            return False
+        latest, highest = recent[-1], max(recent, key=lambda sample: sample.soc)
+        taken = latest.heated - highest.heated
+        return highest.soc - latest.soc <= taken + self.steps.step + CHANGED_CHARGE
+
+    def _recent(self) -> list[CourseSample]:
+        latest = self.latest
+        return [] if latest is None else [*(
+            sample for sample in self.samples
+            if latest.stamp_ns - sample.stamp_ns <= RISES_WITHIN_S * NS_PER_S), latest]

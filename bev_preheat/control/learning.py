@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Learning of the car from battery states: estimators of its heat sources, and its sensor after a stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.expected_drive import intervals_between
+from bev_preheat.estimation.before_restart import LastSeen
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.prior import after_soak, Soak
+from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.tunables import (
+    CONTRADICTS_BEYOND_K,
+    KEPT_EVERY_S,
+    LEAST_COURSE_S,
+    LONGEST_GAP_S,
+    MOST_KEPT,
+    MOST_NOTED,
+    NOTED_EVERY_S,
+    PARKED_WITHIN_S,
+    TOLD_FROM,
+    TRIED_OFF_S,
+)
+from bev_preheat.vehicle.description import HVCH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bev_preheat.control.heater import SourcePowers
+    from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.knowledge import Known
+    from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.vehicle.description import Vehicle
+
+
+class StandReport(NamedTuple):
+    """A temperature [deg C] read after `stood_s` [s] at `ambient_c` [deg C], and the Soak."""
+
+    reading_c: float
+    stood_s: float
+    ambient_c: float
+    standing: Soak
+
+    @property
+    def contradiction(self) -> str:
+        """The sentence on a sensor that contradicts the standing time; '' without a contradiction."""
+        expected_c = self.standing.temperature_c
+        allowed_k = CONTRADICTS_BEYOND_K + self.standing.left_deviation_k
+        difference_k = self.reading_c - expected_c
+        if abs(difference_k) <= allowed_k:
+            return ''
+        direction = 'warmer' if difference_k > 0.0 else 'colder'
+        return (f'battery_state.temperature was {self.reading_c:.1f} degC after '
+                f'{duration_text(self.stood_s)} of standing at {self.ambient_c:.1f} degC: '
+                f'{abs(difference_k):.1f} K {direction} than the {expected_c:.1f} degC expected, '
+                f'{allowed_k:.1f} K are allowed; check the sensor, and standing_time of route_plan')
+
+
+class StandWatch(NamedTuple):
+    """
+    Temperatures before each trip; `report` is the StandReport of the current trip.
+
+    `history` are LastSeens of the last days, in order, and `latest` is the latest one; `history` may begin with
+    the one before a restart. `is_done`: the first battery state of the trip with `route_id` was compared.
+    """
+
+    history: tuple[LastSeen, ...] = ()
+    latest: LastSeen | None = None
+    route_id: str | None = None
+    is_done: bool = False
+    report: StandReport | None = None
+
+    def noted(self, seen: LastSeen) -> StandWatch:
+        """Return the watch after a LastSeen, later than those before: the vehicle may be parked then."""
+        history, latest = self.history, self.latest
+        if latest is not None and (
+                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > LONGEST_GAP_S * NS_PER_S):
+            history = (*history, latest)
+        if history and seen.stamp_ns < history[-1].stamp_ns:
+            # The clock was set back.
+            history = ()
+        if not history or seen.stamp_ns - history[-1].stamp_ns >= NOTED_EVERY_S * NS_PER_S:
+            history = (*history, seen)
+        return self._replace(history=history[-MOST_NOTED:], latest=seen)
+
+    def _parked(self, parked_ns: int) -> LastSeen | None:
+        """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
+        return next((seen for seen in reversed(self.history)
+                     if abs(seen.stamp_ns - parked_ns) <= PARKED_WITHIN_S * NS_PER_S), None)
+
+    def compared(self, mission: Mission | None, measurement: Measurement,
+                 vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
+        """Return the watch after a Measurement, and the Soak before it, at most once a trip; None: no soak."""
+        route_id = None if mission is None else mission.route_id
+        watch = self if route_id == self.route_id else self._replace(
+            route_id=route_id, is_done=False, report=None)
+        if mission is None or watch.is_done:
+            return watch, None
+        since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
+        if since_start_s > LONGEST_GAP_S:
+            return watch._replace(is_done=True), None
+        stood_s = mission.standing_time_s + min(since_start_s, 0.0)
+        if mission.standing_time_s == 0.0 or stood_s <= 0.0:
+            return watch, None
+        ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
+        parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
+        parked_c = None
+        if parked is not None:
+            stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
+        standing = after_soak(vehicle, ambient_c, stood_s, parked_c)
+        return watch._replace(is_done=True, report=StandReport(
+            measurement.state.temperature_c, stood_s, ambient_c, standing)), standing
+
+
+class SourceTrial(NamedTuple):
+    """
+    Switches sources off by turns while all heat and the faulty one is unknown: `name`, '' without a trial.
+
+    `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
+    the latest beginning; None: none.
+    """
+
+    name: str = ''
+    since_ns: int | None = None
+    suspect_ns: int | None = None
+
+    def at(self, now_ns: int, odds: Mapping[str, float], is_told: bool) -> SourceTrial:
+        """Return the trial at an instant [ns] with odds of a fault by source; `is_told`: one is named."""
+        if is_told or sum(odds.values()) < TOLD_FROM / (1.0 - TOLD_FROM):
+            is_on = self.name and not is_told and self._lasts(self.since_ns, now_ns, TRIED_OFF_S)
+            return self if is_on else SourceTrial()
+        if self.suspect_ns is None or now_ns < self.suspect_ns:
+            return SourceTrial(suspect_ns=now_ns)
+        if self._lasts(self.suspect_ns, now_ns, LEAST_COURSE_S) or self._lasts(self.since_ns, now_ns, TRIED_OFF_S):
+            return self
+        others = [name for name in odds if name not in (HVCH, self.name)] or [self.name]
+        return self._replace(name=max(others, key=odds.__getitem__), since_ns=now_ns)
+
+    @staticmethod
+    def _lasts(since_ns: int | None, now_ns: int, for_s: float) -> bool:
+        return since_ns is not None and 0 <= now_ns - since_ns < for_s * NS_PER_S
+
+
+NO_TRIAL = SourceTrial()
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """
+    The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
+
+    `others` are name and Estimator of the other heat sources that heat; each takes the rest of the car as it is
+    known, and judges its own source. `trial` tells them apart. `earlier` are those of instants KEPT_EVERY_S apart,
+    the latest last, while only the state of charge can show that the vehicle stands.
+    """
+
+    estimator: Estimator
+    stand_watch: StandWatch
+    others: tuple[tuple[str, Estimator], ...] = ()
+    trial: SourceTrial = NO_TRIAL
+    earlier: tuple[tuple[Estimator, tuple[tuple[str, Estimator], ...]], ...] = ()
+
+    @classmethod
+    def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
+              last_seen: LastSeen | None = None) -> Learning:
+        """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
+        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)), tuple(
+            (source.name, Estimator.of(vehicle, learned)) for source in vehicle.heat_sources if not source.cools))
+
+    @property
+    def reports(self) -> dict[str, HeaterReport]:
+        """The reports on all heat sources by name, as far as there are any."""
+        return {name: each.estimate.heater for name, each in ((HVCH, self.estimator), *self.others)
+                if each.estimate is not None}
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """The shares of their commands that the sources deliver, by name; 1 is left out."""
+        return {name: report.share for name, report in self.reports.items() if report.share < 1.0}
+
+    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
+                trip: Mission | None) -> Learning:
+        """
+        Return the Learning after a Known measurement, on a Timetable's mission and under SourcePowers.
+
+        `trip` is the Mission of the route plan, before which the vehicle may have stood.
+        """
+        measurement, stand_watch, standing = known.measurement, self.stand_watch, None
+        if known.trusts_temperature:
+            stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
+        learning = replace(self._without(known.wrong_since_ns), stand_watch=stand_watch)
+        if standing is not None:
+            soak = standing
+            learning = learning._each(lambda estimator: estimator.after_soak(soak))
+        if known.is_open:
+            # The next state that is clear is compared with the latest one before this.
+            return learning
+        if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
+            # Then the battery's power does not show the heater's.
+            measurement = replace(measurement, voltage_v=None, current_a=None)
+        odds = learning._odds()
+        numbers = {HVCH: 0, **{source.name: number for number, source in enumerate(vehicle.heat_sources, 1)}}
+
+        def after(estimator: Estimator, name: str) -> Estimator:
+            if not known.is_described:
+                return estimator.held(
+                    measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
+            return estimator.observed(measurement, intervals_between(
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
+                    value for other, value in odds.items() if other != name))
+
+        learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
+            (name, after(estimator, name)) for name, estimator in learning.others))
+        # The faulty source explains what other sources were suspected of.
+        if learning.others and learning.shares != self.shares:
+            learning = replace(learning, estimator=learning.estimator.without_suspicion(), others=tuple(
+                (name, estimator.without_suspicion()) for name, estimator in learning.others))
+        if learning.others and known.is_described:
+            learning = replace(learning, trial=learning.trial.at(
+                measurement.stamp_ns, learning._odds(), is_told=bool(learning.shares)))
+        estimate = learning.estimator.estimate
+        if estimate is None:
+            return learning
+        if known.is_described:
+            learning = replace(learning, earlier=()) if measurement.power_w is not None else (
+                learning._kept(estimate.stamp_ns))
+        return replace(learning, stand_watch=stand_watch.noted(
+            LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns)))
+
+    def _kept(self, stamp_ns: int) -> Learning:
+        """Return the Learning that keeps its estimators of an instant [ns], if it is time."""
+        kept = self.earlier
+        if kept and 0 <= stamp_ns - (kept[-1][0].stamp_ns or 0) < KEPT_EVERY_S * NS_PER_S:
+            return self
+        return replace(self, earlier=(*kept, (self.estimator, self.others))[-MOST_KEPT:])
+
+    def _without(self, since_ns: int | None) -> Learning:
+        """Return the Learning without what was learned since an instant [ns]; None: with it."""
+        if since_ns is None:
+            return self
+        before = [each for each in self.earlier if (each[0].stamp_ns or 0) <= since_ns]
+        estimator, others = before[-1] if before else (self.estimator, self.others)
+        return replace(self, estimator=self.estimator.with_learned_of(estimator), earlier=(), others=tuple(
+            (name, each.with_learned_of(then)) for (name, each), (_, then) in zip(self.others, others)))
+
+    def _odds(self) -> dict[str, float]:
+        """Return the odds of a fault of each source by name; {} with the HVCH alone."""
+        return {name: estimator.fault_odds for name, estimator in (
+            (HVCH, self.estimator), *self.others)} if self.others else {}
+
+    def _each(self, change: Callable[[Estimator], Estimator]) -> Learning:
+        """Return the Learning with a change of each Estimator."""
+        return replace(self, estimator=change(self.estimator), others=tuple(
+            (name, change(estimator)) for name, estimator in self.others))
+
+    def on_new_trip(self) -> Learning:
+        """Return the Learning without the consumption of the route before: another trip begins."""
+        return self._each(Estimator.of_another_route)
+
+    def with_acquitted_heater(self, name: str = HVCH) -> Learning:
+        """Return the Learning of a healthy heat source: the power with which it was compared is refuted."""
+        return replace(self, estimator=self.estimator.of_healthy_heater() if name == HVCH else self.estimator,
+                       others=tuple((each, estimator.of_healthy_heater() if each == name else estimator)
+                                    for each, estimator in self.others))
+
+    def without_instants(self) -> Learning:
+        """Return the Learning without instants, because the clock was restarted."""
+        return self._each(Estimator.without_instants)
