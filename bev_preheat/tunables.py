@@ -204,15 +204,15 @@ NEAR_START_SHARE = 0.25            # 1  | … but not here: it may charge until 
 ASSUMED_FROM_NS = 300_000_000_000  # ns | five minutes, whose mean power is assumed to go on
 STANDING_W = 500.0                 # W  | mean and scatter of the power of a car that stands
 
-# control/charge_course.py: the same from the state of charge alone; no car of the nine drives lacks a current
+# control/charge_course.py: the same from the state of charge alone; assumed
 COURSE_S = 1800.0                  # s | of charges that are compared with the route
 COURSE_EVERY_S = 15.0              # s | apart
 RISES_WITHIN_S = 300.0             # s | a car that is charged fast gains LEAST_CHARGED
 LEAST_CHARGED = 0.03               # 1 | of the charge, beyond descents: 5 min of 8 % on no map give 0.02
-CHANGED_CHARGE = 0.005             # 1 | … and learning pauses; a fall by so much ends charging and standing
+CHANGED_CHARGE = 0.005             # 1 | … and learning pauses; a fall by CHANGED_CHARGE ends charging and standing
 LEAST_TAKEN = 0.02                 # 1 | of the charge that the route takes: a descent on no map is shorter
 STANDS_SHARE = 0.25                # 1 | … and a car that stands takes less of this
-KEPT_EVERY_S = 600.0               # s | estimators, to forget what was learned of a car that was not driven
+KEPT_EVERY_S = 600.0               # s | between estimators, to forget values learned of a car that was not driven
 MOST_KEPT = 3                      # n | … of 20 min; a coarse charge shows a stand after up to 28 min
 
 # control/timetable.py, expected_drive.py: where on the route

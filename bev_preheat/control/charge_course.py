@@ -2,8 +2,8 @@
 """
 The course of the state of charge against the route, where the battery's power is not measured.
 
-A charge that rises by more than the route's descents give is charged; one that stays where the route would take
-from it is that of a vehicle that stands. Both take minutes, longer if the signal is coarse.
+If the charge rises by more than the route's descents give, the vehicle is charged; if the charge stays where the
+route takes from it, the vehicle stands. Both take minutes, longer if the signal is coarse.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class ChargeCourse(NamedTuple):
         latest, step = self.latest, self.steps.step
         if latest is None:
             return None
-        # Before the beginning of the stand, the charge fell by more than this share of what the route took.
+        # Before the beginning of the stand, the charge fell by more than this share of the route's part.
         most, since, fell, lowest = step, latest, 0.0, latest.soc + latest.heated
         for sample in reversed(self.samples):
             unheated = sample.soc + sample.heated

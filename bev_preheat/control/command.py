@@ -14,16 +14,16 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.events import BATTERY, ROUTE
-from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.source_powers import (
+from bev_preheat.control.heat_division import (
     at_rest,
+    HeatDivision,
     heater_limit_w,
     is_gated,
     may_be_held_on,
     Powers,
-    SourcePowers,
     Switches,
 )
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import LATER, Status
 from bev_preheat.tunables import LEAST_STATUS_S, ROUNDING_W
@@ -164,7 +164,7 @@ class Commander(NamedTuple):
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
         share = decision.command_share
-        sources = SourcePowers(
+        sources = HeatDivision(
             now_ns, inputs, decision, temperature_c, self.sources) if plan.source_power_w else None
         limit_w = heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S

@@ -59,7 +59,7 @@ class Known(NamedTuple):
     power of the heat sources at its instant, `heat_w` their heat as HVCH power. `is_described`: the model
     describes this instant, so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`,
     `trusts_soc`: these readings hold. `wrong_since_ns` [ns] is the instant since which the model has not described
-    the vehicle, as is only seen now; None: what was learned holds.
+    the vehicle, as is only seen now; None: learned values hold.
     """
 
     measurement: Measurement

@@ -154,7 +154,7 @@ class Learning:
     """
     The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
 
-    `others` are name and Estimator of the other heat sources that heat; each takes the rest of the car as it is
+    `others` are name and Estimator of the other heat sources; each takes the rest of the car as it is
     known, and judges its own source. `trial` tells them apart. `earlier` are those of instants KEPT_EVERY_S apart,
     the latest last, while only the state of charge can show that the vehicle stands.
     """
@@ -170,7 +170,8 @@ class Learning:
               last_seen: LastSeen | None = None) -> Learning:
         """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
         return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)), tuple(
-            (source.name, Estimator.of(vehicle, learned)) for source in vehicle.heat_sources if not source.cools))
+            (source.name, Estimator.of(vehicle, learned, -1 if source.cools else 1))
+            for source in vehicle.heat_sources))
 
     @property
     def reports(self) -> dict[str, HeaterReport]:
@@ -218,8 +219,9 @@ class Learning:
             (name, after(estimator, name)) for name, estimator in learning.others))
         # The faulty source explains what other sources were suspected of.
         if learning.others and learning.shares != self.shares:
-            learning = replace(learning, estimator=learning.estimator.without_suspicion(), others=tuple(
-                (name, estimator.without_suspicion()) for name, estimator in learning.others))
+            faulty = next((estimator for name, estimator in ((HVCH, learning.estimator), *learning.others)
+                           if learning.shares.get(name, 1.0) < self.shares.get(name, 1.0)), None)
+            learning = learning._each(lambda estimator: estimator.with_car_of(faulty))
         if learning.others and known.is_described:
             learning = replace(learning, trial=learning.trial.at(
                 measurement.stamp_ns, learning._odds(), is_told=bool(learning.shares)))
@@ -240,7 +242,7 @@ class Learning:
         return replace(self, earlier=(*kept, (self.estimator, self.others))[-MOST_KEPT:])
 
     def _without(self, since_ns: int | None) -> Learning:
-        """Return the Learning without what was learned since an instant [ns]; None: with it."""
+        """Return the Learning without the values learned since an instant [ns]; None: with all."""
         if since_ns is None:
             return self
         before = [each for each in self.earlier if (each[0].stamp_ns or 0) <= since_ns]

@@ -236,6 +236,15 @@ class Belief:
                             for array in (self.mean, self.covariance))
         return replace(self, weights=prior_weights(self.weights.sum(axis=0)), mean=mean, covariance=covariance)
 
+    def with_car_of(self, faulty: Belief) -> Belief:
+        """Return the Belief of a healthy heater with the car that the Belief of another, faulty source knows."""
+        belief, own = faulty.of_healthy_heater(), self.of_healthy_heater()
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        mean[..., HEATER] = own.mean[..., HEATER]
+        covariance[..., HEATER, :] = covariance[..., :, HEATER] = 0.0
+        covariance[..., HEATER, HEATER] = own.covariance[..., HEATER, HEATER]
+        return replace(belief, mean=mean, covariance=covariance)
+
     def of_another_route(self) -> Belief:
         """Return the Belief with the prior of the propulsion power's factor, which belongs to a route."""
         mean, covariance = self.mean.copy(), self.covariance.copy()

@@ -79,7 +79,7 @@ class Estimator(NamedTuple):
     alone. `standing` is the Soak before the next reading, and `offset_k` is subtracted from readings [K].
     `knows_power`: the battery's power of the latest step was measured. `suspect` is the heater, None while it is
     not suspect. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of resets,
-    with the reason and instant of the last one.
+    with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a chiller.
     """
 
     belief: Belief
@@ -96,11 +96,12 @@ class Estimator(NamedTuple):
     resets: int = 0
     reset_reason: str = ''
     reset_at_ns: int | None = None
+    direction: int = 1
 
     @classmethod
-    def of(cls, vehicle: Vehicle, learned: Learned | None = None) -> Estimator:
+    def of(cls, vehicle: Vehicle, learned: Learned | None = None, direction: int = 1) -> Estimator:
         """Return the Estimator of a vehicle file, or of earlier Learned values."""
-        return cls(Belief.of(vehicle, learned))
+        return cls(Belief.of(vehicle, learned), direction=direction)
 
     def without_instants(self) -> Estimator:
         """Return the Estimator that takes the temperature from the next reading alone."""
@@ -117,13 +118,25 @@ class Estimator(NamedTuple):
             belief=self.belief.of_healthy_heater(), response=PowerResponse(), suspect=None,
             estimate=replace(self.estimate, heater=HeaterReport(Heater.ANSWERS, 1.0 - FAULTY, 1.0)))
 
-    def without_suspicion(self) -> Estimator:
-        """Return the Estimator of a healthy heater if none was reported faulty: another source explains it."""
-        is_told = self.estimate is not None and self.estimate.heater.heater is not Heater.ANSWERS
-        return self if is_told else self.of_healthy_heater()
+    def with_car_of(self, faulty: Estimator | None) -> Estimator:
+        """
+        Return the Estimator of a healthy heater if none was reported faulty: another source explains readings.
+
+        The Estimator of that source did not take its fault for properties of the car; None: it is repaired.
+        """
+        if self.estimate is None or self.estimate.heater.heater is not Heater.ANSWERS:
+            return self
+        if faulty is None:
+            return self.of_healthy_heater()
+        belief = self.belief.with_car_of(faulty.belief)
+        mean, covariance = belief.expected()
+        healthy = self.of_healthy_heater()
+        assert healthy.estimate is not None
+        return healthy._replace(
+            belief=belief, estimate=replace(healthy.estimate, mean=mean, covariance=covariance))
 
     def with_learned_of(self, earlier: Estimator) -> Estimator:
-        """Return the Estimator with what an earlier one had learned, and the temperature of the next reading."""
+        """Return the Estimator with the learned values of an earlier one and the next temperature."""
         return earlier.without_instants()._replace(
             readings=self.readings, offset_k=self.offset_k, standing=self.standing)
 
@@ -134,7 +147,7 @@ class Estimator(NamedTuple):
     def restarted(self, vehicle: Vehicle, reason: str, at_ns: int) -> Estimator:
         """Return the Estimator without temperature and everything learned since the vehicle file."""
         return Estimator(Belief.of(vehicle), estimate=self.estimate, resets=self.resets + 1, reset_reason=reason,
-                         reset_at_ns=at_ns)
+                         reset_at_ns=at_ns, direction=self.direction)
 
     def edges_ns(self, stamp_ns: int) -> tuple[int, ...]:
         """
@@ -270,8 +283,9 @@ class Estimator(NamedTuple):
                 drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
             if suspect is not None:
                 suspect = suspect._replace(
-                    commanded_k=suspect.commanded_k + k_per_j * duration_s * heat_w,
-                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, most_heat_w - heat_w))
+                    commanded_k=suspect.commanded_k + k_per_j * duration_s * abs(heat_w),
+                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(
+                        0.0, abs(most_heat_w) - abs(heat_w)))
             before = belief
             if drive is None or seen_w is None:
                 response = response.paused()
@@ -323,7 +337,7 @@ class Estimator(NamedTuple):
             report = judge(
                 weights, before, Suspicion() if suspect is None else Suspicion(
                     (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
-                    reading_c - suspect.from_c, suspect.explained_k),
+                    self.direction * (reading_c - suspect.from_c), self.direction * suspect.explained_k),
                 self.response.support if self.knows_power else None)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(

@@ -81,9 +81,10 @@ def transitions(duration_s: float) -> FloatArray:
 
 
 def heater_power_w(command_w: float, limit_w: float) -> list[float]:
-    """Return the power [W] of each heater hypothesis under a command."""
+    """Return the power [W] of each heater hypothesis under a command; both are below 0 for a source that cools."""
     # Plain Python is faster than NumPy for this few numbers.
-    return [*[min(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
+    nearest = max if limit_w < 0.0 else min
+    return [*[nearest(share * command_w, limit_w) for share in SHARES[:STUCK]], limit_w]
 
 
 class SuspectedFault(NamedTuple):

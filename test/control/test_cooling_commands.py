@@ -20,6 +20,7 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
+from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
@@ -128,6 +129,29 @@ def test_without_a_chiller_a_battery_above_its_range_is_refused_and_told_why():
     _, command, decision, _ = list(driven(until_s=20.0, car=alone, start_c=61.0))[-1]
     assert command.total_w == 0.0 and "the range of the vehicle's battery; no heat source cools it" in (
         decision.explanation)
+
+
+@pytest.mark.parametrize('share, least_s, words', [
+    (0.0, 250.0, 'The chiller does not respond to its command.'),
+    (0.5, 500.0, 'The chiller delivers only 50 % of its command.')])
+def test_a_chiller_that_does_not_cool_is_named_and_the_battery_is_as_warm_as_it_is(share, least_s, words):
+    imperfections = Imperfections(sensors=Sensors(
+        period_s=2.0, temperature_noise_k=0.1, temperature_resolution_k=0.5, reports_power=True),
+        heater_faults=(HeaterFault(0.0, share=share, source='chiller'),))
+    simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(25.0, maximum_arrival_temperature_c=35.0)),
+                             BatteryState(49.0, 0.5), imperfections)
+    supervisor, named_s = Supervisor(CAR, Settings()), None
+    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 838.0):
+        accused = {name for name, report in supervisor.state.learning.reports.items() if report.share < 1.0}
+        assert accused <= {'chiller'}
+        if accused and named_s is None:
+            named_s = moment.time_s
+        if moment.time_s > 200.0:
+            # The true temperature is the simulated car's.
+            assert abs(supervisor.state.estimate.temperature_c - simulated.plant.temperature_c) < (
+                1.0 if named_s is None else 0.5)
+    assert least_s < named_s < least_s + 300.0
+    assert supervisor.state.decision.explanation.startswith(words)
 
 
 @pytest.mark.parametrize('estimation', [True, False])

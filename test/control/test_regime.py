@@ -245,7 +245,7 @@ def test_a_corrected_display_is_no_charging():
 @pytest.mark.parametrize('step, within_s', [(0.001, 8 * 60), (0.01, 28 * 60)])
 @pytest.mark.parametrize('command_w', [0.0, 5000.0])
 def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
-    # The route takes 15 kW, the vehicle 1 kW and what the heater is commanded to take.
+    # The route takes 15 kW, the vehicle 1 kW and the heater's command.
     reports = watch_charges([(900, 17400.0), (1800, 1000.0 + command_w)], step=step,
                             command_w=command_w)
     assert 900 + 120 <= first_at(reports, Regime.STANDING) <= 900 + within_s

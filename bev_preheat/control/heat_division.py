@@ -44,7 +44,7 @@ class Powers(NamedTuple):
     switches: Switches
 
 
-class SourcePowers:
+class HeatDivision:
     """
     The heat sources of AdmittedInputs at an instant [ns] of a Decision, with the battery at a temperature [deg C].
 
