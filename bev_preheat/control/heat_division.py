@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Divides the heat of a command among the heat sources, by merit, steps of power, least times and price of a start.
+Divides the heat of a command among the heat sources, by merit and steps, each with a `HeaterSwitch` of its own.
 
 A source with steps runs at the step nearest to its part. Once on it runs at its least power at least, and once off
 it rests; the others take its part then.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamped inputs of the supervisor: the battery's state, the trip with its terms, the vehicle's place."""
+"""Stamped inputs of the supervisor: battery state, trip with its terms and planning steps, the vehicle's place."""
 
 from __future__ import annotations
 

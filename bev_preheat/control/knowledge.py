@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Knowledge of the regime and of the valid signals.
+Regime of the vehicle, valid signals, and their say on the trip: it stands, goes on, has arrived at a charger.
 
 `Knowledge.seen` takes each valid battery state before it is learned from and planned with; no later stage uses a
 refuted signal.
