@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The equations of a charging session, shared by floats (`session`) and symbols (`optimum`)."""
+"""Equations of a charging session: power that charger and inlet leave, cooling; of floats (`session`) and symbols."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The decision maker: decides which plan holds.
+Decides which plan holds, and whether the coldest cell sets the limits.
 
 Only the current leg is planned from the battery's state, again on every input. A later leg is planned once, from
 the departure that the route gives.
