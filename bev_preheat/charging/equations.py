@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equations of a charging session: power that charger and inlet leave, cooling; of floats (`session`) and symbols."""
+"""Equations of a charging session: power that charger and inlet leave, cooling; of floats and symbols."""
 
 from __future__ import annotations
 
