@@ -16,8 +16,8 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.tunables import (
     BEYOND_REGENERATION,
     CHANGED_CHARGE,
-    COURSE_EVERY_S,
-    COURSE_S,
+    CHARGE_COURSE_S,
+    CHARGE_EVERY_S,
     LEAST_CHARGED,
     LEAST_TAKEN,
     RISES_WITHIN_S,
@@ -47,7 +47,7 @@ class CourseSample(NamedTuple):
 
 
 class ChargeCourse(NamedTuple):
-    """The latest CourseSample, None before the first, and those of the last COURSE_S, COURSE_EVERY_S apart."""
+    """The latest CourseSample, None before the first, and those of CHARGE_COURSE_S, CHARGE_EVERY_S apart."""
 
     latest: CourseSample | None = None
     samples: tuple[CourseSample, ...] = ()
@@ -67,9 +67,9 @@ class ChargeCourse(NamedTuple):
             sample = CourseSample(
                 stamp_ns, soc, before.taken + per_w * planned.least_in_300_s_w,
                 before.regenerated + per_w * max(0.0, -planned.least_in_60_s_w), before.heated + per_w * command_w)
-        samples = self.samples
-        if not samples or stamp_ns - samples[-1].stamp_ns >= COURSE_EVERY_S * NS_PER_S:
-            samples = (*dropwhile(lambda old: stamp_ns - old.stamp_ns > COURSE_S * NS_PER_S, samples), sample)
+        samples, oldest_ns = self.samples, stamp_ns - CHARGE_COURSE_S * NS_PER_S
+        if not samples or stamp_ns - samples[-1].stamp_ns >= CHARGE_EVERY_S * NS_PER_S:
+            samples = (*dropwhile(lambda old: old.stamp_ns < oldest_ns, samples), sample)
         return ChargeCourse(sample, samples, steps)
 
     def charged_since_ns(self, least: float = LEAST_CHARGED) -> int | None:

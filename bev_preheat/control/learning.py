@@ -14,10 +14,10 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
     CONTRADICTS_BEYOND_K,
-    KEPT_EVERY_S,
+    ESTIMATORS_EVERY_S,
+    ESTIMATORS_KEPT,
     LEAST_COURSE_S,
     LONGEST_GAP_S,
-    MOST_KEPT,
     MOST_NOTED,
     NOTED_EVERY_S,
     PARKED_WITHIN_S,
@@ -155,8 +155,8 @@ class Learning:
     The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
 
     `others` are name and Estimator of the other heat sources; each takes the rest of the car as it is
-    known, and judges its own source. `trial` tells them apart. `earlier` are those of instants KEPT_EVERY_S apart,
-    the latest last, while only the state of charge can show that the vehicle stands.
+    known, and judges its own source. `trial` tells them apart. `earlier` are those of every ESTIMATORS_EVERY_S, the
+    latest last, while only the state of charge can show that the vehicle stands.
     """
 
     estimator: Estimator
@@ -237,9 +237,9 @@ class Learning:
     def _kept(self, stamp_ns: int) -> Learning:
         """Return the Learning that keeps its estimators of an instant [ns], if it is time."""
         kept = self.earlier
-        if kept and 0 <= stamp_ns - (kept[-1][0].stamp_ns or 0) < KEPT_EVERY_S * NS_PER_S:
+        if kept and 0 <= stamp_ns - (kept[-1][0].stamp_ns or 0) < ESTIMATORS_EVERY_S * NS_PER_S:
             return self
-        return replace(self, earlier=(*kept, (self.estimator, self.others))[-MOST_KEPT:])
+        return replace(self, earlier=(*kept, (self.estimator, self.others))[-ESTIMATORS_KEPT:])
 
     def _without(self, since_ns: int | None) -> Learning:
         """Return the Learning without the values learned since an instant [ns]; None: with all."""
