@@ -155,8 +155,8 @@ class Learning:
     The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
 
     `others` are name and Estimator of the other heat sources; each takes the rest of the car as it is
-    known, and judges its own source. `trial` tells them apart. `earlier` are those of every ESTIMATORS_EVERY_S, the
-    latest last, while only the state of charge can show that the vehicle stands.
+    known, and judges its own source. `trial` tells them apart. `earlier` are those of every
+    ESTIMATORS_EVERY_S, the latest last, while only the state of charge can show that the vehicle stands.
     """
 
     estimator: Estimator
