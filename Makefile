@@ -73,7 +73,7 @@ test-pythons: ## all tests with each supported Python that is installed (scripts
 
 # The tests that talk to ROS or compiled code; make test-distributions TESTS=test runs all.
 test-distributions: ## the tests of nodes, messages and the core with the wheels of ROS 2 Kilted and Lyrical, if the package index has them
-	@scripts/test_environments.bash kilted lyrical -- $(if $(filter file,$(origin TESTS)),test/nodes test/messages test/native test/monitoring test/dashboard,$(TESTS))
+	@scripts/test_environments.bash kilted lyrical -- $(if $(filter file,$(origin TESTS)),test/nodes test/messages test/native test/monitoring,$(TESTS))
 
 test-repeated: build ## make test 20 times, half of the runs beside one busy loop per core
 	@scripts/repeat_tests.bash

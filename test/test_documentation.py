@@ -188,6 +188,13 @@ def test_code_comments_name_pages_that_exist():
                     assert (ROOT / name).exists(), f'{name_of(path)} names {name}'
 
 
+def test_tests_that_make_runs_exist():
+    named = [name for path in (ROOT / 'Makefile', *(ROOT / 'scripts').glob('*.bash'))
+             for name in re.findall(r'(?<![\w./])test/[\w./]*\w', path.read_text())]
+    assert named
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 FOLDERS_OF_NAMES = (ROOT, ROOT / 'bev_preheat', ROOT / 'studies/bev_preheat_studies')
 
 
