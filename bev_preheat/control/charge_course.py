@@ -18,8 +18,10 @@ from bev_preheat.tunables import (
     CHANGED_CHARGE,
     CHARGE_COURSE_S,
     CHARGE_EVERY_S,
+    HIGHEST_SHOWN_SOC,
     LEAST_CHARGED,
     LEAST_TAKEN,
+    LOWEST_SHOWN_SOC,
     RISES_WITHIN_S,
     SOC_JUMP,
     SOC_JUMP_PER_S,
@@ -91,6 +93,8 @@ class ChargeCourse(NamedTuple):
         # Before the beginning of the stand, the charge fell by more than this share of the route's part.
         most, since, fell, lowest = step, latest, 0.0, latest.soc + latest.heated
         for sample in reversed(self.samples):
+            if not LOWEST_SHOWN_SOC < sample.soc < HIGHEST_SHOWN_SOC:
+                break
             unheated = sample.soc + sample.heated
             lowest = min(lowest, unheated)
             fell = max(fell, unheated - lowest)

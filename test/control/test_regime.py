@@ -198,9 +198,9 @@ def charges(powers_w, step=0.001, soc=0.4, noise=0.0):
     return lambda at_s: socs[round(at_s - START_S)]
 
 
-def watch_charges(powers_w, planned=ROAD, step=0.001, noise=0.0, **evidence):
+def watch_charges(powers_w, planned=ROAD, step=0.001, noise=0.0, soc=0.4, **evidence):
     return watch([None] * sum(duration_s for duration_s, _ in powers_w), planned, soc=charges(
-        powers_w, step, noise=noise), full_j=FULL_J, **evidence)
+        powers_w, step, soc, noise), full_j=FULL_J, **evidence)
 
 
 @pytest.mark.parametrize('step, within_s', [(0.001, 100), (0.005, 115), (0.01, 130)])
@@ -234,6 +234,18 @@ def test_a_status_outranks_the_charge():
 def test_the_charge_of_a_drive_is_no_charging_and_no_standing(power_w, planned, step, noise):
     # The last one is a descent on no map.
     reports = watch_charges([(290, power_w)] if power_w < 0 else [(3000, power_w)], planned, step, noise)
+    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
+
+
+@pytest.mark.parametrize('soc', [0.995, 0.008])
+def test_a_display_at_its_end_is_no_standing(soc):
+    # The true charge goes on falling.
+    assert {report.regime for _, report in watch_charges([(1500, 0.0)], soc=soc)} == {Regime.UNKNOWN}
+
+
+def test_a_display_that_is_renewed_every_five_minutes_is_no_standing():
+    shown = charges([(3000, 10000.0)])
+    reports = watch([None] * 3000, soc=lambda at_s: shown(START_S + (at_s - START_S) // 300 * 300), full_j=FULL_J)
     assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
 
 
