@@ -205,15 +205,15 @@ ASSUMED_FROM_NS = 300_000_000_000  # ns | five minutes, whose mean power is assu
 STANDING_W = 500.0                 # W  | mean and scatter of the power of a car that stands
 
 # control/charge_course.py: the same from the state of charge alone; assumed
-CHARGE_COURSE_S = 1800.0           # s | of charges that are compared with the route
+CHARGE_COURSE_S = 2400.0           # s | of charges that are compared with the route
 CHARGE_EVERY_S = 15.0              # s | apart
 RISES_WITHIN_S = 300.0             # s | a car that is charged fast gains LEAST_CHARGED
 LEAST_CHARGED = 0.03               # 1 | of the charge, beyond descents: 5 min of 8 % on no map give 0.02
 CHANGED_CHARGE = 0.005             # 1 | … and learning pauses; a fall by CHANGED_CHARGE ends charging and standing
-LEAST_TAKEN = 0.02                 # 1 | of the charge that the route takes: a descent on no map is shorter
+LEAST_TAKEN = 0.015                # 1 | of the charge that the route takes: a descent on no map is shorter
 STANDS_SHARE = 0.25                # 1 | … and a car that stands takes less of this
 ESTIMATORS_EVERY_S = 600.0         # s | between estimators, to forget values learned of a car that was not driven
-ESTIMATORS_KEPT = 3                # n | … of 20 min; a coarse charge shows a stand after up to 28 min
+ESTIMATORS_KEPT = 3                # n | … of 20 min; a coarse charge shows a stand after up to half an hour
 
 # control/timetable.py, expected_drive.py: where on the route
 KNOWN_TO_M = 10.0                       # m  | accuracy of a distance: within it the car is on time

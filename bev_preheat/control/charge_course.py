@@ -26,6 +26,7 @@ from bev_preheat.tunables import (
     SOC_JUMP,
     SOC_JUMP_PER_S,
     SOC_JUMP_STEPS,
+    STANDING_AFTER_LONG_S,
     STANDS_SHARE,
 )
 
@@ -37,8 +38,8 @@ class CourseSample(NamedTuple):
     """
     A state of charge (0 ... 1) at an instant [ns].
 
-    Since the course began the route takes at least `taken` of the charge, regenerates at most `regenerated`, and
-    the heat sources were commanded to take `heated`.
+    Since the course began the route takes about `taken` of the charge, regenerates at most `regenerated`, and
+    the heat sources were commanded to take `heated`. In the last STANDING_AFTER_LONG_S it takes at least `least`.
     """
 
     stamp_ns: int
@@ -46,6 +47,7 @@ class CourseSample(NamedTuple):
     taken: float = 0.0
     regenerated: float = 0.0
     heated: float = 0.0
+    least: float = 0.0
 
 
 class ChargeCourse(NamedTuple):
@@ -68,7 +70,8 @@ class ChargeCourse(NamedTuple):
             per_w = elapsed_s / full_j
             sample = CourseSample(
                 stamp_ns, soc, before.taken + per_w * planned.least_in_300_s_w,
-                before.regenerated + per_w * max(0.0, -planned.least_in_60_s_w), before.heated + per_w * command_w)
+                before.regenerated + per_w * max(0.0, -planned.least_in_60_s_w), before.heated + per_w * command_w,
+                STANDING_AFTER_LONG_S / full_j * planned.least_in_300_s_w)
         samples, oldest_ns = self.samples, stamp_ns - CHARGE_COURSE_S * NS_PER_S
         if not samples or stamp_ns - samples[-1].stamp_ns >= CHARGE_EVERY_S * NS_PER_S:
             samples = (*dropwhile(lambda old: old.stamp_ns < oldest_ns, samples), sample)
@@ -92,6 +95,8 @@ class ChargeCourse(NamedTuple):
             return None
         # Before the beginning of the stand, the charge fell by more than this share of the route's part.
         most, since, fell, lowest = step, latest, 0.0, latest.soc + latest.heated
+        # The least part of the route is known for whole periods alone: its power may have fallen within one.
+        planned, next_ns, part = 0.0, latest.stamp_ns, latest.least
         for sample in reversed(self.samples):
             if not LOWEST_SHOWN_SOC < sample.soc < HIGHEST_SHOWN_SOC:
                 break
@@ -101,8 +106,11 @@ class ChargeCourse(NamedTuple):
             exceeds = STANDS_SHARE * (latest.taken - sample.taken) - fell
             if exceeds > most:
                 most, since = exceeds, sample
-        planned = latest.taken - since.taken
-        return since.stamp_ns if planned >= max(LEAST_TAKEN, 2.0 * step / STANDS_SHARE) else None
+            if next_ns - sample.stamp_ns >= STANDING_AFTER_LONG_S * NS_PER_S:
+                planned, next_ns, part = planned + part, sample.stamp_ns, sample.least
+                if planned >= LEAST_TAKEN and fell + step < STANDS_SHARE * planned:
+                    return since.stamp_ns
+        return None
 
     def driven_since_ns(self) -> int | None:
         """Return the instant [ns] since which the charge falls as the route takes it; None: unknown."""

@@ -291,7 +291,9 @@ class Timetable:
             return self
         if until_ns is None or self.end is not None:
             return self.driving()
-        delay_ns = max(until_ns - self.held_at_ns, self.delay_ns - self.stood_ns)
+        before_ns = self.delay_before_charge_ns
+        before_ns = self.delay_ns - self.stood_ns if before_ns is None else before_ns
+        delay_ns = max(until_ns - self.held_at_ns, before_ns)
         return replace(self.driving(), mission=self.planned.delayed(delay_ns), fixes=())
 
     def driven_all_along(self) -> Timetable:

@@ -254,7 +254,7 @@ def test_a_corrected_display_is_no_charging():
     assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
 
 
-@pytest.mark.parametrize('step, within_s', [(0.001, 8 * 60), (0.01, 28 * 60)])
+@pytest.mark.parametrize('step, within_s', [(0.001, 6 * 60), (0.01, 30 * 60)])
 @pytest.mark.parametrize('command_w', [0.0, 5000.0])
 def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
     # The route takes 15 kW, the vehicle 1 kW and the heater's command.
@@ -262,6 +262,20 @@ def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
                             command_w=command_w)
     assert 900 + 120 <= first_at(reports, Regime.STANDING) <= 900 + within_s
     assert reports[-1][1].regime is Regime.STANDING
+
+
+def test_a_slow_stretch_after_a_fast_one_is_no_standing():
+    # 40 kW, then 6 min with a sixteenth; the route's least mean of 300 s follows late, as a mean does.
+    powers_w = [40000.0] * 600 + [2500.0] * 360 + [20000.0] * 600
+    soc = charges([(1, power_w) for power_w in powers_w])
+    regimes, seen = RegimeWatch(), set()
+    for number in range(len(powers_w)):
+        least_w = sum(powers_w[max(0, number - 299):number + 1]) / 300.0
+        regimes = regimes.seen(Evidence(
+            (START_S + number) * NS_PER_S, None, 0.0, ROAD._replace(least_in_300_s_w=least_w),
+            soc=soc(START_S + number), full_j=FULL_J))
+        seen.add(regimes.report.regime)
+    assert seen == {Regime.UNKNOWN}
 
 
 def test_a_heater_that_does_not_follow_is_no_standing():
