@@ -81,7 +81,7 @@ def test_the_power_of_each_of_several_heat_sources_adds_up_to_the_command(page, 
     assert together_w == pytest.approx(numbers(recorded['columns']['commanded']), abs=0.1)
     assert max(sources['heat_pump']) == 2500.0 and max(sources['motor']) > 0.0 and not any(sources['chiller'])
     assert '<td>heat_pump commanded [Wh]</td>' in text
-    # The heat of all of them: of 3 kW by the motor, 4.5 kW by the HVCH and some 5 kW by the heat pump.
+    # The sources heat together: 3 kW by the motor, 4.5 kW by the HVCH and some 5 kW by the heat pump.
     columns = recorded['columns']
     warmer_k = [measured_c - unheated_c for measured_c, unheated_c in zip(
         numbers(columns['measured']), numbers(columns['unheated'])) if not math.isnan(unheated_c)]
