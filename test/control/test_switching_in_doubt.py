@@ -50,7 +50,9 @@ class Car:
         self.give(0.0, RouteArrived(mission(**trip)))
 
     def state(self, at_s):
-        return BatteryStateArrived(Measurement(BatteryState(self.temperature_c, 0.8), NOW_NS + ns(at_s)))
+        # A charge that stayed would be that of a parked car.
+        return BatteryStateArrived(Measurement(
+            BatteryState(self.temperature_c, 0.8 - 6e-5 * at_s), NOW_NS + ns(at_s)))
 
     def give(self, at_s, *events):
         self.planner.step_through(NOW_NS + ns(at_s), *events)
