@@ -272,7 +272,7 @@ def test_a_slow_stretch_after_a_fast_one_is_no_standing():
     for number in range(len(powers_w)):
         least_w = sum(powers_w[max(0, number - 299):number + 1]) / 300.0
         regimes = regimes.seen(Evidence(
-            (START_S + number) * NS_PER_S, None, 0.0, ROAD._replace(least_in_300_s_w=least_w),
+            (START_S + number) * NS_PER_S, None, 0.0, PlannedPower(least_w, 0.0, 40000.0, 2100.0, 0.0, least_w),
             soc=soc(START_S + number), full_j=FULL_J))
         seen.add(regimes.report.regime)
     assert seen == {Regime.UNKNOWN}
