@@ -167,14 +167,17 @@ def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath] = (), 
     `wanted` is the option with the number of situations; `limits` are (low, high) of the study's own options.
     Raises InvalidInput.
     """
-    problems = []
-    for name, (low, high) in {**LIMITS, wanted: (1, MOST_SITUATIONS), **limits}.items():
-        value = getattr(arguments, name, None)
-        if value is not None and not low <= value <= high:
-            problems.append(f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}')
+    check_ranges(arguments, {**LIMITS, wanted: (1, MOST_SITUATIONS), **limits})
+    check_output_arguments(arguments, inputs, [OutputFile('--results', arguments.results)])
+
+
+def check_ranges(arguments: Namespace, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Raise InvalidInput that names all options outside their limits (low, high)."""
+    problems = [f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}'
+                for name, (low, high) in limits.items()
+                if (value := getattr(arguments, name, None)) is not None and not low <= value <= high]
     if problems:
         raise InvalidInput(problems)
-    check_output_arguments(arguments, inputs, [OutputFile('--results', arguments.results)])
 
 
 def distribution(values: Iterable[float | None], **percents: float) -> dict[str, float]:

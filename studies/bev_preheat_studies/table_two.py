@@ -9,7 +9,7 @@ heat and the column's sum hold. Everything else is predicted.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route, route_file
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.curves import InverseTemperatureResistance
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -205,27 +206,18 @@ def fit_reference() -> Fit:
     from scipy.optimize import root
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
-    battery, resistance = vehicle.battery, vehicle.battery.resistance
+    resistance = vehicle.battery.resistance
     if not isinstance(resistance, InverseTemperatureResistance):
         raise TypeError('only a vehicle whose resistance is a formula can be fitted')
     wanted = {row: heuristic for row, heuristic, _ in TABLE_II}
 
-    def scaled(factors: FloatArray) -> Vehicle:
-        capacity, leakage, resistance_factor = factors
-        return replace(vehicle, battery=replace(
-            battery, heat_capacity_j_per_k=battery.heat_capacity_j_per_k * capacity, leakage=replace(
-                battery.leakage,
-                gamma_0_w_per_k=battery.leakage.gamma_0_w_per_k * leakage,
-                gamma_v_w_per_k_per_mps=battery.leakage.gamma_v_w_per_k_per_mps * leakage),
-            resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k * resistance_factor)))
-
     def misses(factors: FloatArray) -> list[float]:
-        plan = _heuristic(scaled(factors), route)
+        plan = _heuristic(corrected_vehicle(vehicle, Corrections(*factors)), route)
         return [_heated_s(plan) - HEATING_BEFORE_ARRIVAL_S, plan.energy_wh.joule - wanted['joule'],
                 plan.energy_wh.leakage - wanted['leakage']]
 
     found = root(misses, np.ones(3), options={'eps': 1e-5})
-    fitted = scaled(found.x).battery
+    fitted = corrected_vehicle(vehicle, Corrections(*found.x)).battery
     return Fit(fitted.heat_capacity_j_per_k, fitted.leakage.gamma_0_w_per_k,
                fitted.leakage.gamma_v_w_per_k_per_mps, resistance.k_ohm_k * found.x[2],
                None if found.success else found.message)

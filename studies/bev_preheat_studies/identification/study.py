@@ -92,18 +92,13 @@ def run(arguments: Namespace) -> int:
 
 
 def car_result(vehicle_name: str, heats: bool, seed: int, number: int) -> CarResult:
-    """Return the CarResult of a car; its own seed is `seed` + `number`."""
-    return CarResult(number, tuple(study_car(vehicle_name, seed + number, heats)))
-
-
-def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]:
-    """Return the Outcomes of the synthetic car with a seed, identified from the vehicle file of that name."""
-    generator = np.random.default_rng(seed)
+    """Return the CarResult of a car around that vehicle file; its own seed is `seed` + `number`."""
+    generator = np.random.default_rng(seed + number)
     vehicle = load_vehicle(vehicle_name)
     car = draw_car(generator, vehicle)
     # The structures that no vehicle file can hold change no estimate.
     trips = trips_of(record_car(car, generator, heats), vehicle)
-    found = identify(vehicle, trips, f'car {seed}', structures_tried=('one mass', 'one mass, sensor lag'))
+    found = identify(vehicle, trips, f'car {seed + number}', structures_tried=('one mass', 'one mass, sensor lag'))
     truth = {
         # Coolant warms with the battery and belongs to it.
         'heat_capacity': car.heat_capacity_j_per_k + COOLANT_J_PER_K, 'leakage': car.leakage_w_per_k,
@@ -119,7 +114,7 @@ def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]
         at, true_ohm = int(np.argmin(np.abs(curve.temperature_c - at_c))), car.resistance_at(at_c)
         outcomes.append(Outcome(f'resistance at {at_c} degC', float(curve.estimate_ohm[at]) / true_ohm - 1.0,
                                 bool(curve.low_ohm[at] <= true_ohm <= curve.high_ohm[at]), True, *rest))
-    return outcomes
+    return CarResult(number, tuple(outcomes))
 
 
 @dataclass(frozen=True)

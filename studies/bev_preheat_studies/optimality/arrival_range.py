@@ -193,9 +193,8 @@ def _judge(task: Task, trip: Trip, state: BatteryState, after: Callable[[Battery
     arrival = BatteryState(float(schedule.temperature_c[-1]), max(float(schedule.soc[-1]), 0.0))
     low_c, high_c = task.range_c
     heater_wh = float(trip.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH
-    if not (low_c - BELOW_K <= arrival.temperature_c <= high_c + BELOW_K and arrival.soc >= task.reserve):
-        return Judged(arrival, heater_wh, math.inf)
-    return Judged(arrival, heater_wh, after(arrival).time_s)
+    is_allowed = low_c - BELOW_K <= arrival.temperature_c <= high_c + BELOW_K and arrival.soc >= task.reserve
+    return Judged(arrival, heater_wh, after(arrival).time_s if is_allowed else math.inf)
 
 
 def draw_route(random: np.random.Generator, vehicle: Vehicle) -> tuple[Route, BatteryState]:

@@ -14,7 +14,7 @@ from bev_preheat.route.segments import make_route, Route
 from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, Table
-from bev_preheat.vehicle.variants import ScaledCurve
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, ScaledCurve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -128,24 +128,18 @@ def _cruise(random: Generator, shortest_min: float, longest_min: float) -> Float
 
 def scale_vehicle(vehicle: Vehicle, size: float, heater: float, power_limits: float) -> Vehicle:
     """Return the vehicle with pack size, heater and limits multiplied by these factors."""
-    battery = vehicle.battery
-    resistance = battery.resistance
+    resistance = vehicle.battery.resistance
+    scaled = corrected_vehicle(vehicle, Corrections(size, size**(2.0 / 3.0)))
+    battery = scaled.battery
     return replace(
-        vehicle,
+        scaled,
         battery=replace(
-            battery,
-            capacity_ah=battery.capacity_ah * size,
-            heat_capacity_j_per_k=battery.heat_capacity_j_per_k * size,
+            battery, capacity_ah=battery.capacity_ah * size,
             resistance=replace(resistance, k_ohm_k=resistance.k_ohm_k / size)
             if isinstance(resistance, InverseTemperatureResistance) else ScaledCurve(resistance, 1.0 / size),
             discharge_power_limit=_scale_table(battery.discharge_power_limit, power_limits),
-            charge_power_limit=_scale_table(battery.charge_power_limit, power_limits),
-            leakage=replace(
-                battery.leakage,
-                gamma_0_w_per_k=battery.leakage.gamma_0_w_per_k * size**(2.0 / 3.0),
-                gamma_v_w_per_k_per_mps=(
-                    battery.leakage.gamma_v_w_per_k_per_mps * size**(2.0 / 3.0)))),
-        hvch=replace(vehicle.hvch, maximum_power_w=vehicle.hvch.maximum_power_w * heater))
+            charge_power_limit=_scale_table(battery.charge_power_limit, power_limits)),
+        hvch=replace(scaled.hvch, maximum_power_w=scaled.hvch.maximum_power_w * heater))
 
 
 def _scale_table(table: Curve, factor: float) -> Table:

@@ -103,7 +103,7 @@ class DrawnCar:
         conditions = self.conditions
         return ImperfectCar(
             conditions.vehicle, DrivePhase(
-                self.route, conditions.goal, events=self._events(),
+                self.route, conditions.goal, events=pace_events(self.route, self.pace),
                 position=(PositionReports(conditions.period_s, POSITION_NOISE_M)
                           if conditions.tells_position else None)),
             conditions.state,
@@ -118,11 +118,10 @@ class DrawnCar:
             reports_power=self.conditions.reports_power,
             period_s=self.conditions.period_s)
 
-    def _events(self) -> tuple[Event, ...]:
-        """Return the events that change the pace of the whole route; the trip planner does not report them."""
-        if self.pace == 1.0:
-            return ()
-        return (Event(Kind.OTHER_PACE, 0.0, None, self.route.total_duration_s, self.pace),)
+
+def pace_events(route: Route, pace: float) -> tuple[Event, ...]:
+    """Return the events that change the pace of a whole route; the trip planner does not report them."""
+    return () if pace == 1.0 else (Event(Kind.OTHER_PACE, 0.0, None, route.total_duration_s, pace),)
 
 
 def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:

@@ -14,7 +14,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park
 from bev_preheat.simulation.sensors import PositionReports
 from bev_preheat.simulation.traffic import Event, Kind
-from bev_preheat_studies.robustness.drawn_cars import draw_car, POSITION_NOISE_M
+from bev_preheat_studies.robustness.drawn_cars import draw_car, pace_events, POSITION_NOISE_M
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -117,12 +117,13 @@ class _Day:
     def drive(self, route: Route) -> None:
         """Drive a route."""
         pace = 1.0 + (self._between((-MOST_OFF_PACE, MOST_OFF_PACE)) if self._happens(OFF_PACE) else 0.0)
-        cut_at_s = self._between(CUT_AT) * pace * route.total_duration_s
+        # An early end is reported by no route plan either.
+        early = Event(Kind.ARRIVE_EARLY, self._between(CUT_AT) * pace * route.total_duration_s, None)
         self._is_cut = self._happens(CUT_SHORT)
         conditions = self._conditions
         self.phases.append(DrivePhase(
             route, conditions.goal, self._parked_s if self._happens(TELLS_STANDING) else 0.0,
-            _events(route, pace, cut_at_s if self._is_cut else None),
+            (*pace_events(route, pace), *([early] if self._is_cut else [])),
             PositionReports(conditions.period_s, POSITION_NOISE_M) if conditions.tells_position else None))
         self.paces.append(pace)
         self._soc -= _needed_soc(conditions, route)
@@ -149,16 +150,6 @@ class _Day:
             self._soc = charge.until_soc
         self._parked_s = park.duration_s if phases[-1] is park else 0.0
         self.phases += phases
-
-
-def _events(route: Route, pace: float, cut_at_s: float | None) -> tuple[Event, ...]:
-    """Return the events that no route plan reports: another pace, and an early end."""
-    events = []
-    if pace != 1.0:
-        events.append(Event(Kind.OTHER_PACE, 0.0, None, route.total_duration_s, pace))
-    if cut_at_s is not None:
-        events.append(Event(Kind.ARRIVE_EARLY, cut_at_s, None))
-    return tuple(events)
 
 
 def _needed_soc(conditions: Conditions, route: Route) -> float:

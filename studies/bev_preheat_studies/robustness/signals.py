@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from bev_preheat.simulation.sensors import Sensors
     from bev_preheat_studies.robustness.drawn_cars import Conditions
 
 FEED = 'feed'
@@ -42,10 +41,6 @@ class SignalCase:
     wrong: dict[str, Any]
     temperature_c: float | None = None
     soc: float | None = None
-
-    def sensors(self, sensors: Sensors) -> Sensors:
-        """Return the Sensors with this fault."""
-        return replace(sensors, **self.wrong)
 
 
 CASES: dict[str, SignalCase] = {
@@ -94,7 +89,8 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
     drawn = draw_car(replace(conditions, state=state), seed, car_number)
     # The planner with the slow feed is configured for a state each second.
     settings = settings_of_compared('planner', 1.0 if case.signal == FEED else conditions.period_s)
-    record = drive(drawn.car(case.sensors(drawn.sensors())), settings, conditions.goal.target_temperature_c)
+    car = drawn.car(replace(drawn.sensors(), **case.wrong))
+    record = drive(car, settings, conditions.goal.target_temperature_c)
     named = record.signals if case.signal else [
         (at_s, '') for at_s, _, reason in record.commands if reason == Status.INVALID_INPUT.name]
     return SignalResult(

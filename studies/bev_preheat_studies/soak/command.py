@@ -25,6 +25,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, OutputFile
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat_studies.study import check_ranges
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -63,10 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: Namespace) -> int:
     """Load the planner, and assess the finished part; returns 0 if all is good."""
-    for name, (low, high) in LIMITS.items():
-        if not low <= getattr(arguments, name) <= high:
-            raise InvalidInput(
-                f'--{name}: {getattr(arguments, name):g} is not allowed; it must be {low:g} ... {high:g}')
+    check_ranges(arguments, LIMITS)
     log_file = str(Path(arguments.json).with_suffix('.planner.log'))
     check_outputs([json_output(arguments.json, make_folder=True),
                    OutputFile('--json', log_file, make_folder=True)], [vehicle_file('reference')])
