@@ -43,6 +43,15 @@ def read_text(path: AnyPath, encoding: str = 'utf-8') -> str:
     return text
 
 
+def beginning_of(path: AnyPath, size: int = 16) -> bytes:
+    """Return the first bytes of a file; raise InvalidInput if it cannot be read."""
+    try:
+        with open(path, 'rb') as file:
+            return file.read(size)
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+
+
 # A damaged length must not make the reader ask for all memory.
 LARGEST_RECORD_BYTES = 100_000_000
 

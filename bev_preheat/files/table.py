@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.input_files import check_input
+from bev_preheat.files.input_files import beginning_of, check_input
 from bev_preheat.files.units import (
     ambiguous,
     decimal_mark,
@@ -40,14 +40,8 @@ NOT_TEXT = frozenset('\0\x01\x02\x03\x04\x05\x06\x07\x08\x0e\x0f')
 
 def read_head(path: str | Path) -> bytes:
     """Return the first bytes of a file; raise InvalidInput if it cannot be read or is empty."""
-    try:
-        check_input(path)
-        with open(path, 'rb') as file:
-            head = file.read(HEAD_BYTES)
-    except (OSError, ValueError) as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    check_input(path)
+    head = beginning_of(path, HEAD_BYTES)
     if not head.strip():
         raise InvalidInput(f'{path}: is empty')
     return head
@@ -252,8 +246,7 @@ class TableFile:
         for number, line in enumerate(lines, start=first):
             if number < layout.first or is_blank(line):
                 continue
-            text = line.partition('#')[0] if '#' in line and '"' not in line else line
-            cells = split_line(text, layout.separator)
+            cells = split_line(_without_comment(line), layout.separator)
             while len(cells) > self._most and not cells[-1]:
                 cells.pop()
             if not self._least <= len(cells) <= self._most:

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from datetime import datetime, UTC
+from functools import partial
 import re
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -35,16 +36,16 @@ TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d
                          r'\s*([AaPp]\.?[Mm]\.?)?')
 
 
-class Clock:
-    """Reads the times of a log, `absolute` if from the epoch; `remark` is a sentence on an assumption, or ''."""
+class Clock(NamedTuple):
+    """
+    Reads the times of a log, `absolute` if from the epoch; `remark` is a sentence on an assumption, or ''.
 
-    def __init__(self, read: Callable[[Sequence[str]], FloatArray], absolute: bool, remark: str = '') -> None:
-        """Take a function from texts to seconds, NaN if a text is no time."""
-        self._read, self.absolute, self.remark = read, absolute, remark
+    `seconds(texts)` returns the times [s] of cells, shape (N,); NaN for cells without a time.
+    """
 
-    def seconds(self, texts: Sequence[str]) -> FloatArray:
-        """Return the times [s] of cells, shape (N,); NaN for cells without a time."""
-        return self._read(texts)
+    seconds: Callable[[Sequence[str]], FloatArray]
+    absolute: bool
+    remark: str = ''
 
 
 def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Clock | None:
@@ -58,17 +59,17 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     for read, absolute in ((iso_seconds, True), (_TimesOfDay(), False)):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
             # A reader of times of day has a memory; the log begins with a new one.
-            return _text_clock(read if absolute else _TimesOfDay(), absolute)
+            return Clock(partial(_each, read if absolute else _TimesOfDay()), absolute)
     return _date_clock(texts)
 
 
-def _text_clock(read: Callable[[str], float], absolute: bool) -> Clock:
-    return Clock(lambda cells: np.array(list(map(read, cells)), dtype=float), absolute)
+def _each(read: Callable[[str], float], cells: Sequence[str]) -> FloatArray:
+    return np.array(list(map(read, cells)), dtype=float)
 
 
 def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
-    scale, remark = _scale_of(unit), ''
-    absolute = False
+    scale = conversion(unit, 's').factor if unit in TIME_UNITS else None
+    absolute, remark = False, ''
     middle = float(np.median(numbers))
     steps = np.diff(numbers)
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
@@ -116,10 +117,6 @@ class Rounds:
         return later
 
 
-def _scale_of(unit: str) -> float | None:
-    return conversion(unit, 's').factor if unit in TIME_UNITS else None
-
-
 def iso_seconds(text: str) -> float:
     """Return seconds since the epoch of a time as in ISO 8601, NaN of another text; no zone means UTC."""
     text = text.strip().replace(',', '.')
@@ -155,10 +152,7 @@ class _TimesOfDay:
 
 
 def _hour(text: str, half: str | None) -> int:
-    hour = int(text)
-    if not half:
-        return hour
-    return hour % 12 + (12 if half[0] in 'pP' else 0)
+    return int(text) % 12 + 12 * (half[0] in 'pP') if half else int(text)
 
 
 def _date_clock(texts: Sequence[str]) -> Clock | None:
@@ -178,10 +172,10 @@ def _date_clock(texts: Sequence[str]) -> Clock | None:
         if mark != '.':
             remark = (f'date {first[0]!r} can be read in two ways; the {"month" if order == "mdy" else "day"} is '
                       'taken to come first')
-    return Clock(lambda cells: np.array([_date_seconds(cell, order) for cell in cells], dtype=float), True, remark)
+    return Clock(partial(_each, partial(_date_seconds, order)), True, remark)
 
 
-def _date_seconds(text: str, order: str) -> float:
+def _date_seconds(order: str, text: str) -> float:
     match = DATE_TIME.fullmatch(text.strip())
     if match is None:
         return np.nan

@@ -6,7 +6,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Collection, Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
 from itertools import chain, islice
 import logging
 from pathlib import Path
@@ -24,6 +23,8 @@ from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
+    import can
+
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
 
@@ -53,18 +54,6 @@ OTHER_FRAMES = re.compile(rb'BUSMASTER|CAN BUS Analyzer|\bDLC\b|\bArb(itration)?
 SCALES = {'SavvyCAN GVRET': 1e-6}
 
 
-@dataclass
-class Frame:
-    """A CAN frame, with the names of can.Message."""
-
-    timestamp: float
-    arbitration_id: int
-    data: bytes
-    is_extended_id: bool
-    is_remote_frame: bool = False
-    is_error_frame: bool = False
-
-
 def text_kind(lines: list[str]) -> str:
     """Return the format of a file by its first lines, '' if they are no frames."""
     lines = [line for line in lines if not NO_FRAME.fullmatch(line)]
@@ -72,7 +61,7 @@ def text_kind(lines: list[str]) -> str:
                  if sum(bool(pattern.fullmatch(line)) for line in lines) > len(lines) // 2), '')
 
 
-def text_frames(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Frame]:
+def text_frames(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[can.Message]:
     """Yield the frames of a text of a kind; remark on other lines."""
     scale, rounds = SCALES.get(kind, 1.0), Rounds(COUNTER * SCALES[kind]) if kind in SCALES else None
     for first, lines in line_blocks(path, encoding):
@@ -88,7 +77,8 @@ def text_frames(path: str | Path, kind: str, encoding: str, remarks: Remarks | N
                             noun='line')
 
 
-def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: float) -> Frame:
+def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: float) -> can.Message:
+    import can
     time, identifier = parts['time'], parts['id'] or ''
     if time is None:
         raise InvalidInput(f'{path}, line {number}: the frame has no time; record with candump -L')
@@ -99,7 +89,8 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
     else:
         data = b''.join(bytes.fromhex(each.zfill(2)) for each in re.findall(f'{HEX}{{1,2}}', parts['data'] or ''))
     seconds = iso_seconds(time) if ':' in time else float(time)
-    return Frame(seconds * scale, int(identifier, 16), data, is_extended, parts.get('remote') is not None)
+    is_remote = parts.get('remote') is not None
+    return can.Message(seconds * scale, int(identifier, 16), is_extended, is_remote, data=data)
 
 
 # Values that the DBC gives such a name are no readings.
@@ -220,7 +211,7 @@ class CanFrames(RawLog):
 
 
 def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Any]:
-    """Yield the frames (can.Message, or alike) of a recording; remark on damage, which ends a binary file."""
+    """Yield the frames (can.Message) of a recording; remark on damage, which ends a binary file."""
     import can
     # It logs each object that it does not know.
     logging.getLogger('can').setLevel(logging.CRITICAL)
@@ -316,7 +307,7 @@ def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | P
 
 
 def recorded_frames(path: str | Path) -> Iterator[Any]:
-    """Yield the frames (can.Message, or alike) of a recording, without a DBC; refuse other files."""
+    """Yield the frames (can.Message) of a recording, without a DBC; refuse other files."""
     require('can')
     kind, encoding = _kind_of(read_head(path))
     if not kind:

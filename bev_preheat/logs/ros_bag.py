@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.input_files import installed_prefix, mcap_messages
+from bev_preheat.files.input_files import beginning_of, installed_prefix, mcap_messages
 from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
 from bev_preheat.optional_packages import MissingPackage, require
 
@@ -214,15 +214,7 @@ def _route(topic: str, message: Any, start_s: float) -> list[tuple[float, dict[s
 def _mcap_files(path: Path) -> list[Path]:
     """Return the MCAP files of a recording, in order; [] if it is SQLite."""
     files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
-    return [file for file in files if _begins_as_mcap(file)]
-
-
-def _begins_as_mcap(path: Path) -> bool:
-    try:
-        with open(path, 'rb') as file:
-            return file.read(len(MAGIC[0])) == MAGIC[0]
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+    return [file for file in files if beginning_of(file).startswith(MAGIC[0])]
 
 
 def is_bag_folder(path: str | Path) -> bool:

@@ -34,10 +34,17 @@ def drive(duration_s=600.0, interval_s=1.0):
         'latitude_deg': 51.5 + np.degrees(distance_m / 6371008.8), 'longitude_deg': -0.125 + 0.0 * time_s}
 
 
+def assert_same(recording, log, signals, **tolerance):
+    """Compare signals with those of a drive, at the recording's own instants."""
+    for signal in signals:
+        series = recording.signals[signal]
+        expected = np.interp(series.time_s + log['time_s'][0], log['time_s'], log[signal])
+        np.testing.assert_allclose(series.value, expected, err_msg=signal, **tolerance)
+
+
 def write_wide(path, log, separator=',', decimal='.', end='\n', mark='', names=None, times=None):
-    """Write columns as CSV; `names` are the headings, `times` texts instead of seconds."""
-    names = names or {name: name for name in log}
-    lines = [separator.join(names[name] for name in log)]
+    """Write columns as CSV; `names` are other headings, `times` texts instead of seconds."""
+    lines = [separator.join((names or {}).get(name, name) for name in log)]
     for at in range(len(log['time_s'])):
         cells = [times[at] if times is not None and name == 'time_s' else
                  f'{column[at]:.7g}'.replace('.', decimal) for name, column in log.items()]

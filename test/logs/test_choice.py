@@ -102,22 +102,16 @@ def test_two_cars_in_one_log_are_refused(tmp_path, header):
         read_recording(path)
 
 
-@pytest.mark.parametrize('column, low, high', [('soc', 0.5, 0.8), ('odometer_m', 1e7, 3e7)])
-def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, low, high):
-    path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps',
-                 [(at, (low, high)[at % 2], 9) for at in range(40)])
+@pytest.mark.parametrize('column, values, count, is_second, is_wild', [
+    ('soc', (0.5, 0.8), 40, lambda at: at % 2, lambda at: at == 9),
+    ('odometer_m', (1e7, 3e7), 40, lambda at: at % 2, lambda at: at == 9),
+    # In blocks; wrong for one reading in ten.
+    ('soc', (0.5, 0.8), 400, lambda at: at // 50 % 2, lambda at: at % 10 > 0)])
+def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, values, count, is_second, is_wild):
+    def written(is_high):
+        return write(tmp_path / 'a.csv', f'time_s,{column}', [(at, values[is_high(at)]) for at in range(count)])
+
     with pytest.raises(InvalidInput, match=f'{column} jumps to and fro between .*; a log must be of one car'):
-        read_recording(path)
-    # A single wild reading is not another car.
-    path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps', [(at, high if at == 9 else low, 9)
-                                                                    for at in range(40)])
-    assert len(read_recording(path).signals[column].value) == 40
-
-
-def test_two_cars_that_alternate_in_blocks_are_refused(tmp_path):
-    path = write(tmp_path / 'a.csv', 'time_s,soc', [(at, (0.5, 0.8)[at // 50 % 2]) for at in range(400)])
-    with pytest.raises(InvalidInput, match='soc jumps to and fro'):
-        read_recording(path)
-    # Wrong for one reading in ten.
-    path = write(tmp_path / 'a.csv', 'time_s,soc', [(at, (0.5, 0.8)[at % 10 > 0]) for at in range(400)])
-    assert len(read_recording(path).signals['soc'].value) == 400
+        read_recording(written(is_second))
+    # Wild readings are not another car.
+    assert len(read_recording(written(is_wild)).signals[column].value) == count

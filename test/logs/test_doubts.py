@@ -70,7 +70,7 @@ def in_miles(folder, names, left_out=()):
     driven_m = np.concatenate([[0.0], np.cumsum(0.5 * (log['speed_mps'][1:] + log['speed_mps'][:-1]))])
     log |= {'speed_mps': log['speed_mps'] / 0.44704, 'odometer_m': (2e7 + driven_m) / 1609.344,
             'soc': 100.0 * log['soc']}
-    return log, write_wide(folder / 'a.csv', log, names={name: names.get(name, name) for name in log})
+    return log, write_wide(folder / 'a.csv', log, names=names)
 
 
 def test_miles_are_told_by_the_position(tmp_path):
@@ -96,7 +96,7 @@ def test_miles_are_told_by_the_position(tmp_path):
 def test_an_odometer_in_miles_and_a_speed_in_other_units_explain_each_other(tmp_path):
     log, path = in_miles(tmp_path, {'odometer_m': 'odo'}, ('latitude_deg', 'longitude_deg'))
     written = {**log, 'speed_mps': 0.44704 * log['speed_mps'], 'soc': 0.01 * log['soc']}
-    path = write_wide(path, written, names={**{name: name for name in log}, 'odometer_m': 'odo'})
+    path = write_wide(path, written, names={'odometer_m': 'odo'})
     for repair in (False, True):
         recording = read_recording(path, repair=repair)
         assert any('km/h taken as mph, or an odometer in miles? name the unit in a signal map' in each

@@ -57,8 +57,7 @@ def test_a_byte_that_is_all_negative_is_repaired_beside_the_outside_temperature_
     10.0, 'with the unit kelvin and a factor of 0.1 they')])
 def test_kelvin_in_a_column_without_a_unit_is_named_and_repaired(tmp_path, kelvins, words):
     log = log_of(np.round(kelvins * (TRUE_C + 273.15)))
-    path = write_wide(tmp_path / 'a.csv', log, names={name: name for name in log} | {
-        'battery_temperature_c': 'battery temp'})
+    path = write_wide(tmp_path / 'a.csv', log, names={'battery_temperature_c': 'battery temp'})
     values, said = temperature(path)
     assert not values.size and words in said
     np.testing.assert_allclose(temperature(path, repair=True)[0], TRUE_C, atol=0.2)
