@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
 from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.input_files import mcap_messages
+from bev_preheat.files.input_files import beginning_of, mcap_messages
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
@@ -56,7 +56,7 @@ def bag_messages(path: Path, types: Mapping[str, str],
     """
     for file in files_of(path):
         before = len(remarks)
-        read = _sqlite_messages if head_of(file).startswith(SQLITE) else _mcap
+        read = _sqlite_messages if beginning_of(file).startswith(SQLITE) else _mcap
         is_empty = True
         for message in read(file, types, remarks):
             is_empty = False
@@ -82,18 +82,9 @@ def files_of(path: Path) -> list[Path]:
     return files
 
 
-def head_of(path: Path) -> bytes:
-    """Return the first bytes of a file; raises InvalidInput if it cannot be read."""
-    try:
-        with open(path, 'rb') as file:
-            return file.read(16)
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-
-
 def is_bag(path: Path) -> bool:
     """Return whether a path is a folder or a file of `ros2 bag`, by its first bytes."""
-    return (path / 'metadata.yaml').is_file() if path.is_dir() else head_of(path).startswith((MCAP, SQLITE))
+    return (path / 'metadata.yaml').is_file() if path.is_dir() else beginning_of(path).startswith((MCAP, SQLITE))
 
 
 def _is_wanted(topic: str, type_name: str, types: Mapping[str, str]) -> bool:

@@ -193,11 +193,6 @@ def lapses_in_words(spans: list[Span]) -> str:
     return f'{len(spans)} span{"" if len(spans) == 1 else "s"}, {lasted} in all'
 
 
-def span_values(spans: list[Span]) -> list[dict[str, Any]]:
-    """Return Spans as plain values for JSON."""
-    return [span._asdict() for span in spans]
-
-
 class Instant(NamedTuple):
     """
     The course at an instant [ns]: measured, estimated and predicted arrival temperature [deg C], SoC.
@@ -236,6 +231,8 @@ class Course:
 
     `said` has the sentence at each change of status, `signals` the names of signals in doubt by instant [ns],
     `regimes` the regime by instant [ns], each at its changes. `results` has the heater's energy and each trip.
+    `arrival` is the Instant of arrival, with the measured temperature, `latest_prediction` the last one with a
+    plan; None without one.
     """
 
     instants: list[Instant] = field(default_factory=list)
@@ -243,8 +240,8 @@ class Course:
     signals: list[tuple[int, str]] = field(default_factory=list)
     regimes: list[tuple[int, str]] = field(default_factory=list)
     results: TripResults = field(default_factory=TripResults)
-    _arrived: Instant | None = None
-    _predicted: Instant | None = None
+    arrival: Instant | None = None
+    latest_prediction: Instant | None = None
     _had_plan: bool = False
 
     def add(self, played: Played) -> None:
@@ -273,10 +270,10 @@ class Course:
                 else decision.target.target_c
             self.said.append(Said(played.now_ns, decision.status, decision.explanation, target_c))
         if plan is not None:
-            self._predicted = instant
+            self.latest_prediction = instant
         self._had_plan |= decision.plan is not None
-        if self._arrived is None and decision.status.meaning.is_over and self._had_plan:
-            self._arrived = instant
+        if self.arrival is None and decision.status.meaning.is_over and self._had_plan:
+            self.arrival = instant
         for known, value in ((self.signals, ', '.join(verdict.signal for verdict in state.signal_verdicts)),
                              (self.regimes, state.regime.regime.value)):
             if not known or known[-1][1] != value:
@@ -311,25 +308,15 @@ class Course:
         return sum((account.delivered_wh if account.commanded_wh is None else account.commanded_wh) or 0.0
                    for account in self.results.accounts.values())
 
-    @property
-    def arrival(self) -> Instant | None:
-        """The Instant of arrival, with the measured temperature; None: the recording ends before."""
-        return self._arrived
-
-    @property
-    def latest_prediction(self) -> Instant | None:
-        """The last Instant with a plan; None without one."""
-        return self._predicted
-
     def as_dictionary(self) -> dict[str, Any]:
         """Return its figures as plain values for JSON."""
-        arrival, predicted = self._arrived, self._predicted
+        arrival, predicted = self.arrival, self.latest_prediction
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
             **{kind: [{'from_ns': begun, 'to_ns': ended} for begun, ended in periods]
                for kind, periods in (('heating', self.heating), ('cooling', self.cooling))},
             **self.results.energies_wh,
-            'without_command': span_values(self.results.account.without_command),
+            'without_command': [span._asdict() for span in self.results.account.without_command],
             'results': [trip.sentences() for trip in self.results.trips],
             'arrival_ns': None if arrival is None else arrival.now_ns,
             'arrival_temperature_c': None if arrival is None else arrival.measured_c,

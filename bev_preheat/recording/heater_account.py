@@ -91,7 +91,9 @@ class HeaterAccount:
 
     def deliver(self, now_ns: int, power_w: float, until_ns: int) -> None:
         """Take the delivered power [W] from an instant on, until the next one or `until_ns` [ns]."""
-        self._pay(now_ns)
+        if self._answer is not None:
+            before_ns, before_w, end_ns = self._answer
+            self._delivered_wh += before_w * _held_ns(before_ns, now_ns, end_ns) * WH_PER_W_NS
         self._answer = now_ns, power_w, until_ns
 
     def answer(self, status: HeaterStatus) -> None:
@@ -106,11 +108,6 @@ class HeaterAccount:
         self.deliver(now_ns, status.confirmed_w, now_ns + ANSWER_HOLDS_NS)
         # Before the planner's first command there is nothing to serve.
         self._is_unserved = status.refusal in WITHOUT and self._command is not None
-
-    def _pay(self, now_ns: int) -> None:
-        if self._answer is not None:
-            before_ns, before_w, end_ns = self._answer
-            self._delivered_wh += before_w * _held_ns(before_ns, now_ns, end_ns) * WH_PER_W_NS
 
     @property
     def commanded_wh(self) -> float | None:

@@ -15,14 +15,14 @@ from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.inputs import Leg
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.input_files import mcap_messages, version
+from bev_preheat.files.input_files import beginning_of, mcap_messages, version
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.route_offer import offer_of
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.bag import head_of, is_bag, read_topics, SQLITE, TYPES, with_repeats
+from bev_preheat.recording.bag import is_bag, read_topics, SQLITE, TYPES, with_repeats
 from bev_preheat.recording.course import LEAST_HEAT_W
 from bev_preheat.recording.flight import Flight, Given, LOG, read_flight
 from bev_preheat.recording.records import Beginning, RecordedStep
@@ -58,7 +58,7 @@ def has_planner(path: Path) -> bool:
         return not is_bag(path)
     if not path.is_file():
         raise InvalidInput(f'{path}: does not exist; name a recording or the folder of recordings')
-    if not is_bag(path) or head_of(path).startswith(SQLITE):
+    if not is_bag(path) or beginning_of(path).startswith(SQLITE):
         return False
     require('mcap')
     problems: list[str] = []

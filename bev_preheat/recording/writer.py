@@ -53,14 +53,10 @@ class Kind(NamedTuple):
     encode: Callable[[Any], bytes]
 
 
-def json_kind(name: str) -> Kind:
-    """Return the Kind of plain values."""
-    return Kind(f'bev_preheat/{name}', JSON_SCHEMA, 'jsonschema', 'json',
-                lambda values: JSON.encode(values).encode())
-
-
-JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'), STATE_CHANNEL: json_kind('State'),
-              STEP_CHANNEL: json_kind('Step'), GAP_CHANNEL: json_kind('Gap')}
+# The kinds of the channels of plain values.
+JSON_KINDS = {channel: Kind(f'bev_preheat/{channel.rpartition("/")[2].capitalize()}', JSON_SCHEMA, 'jsonschema',
+                            'json', lambda values: JSON.encode(values).encode())
+              for channel in (BEGINNING_CHANNEL, STATE_CHANNEL, STEP_CHANNEL, GAP_CHANNEL)}
 
 
 class Entry(NamedTuple):

@@ -70,21 +70,15 @@ def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp
 
 
 @pytest.mark.parametrize('words, line', [
-    (['--vehicle', 'reference'],
+    ('--state-file state.json --vehicle reference',
      'nothing learned about this vehicle file; name the file with which the planner ran'),
-    (['--vehicle', 'small_car', 'drive.csv'], '--state-file: not allowed with logs')])
-def test_another_car_and_logs_beside_it_are_refused(state_file, tmp_path, capsys, words, line):
-    assert main(['identify', '--state-file', str(state_file), '--output', str(tmp_path / 'x.yaml'), *words]) == 2
-    assert line in capsys.readouterr().err
-
-
-def test_neither_logs_nor_state_file_is_refused(tmp_path, capsys):
-    assert main(['identify', '--vehicle', 'small_car', '--output', str(tmp_path / 'x.yaml')]) == 2
-    assert 'LOG: missing' in capsys.readouterr().err
-
-
-def test_a_file_that_is_no_state_file_is_refused(tmp_path, capsys):
+    ('--state-file state.json --vehicle small_car drive.csv', '--state-file: not allowed with logs'),
+    ('--state-file other.json --vehicle small_car', 'it is not a state file of this planner'),
+    ('--vehicle small_car', 'LOG: missing')])
+@pytest.mark.usefixtures('state_file')
+def test_another_car_logs_beside_it_and_what_is_no_state_file_are_refused(
+        tmp_path, monkeypatch, capsys, words, line):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / 'other.json').write_text('{"mine": 1}')
-    assert main(['identify', '--state-file', str(tmp_path / 'other.json'), '--vehicle', 'small_car',
-                 '--output', str(tmp_path / 'x.yaml')]) == 2
-    assert 'it is not a state file of this planner' in capsys.readouterr().err
+    assert main(['identify', '--output', 'x.yaml', *words.split()]) == 2
+    assert line in capsys.readouterr().err

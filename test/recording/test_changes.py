@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat replay --change` and `--set`: usual names work, and others are suggested."""
+"""Options of `preheat replay`, `--change` and `--set` above all: usual names work, and others are suggested."""
 
 import json
 
@@ -23,8 +23,16 @@ pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
     (['--change', 'hvch.maximum_powr_w=5000'], "did you mean 'maximum_power_w'"),
     (['--change', 'hvch.efficiency=87'], 'the recorded vehicle file: hvch.efficiency'),
     (['--set', 'target=30'], 'did you mean --change target=...'),
-    (['--set', 'comand_lease=3'], 'did you mean command_lease=...')])
-def test_a_change_that_is_not_understood_is_one_line_with_unit_range_or_the_name_meant(
+    (['--set', 'comand_lease=3'], 'did you mean command_lease=...'),
+    (['--set', 'colour=red'], "'colour=red' is not allowed"),
+    (['--set', 'arrival_soc_margin=nan'], 'arrival_soc_margin'),
+    (['--set', 'arrival_soc_margin=much'], 'a number'), (['--set', 'estimation=1'], 'true or false'),
+    (['--method', 'magic'], "'magic'"), (['--explain', 'nan'], 'seconds from the start'),
+    (['--explain', '9999'], 'long'), (['--explain', '60', '--to', '90'], '--to: not allowed'),
+    (['--from', '9999'], '--from: the recording has no step there'), (['--to', '-5'], '--to: the recording'),
+    (['--from', '300', '--to', '10'], 'is before --from'), (['--from', 'noon'], 'seconds from the start'),
+    (['--route', 'reference'], '--route')])
+def test_an_option_that_is_not_understood_is_one_line_with_unit_range_or_the_name_meant(
         recorded, capsys, words, told):
     assert main(['replay', str(recorded[1]), *words]) == 2
     [line] = capsys.readouterr().err.splitlines()

@@ -73,16 +73,6 @@ def test_a_wrong_file_of_figures_is_one_line(recorded, tmp_path, capsys, content
     assert told in line
 
 
-@pytest.mark.parametrize('words, told', [
-    (['--from', '9999'], '--from: the recording has no step there'), (['--to', '-5'], '--to: the recording'),
-    (['--from', '300', '--to', '10'], 'is before --from'), (['--from', 'noon'], 'seconds from the start'),
-    (['--route', 'reference'], '--route'), (['--explain', '60', '--to', '90'], '--to: not allowed')])
-def test_a_wrong_period_or_change_is_one_line(recorded, capsys, words, told):
-    assert main(['replay', str(recorded[1]), *words]) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert told in line
-
-
 @pytest.mark.deep
 def test_a_changed_signal_changes_the_planner(long_folder, capsys):
     assert main(['replay', str(long_folder), '--change', 'temperature=+2', '--json', '-']) == 0

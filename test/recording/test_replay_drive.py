@@ -82,20 +82,6 @@ def test_the_command_says_reproduced_and_compares(recorded, capsys):
     assert 'each to the last digit' in captured.err
     assert main(['replay', str(folder), '--set', 'estimation=false']) == 0
     assert 'changed' in capsys.readouterr().out
-    assert main(['replay', str(folder), '--set', 'colour=red']) == 2
-    assert "'colour=red' is not allowed" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('words, told', [
-    (['--set', 'arrival_soc_margin=nan'], 'arrival_soc_margin'),
-    (['--set', 'arrival_soc_margin=much'], 'a number'),
-    (['--set', 'estimation=1'], 'true or false'), (['--method', 'magic'], "'magic'"),
-    (['--explain', 'nan'], 'seconds from the start'), (['--explain', '9999'], 'long')])
-def test_a_wrong_change_is_one_line_and_2(recorded, capsys, words, told):
-    _, folder = recorded
-    assert main(['replay', str(folder), *words]) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert told in line
 
 
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
