@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 import logging
@@ -211,6 +211,8 @@ TEMPERATURE = 'battery_temperature_c'
 class CanSource(LiveSource):
     """A CAN bus, or several. `frames` are the HeaterFrames of the heat sources that the map commands, by name."""
 
+    _links: Sequence[CanLink]
+
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
                  vehicle_powers_w: Mapping[str, float] | None = None) -> None:
         """
@@ -247,16 +249,6 @@ class CanSource(LiveSource):
         link = self._link_of[heater]
         return f'{link.name}: {link.problem}' if link.problem else ''
 
-    def start(self) -> None:
-        """Receive, in a thread for each bus."""
-        for link in self._links:
-            link.start()
-
-    def close(self) -> None:
-        """End the threads and close the buses."""
-        for link in self._links:
-            link.close()
-
     def figures(self) -> dict[str, str]:
         """Return figures for the diagnostics."""
         checks = [f'{check.message.name} ({", ".join(words)})' for check in self._decoder.checks
@@ -275,14 +267,18 @@ class CanSource(LiveSource):
         for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
             if channel is None:
                 continue
-            reading = self._readings.latest(reading_of(signal, heater), channel)
-            if reading is None or not 0.0 <= now_s - reading.instant_s <= rule.valid_for_s:
+            value = self._valid(reading_of(signal, heater), channel, rule.valid_for_s, now_s)
+            if value is None:
                 fault = f'no valid {channel} for {rule.valid_for_s:g} s'
             elif signal == HEATER_POWER:
-                measured_w = reading.value
-            elif reading.value != 0.0:
-                fault = f'{channel}: {self._decoder.value_in_words(channel, reading.value)}'
+                measured_w = value
+            elif value != 0.0:
+                fault = f'{channel}: {self._decoder.value_in_words(channel, value)}'
         return measured_w, fault
+
+    def _valid(self, signal: str, channel: str, valid_for_s: float, now_s: float) -> float | None:
+        reading = self._readings.latest(signal, channel)
+        return reading.value if reading is not None and 0.0 <= now_s - reading.instant_s <= valid_for_s else None
 
     def send_power(self, power_w: float, heater: str = HVCH) -> str:
         """Send the next frame of a heat source's command [W]; return '' or why it was not sent."""
@@ -293,12 +289,8 @@ class CanSource(LiveSource):
     def _followed_c(self, now_s: float, heater: str) -> float | None:
         """Return the valid temperature that a set-point follows [deg C] at an instant [s], None without one."""
         follows = self.frames[heater].follows
-        if follows is None:
-            return None
-        reading = self._readings.latest(reading_of(FOLLOWED, heater), follows)
-        if reading is None or not 0.0 <= now_s - reading.instant_s <= self._map.valid_for_s[TEMPERATURE]:
-            return None
-        return reading.value
+        return None if follows is None else self._valid(
+            reading_of(FOLLOWED, heater), follows, self._map.valid_for_s[TEMPERATURE], now_s)
 
     def on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
         """Take a frame of a bus in that arrived some seconds ago."""

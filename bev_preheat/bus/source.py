@@ -21,7 +21,9 @@ from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
 
 if TYPE_CHECKING:
+    from bev_preheat.bus.can_source import CanLink
     from bev_preheat.bus.live_map import LiveMap
+    from bev_preheat.bus.vss_source import VssLink
     from bev_preheat.logs.signal_map import Source
 
 # A stamp this far from the system's clock is another clock's: some adapters count from their own start [s].
@@ -35,11 +37,9 @@ def steady_s() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-def age_of_stamp(stamp_s: float | None, wall_s: float | None = None) -> float:
+def age_of_stamp(stamp_s: float | None) -> float:
     """Return the age [s] of a stamp of the system's clock [s], at least 0; 0 for a stamp of another clock."""
-    if stamp_s is None or not stamp_s:
-        return 0.0
-    age_s = (time.time() if wall_s is None else wall_s) - stamp_s
+    age_s = time.time() - (stamp_s or 0.0)
     return age_s if 0.0 <= age_s <= FAR_S else 0.0
 
 
@@ -291,6 +291,7 @@ class LiveSource:
     """A bus that is being received; `name` is the bus as text, such as `socketcan can0`."""
 
     name: str
+    _links: Sequence[CanLink | VssLink]
 
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
                  channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]],
@@ -309,12 +310,14 @@ class LiveSource:
         raise NotImplementedError
 
     def start(self) -> None:
-        """Receive in a thread; a bus that cannot be reached is tried again."""
-        raise NotImplementedError
+        """Receive, in a thread for each link; a bus that cannot be reached is tried again."""
+        for link in self._links:
+            link.start()
 
     def close(self) -> None:
-        """End the thread and close the bus."""
-        raise NotImplementedError
+        """End the threads and close the bus."""
+        for link in self._links:
+            link.close()
 
     def figures(self) -> dict[str, str]:
         """Return figures for the diagnostics."""

@@ -11,6 +11,7 @@ from threading import Event, Lock, Thread
 import time
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.bus.live_map import CHARGING
 from bev_preheat.bus.source import live_channels, LiveChannel, LiveSource
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
@@ -205,11 +206,11 @@ class VssSource(LiveSource):
         """
         assert live_map.vss is not None
         super().__init__(live_map, clock_s, {}, -math.inf)
-        self._wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
+        self._wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
         self._mismatch = ''
         self._link = VssLink(live_map.vss, self._on_paths, self._on_value, on_request,
                              actuators if live_map.vss.conditioning else (), self._on_alive)
-        self.name = self._link.name
+        self._links, self.name = [self._link], self._link.name
 
     @property
     def problem(self) -> str:
@@ -220,14 +221,6 @@ class VssSource(LiveSource):
     def connections(self) -> int:
         """How many times the broker has been reached."""
         return self._link.connections
-
-    def start(self) -> None:
-        """Connect in a thread."""
-        self._link.start()
-
-    def close(self) -> None:
-        """End the connection."""
-        self._link.close()
 
     def publish(self, values: Mapping[str, Any]) -> None:
         """Publish values by path."""
@@ -254,13 +247,13 @@ class VssSource(LiveSource):
                 f'does not have {", ".join(lacking)}; the signal map {where} names them')
         except InvalidInput as error:
             channels, self._mismatch = {}, str(error)
-        wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
+        wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
         for signal, groups in channels.items():
             for channel in {each.name: each for group in groups for each in group}.values():
                 wanted.setdefault(channel.name, []).append((signal, channel))
         charging = self._map.charging_channel
         if charging is not None and charging in units:
-            wanted.setdefault(charging, [])
+            wanted.setdefault(charging, []).append((CHARGING, None))
         # Values of an earlier connection may have changed unseen.
         self._readings.forget()
         self._channels, self._wanted = channels, wanted
@@ -268,8 +261,6 @@ class VssSource(LiveSource):
 
     def _on_value(self, path: str, value: Any, age_s: float | None) -> None:
         now_s = self._clock_s()
-        if path == self._map.charging_channel:
-            self._put('charging', path, None, value, age_s, now_s)
         for signal, channel in self._wanted.get(path, ()):
             self._put(signal, path, channel, value, age_s, now_s)
 
