@@ -128,9 +128,8 @@ class Board:
     as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
     """
 
-    def __init__(self, most_points: int = TRAIL_POINTS) -> None:
+    def __init__(self) -> None:
         """Start without values."""
-        self._most_points = most_points
         self.unheated: Unheated | None = None
         self.unheated_problem = ''
         self.around = Surroundings()
@@ -140,8 +139,7 @@ class Board:
 
     def forget(self) -> None:
         """Start another drive: drop values and history."""
-        self.temperatures, self.powers = Trail(self._most_points), Trail(self._most_points)
-        self.deliveries, self.mixes = Trail(self._most_points), Trail(self._most_points)
+        self.temperatures, self.powers, self.deliveries, self.mixes = Trail(), Trail(), Trail(), Trail()
         # Powers [W] of the heat sources by name, the HVCH first: latest row of `mixes`, and next.
         self._mix_w, self._coming_w = dict[str, float](), dict[str, float]()
         self._coming_s = -math.inf
@@ -170,20 +168,13 @@ class Board:
 
     # Values come in
 
-    def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float,
-                    settled_c: float | None = None) -> None:
-        """
-        Take a battery state.
-
-        `settled_c` [deg C] is the battery's temperature once the heat under way has arrived, NaN: unknown; None:
-        the latest plan's, if that is fresh.
-        """
+    def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float) -> None:
+        """Take a battery state."""
         self._advance('battery', at_s, now_s)
-        self._battery = temperature_c, soc
-        if settled_c is None:
-            plan = self.plan
-            is_fresh = plan is not None and abs(at_s - plan.at_s) < PLAN_FRESH_S
-            settled_c = plan.temperatures_c[0] if plan is not None and is_fresh and plan.times_s else math.nan
+        self._battery, plan = (temperature_c, soc), self.plan
+        # With the heat under way, as far as a fresh plan tells it.
+        settled_c = (plan.temperatures_c[0] if plan is not None and plan.times_s
+                     and abs(at_s - plan.at_s) < PLAN_FRESH_S else math.nan)
         unheated_c = math.nan if self.unheated is None else self.unheated.unheated_c(
             at_s, settled_c, soc, self._heat_w(at_s))
         self.temperatures.add((at_s, temperature_c, soc, unheated_c))
@@ -208,7 +199,7 @@ class Board:
             mix_w = {HVCH: self._power_w, **self._coming_w}
             if len(mix_w) > len(before_w):
                 # Rows with more columns.
-                self.mixes, self.generation = Trail(self._most_points), self.generation + 1
+                self.mixes, self.generation = Trail(), self.generation + 1
             if self._coming_w and not all(abs(watts - before_w.get(each, math.nan)) < LEAST_CHANGE_W
                                           for each, watts in mix_w.items()):
                 self.mixes.add((self._coming_s, *mix_w.values()))
@@ -303,15 +294,15 @@ class Board:
             math.nan if self._at_s is None else self._delivered_w(self._at_s), self._until_s, self._reason, plan,
             reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome, self._mix_w)
 
-    def plan_curves(self, most: int = MOST_PLAN_POINTS) -> dict[str, Any]:
-        """Return the trajectories of the plan, thinned to `most` points; empty columns without one."""
+    def plan_curves(self) -> dict[str, Any]:
+        """Return the trajectories of the plan, thinned; empty columns without one."""
         plan = self.plan
         if plan is None or not plan.times_s:
             return {'planMix': {}, **{key: [] for key in (
                 'planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}}
         unheated_c = [] if self.unheated is None else self.unheated.planned_c(
             plan.times_s, plan.temperatures_c, plan.socs, plan.powers_w)
-        kept = thinned(len(plan.times_s), most)
+        kept = thinned(len(plan.times_s), MOST_PLAN_POINTS)
         powers_w = (*plan.powers_w, math.nan)
 
         def column(values: Sequence[float], digits: int) -> list[float | None]:

@@ -16,8 +16,6 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from jinja2 import Environment, StrictUndefined
-
 from bev_preheat.monitoring.seen import level_name
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
@@ -84,6 +82,7 @@ class ReportText:
 
 def report_text(text: ReportText, recorded: History, changed: History | None = None) -> str:
     """Return the page; `changed` is the History of the drive with changes, None without."""
+    from jinja2 import Environment, StrictUndefined
     # Names and sentences come from recordings, so they are escaped.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     template = environment.from_string(asset('recording_report.html'))

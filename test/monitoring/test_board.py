@@ -154,12 +154,13 @@ def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span(
             at_s = START_S + second
             board.see_command(at_s, 4000.0, int(Status.HEATING), at_s, at_s + (5.0 if second != 100 else 2.0))
             board.see_answer(HeaterStatus(round(at_s * 1e9), 4000.0, share * 4000.0))
-            board.see_battery(at_s, 0.0, 0.8, at_s, 0.0)
+            board.see_plan(a_plan(at_s, temperatures_c=(0.0, 0.0, 0.0)), at_s)
+            board.see_battery(at_s, 0.0, 0.8, at_s)
         gained_k.append(-board.temperatures.since(0)[-1][3])
     assert gained_k[0] > 2.0 and gained_k[1] == pytest.approx(0.5 * gained_k[0], rel=0.01)
     assert board.history()['delivered'] == [2000.0] and board.view(at_s).delivered_w == 2000.0
     assert board.events()['lapses'] == [[START_S + 102.0, START_S + 105.0, 'no valid command']]
-    board.see_battery(at_s + 30.0, 0.0, 0.8, at_s, 0.0)
+    board.see_battery(at_s + 30.0, 0.0, 0.8, at_s)
     # The heater's answers and the commands are missing for a while.
     assert math.isnan(board.view(at_s).delivered_w)
     assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
