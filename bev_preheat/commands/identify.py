@@ -22,10 +22,12 @@ from bev_preheat.vehicle.loading import SCHEMA
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Mapping
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.result import Identification
+    from bev_preheat.vehicle import Vehicle
 
 # Stages that `identify` announces beside those of structures and trips, for the bar.
 STAGES = 4
@@ -102,7 +104,7 @@ def run(arguments: Namespace) -> int:
             f'{arguments.output}: not written: {how}; at most {POOR_RMSE_K:g} K are '
             'allowed; check that battery_temperature_c and the powers of all logs are those of one car',
             *(remark for remark in result.remarks if ': heater_w: ' in remark)])
-    _write_vehicle(arguments, result, start_file)
+    _write_identified(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
     return 0
 
@@ -120,17 +122,14 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
 
 def _export_learned(arguments: Namespace, start_file: Path) -> int:
     """Write the vehicle file with the values of a state file, print them, and return the exit status."""
-    from bev_preheat.identification.vehicle_file import identified_text, learned_vehicle
+    from bev_preheat.identification.vehicle_file import learned_vehicle
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     learned = learned_vehicle(load_vehicle(arguments.vehicle), vehicle_fingerprint(start_file.read_bytes()),
                               arguments.state_file, name)
     words = ['preheat', 'identify', '--state-file', arguments.state_file, '--vehicle', arguments.vehicle,
              '--output', arguments.output]
-    head = f'Vehicle {name}, with the values that a planner learned on line, by\n    {shlex.join(words)}'
-    write_whole(arguments.output, identified_text(
-        load_checked_yaml(start_file, SCHEMA), learned.vehicle, name, learned.notes, frozenset(),
-        _printable(head)))
-    load_vehicle(Path(arguments.output).resolve())
+    _write_vehicle(arguments, start_file, learned.vehicle, learned.notes, frozenset(),
+                   f'Vehicle {name}, with the values that a planner learned on line, by\n    {shlex.join(words)}')
     console = result_console()
     print_records(console, f'Vehicle {name}: learned on line', ('factor', 'estimate', '90 % interval'),
                   [(label, figure(value, 4), f'{figure(low, 4)} … {figure(high, 4)}')
@@ -139,23 +138,24 @@ def _export_learned(arguments: Namespace, start_file: Path) -> int:
     return 0
 
 
-def _printable(text: str) -> str:
-    """Return a text for a comment."""
-    return ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in text)
-
-
-def _write_vehicle(arguments: Namespace, result: Identification, start_file: Path) -> None:
+def _write_vehicle(arguments: Namespace, start_file: Path, vehicle: Vehicle, notes: Mapping[str, str],
+                   keys: frozenset[str], head: str) -> None:
     """Write the vehicle file, and load it as a check."""
-    from bev_preheat.identification.vehicle_file import identified_keys, identified_text, notes_of
+    from bev_preheat.identification.vehicle_file import identified_text
+    printable = ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in head)
+    write_whole(arguments.output, identified_text(
+        load_checked_yaml(start_file, SCHEMA), vehicle, notes, keys, printable))
+    load_vehicle(Path(arguments.output).resolve())
+
+
+def _write_identified(arguments: Namespace, result: Identification, start_file: Path) -> None:
+    from bev_preheat.identification.vehicle_file import identified_keys, notes_of
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
     tested = (f'Arrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, worst '
               f'{result.worst_k:.2f} K.' if result.left_out else 'No trip that the fit has not seen tests it.')
-    head = (f'Vehicle {result.vehicle.name}, identified from {_logs(result)} by\n'
-            f'    {shlex.join(words)}\n{tested}')
-    text = identified_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name,
-                           notes_of(result), identified_keys(result), _printable(head))
-    write_whole(arguments.output, text)
-    load_vehicle(Path(arguments.output).resolve())
+    _write_vehicle(arguments, start_file, result.vehicle, notes_of(result), identified_keys(result),
+                   f'Vehicle {result.vehicle.name}, identified from {_logs(result)} by\n'
+                   f'    {shlex.join(words)}\n{tested}')
 
 
 def _logs(result: Identification) -> str:

@@ -23,6 +23,7 @@ from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
+    from argparse import _ArgumentGroup as ArgumentGroup
     from argparse import ArgumentParser, Namespace
     from collections.abc import Callable, Iterable, Sequence
     from typing import Any
@@ -54,7 +55,7 @@ def add_output_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--plot', metavar='FILE', help='draw the result (PNG, SVG, PDF)')
 
 
-def add_json_argument(parser: ArgumentParser) -> None:
+def add_json_argument(parser: ArgumentParser | ArgumentGroup) -> None:
     """Add `--json`."""
     parser.add_argument('--json', metavar='FILE',
                         help='write the result as JSON; - is standard output, and tables then go to '

@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.monitor import add_planner_arguments, planner_of
-from bev_preheat.commands.output import check_output_arguments, write_results
+from bev_preheat.commands.output import add_json_argument, check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
 from bev_preheat.commands.situation import load_planned_vehicle
@@ -169,8 +169,7 @@ def add_departure_arguments(parser: ArgumentParser) -> None:
     week.add_argument('--soc', type=float, metavar='0..1', help='state of charge then (default: 0.8)')
     week.add_argument('--from', metavar='DATE', help='begin at this time, "YYYY-MM-DD HH:MM", local '
                       'or with an offset (default: now)')
-    week.add_argument('--json', metavar='FILE', help='write the result as JSON; - is standard output, and tables '
-                      'then go to standard error')
+    add_json_argument(week)
     week.add_argument('--plot', metavar='FILE', help='draw the week (PNG, SVG, PDF)')
 
 

@@ -9,7 +9,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
-from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.parser import completed_by, option_group, VEHICLES
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import print_figures, print_records, result_console
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.plausibility import Meaning
@@ -176,14 +177,13 @@ def run_check(arguments: Namespace) -> int:
     vehicle = load_vehicle(arguments.vehicle)
     meaning = meaning_of(vehicle)
     sessions = {at_c: warm_session(vehicle, battery_c=at_c) for at_c in meaning.charging_power_kw}
-    if arguments.json:
-        write_json(arguments.json, {**meaning.as_dictionary(), 'charging_time_10_80_s': {
-            f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}})
-    if arguments.plot:
-        # matplotlib takes longer to import than a vehicle takes to check.
-        from bev_preheat.drawing.vehicle_figure import draw_vehicle
-        draw_vehicle(arguments.plot, vehicle)
-    console = result_console(arguments.json)
+
+    def draw() -> Figure:
+        from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
+        return make_vehicle_figure(vehicle)
+
+    console = write_results(arguments, lambda: {**meaning.as_dictionary(), 'charging_time_10_80_s': {
+        f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}}, draw)
     _print_meaning(console, meaning, sessions)
     console.say(meaning.heat_path, meaning.charging)
     _print_assumed(console, vehicle)

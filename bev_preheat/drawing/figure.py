@@ -108,14 +108,19 @@ def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str
         others.set_clip_on(False)
 
 
-def save_figure(figure: Figure, path: AnyPath) -> None:
-    """Write a figure; the path's suffix (PICTURE_SUFFIXES) gives the format."""
+def picture_of(figure: Figure, form: str, **options: Any) -> bytes:
+    """Return the picture of a figure in a format of matplotlib."""
     drawn = io.BytesIO()
     with warnings.catch_warnings():
         # A character missing in the font is drawn as a box.
         warnings.filterwarnings('ignore', message='Glyph .* missing from')
-        figure.savefig(drawn, format=os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130)
-    write_whole(path, drawn.getvalue())
+        figure.savefig(drawn, format=form, **options)
+    return drawn.getvalue()
+
+
+def save_figure(figure: Figure, path: AnyPath) -> None:
+    """Write a figure; the path's suffix (PICTURE_SUFFIXES) gives the format."""
+    write_whole(path, picture_of(figure, os.path.splitext(path)[1].removeprefix('.').lower(), dpi=130))
 
 
 class TimeAxis:

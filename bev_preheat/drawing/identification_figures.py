@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
-import warnings
 
 import numpy as np
 
-from bev_preheat.drawing.figure import draw_course, draw_steps, grid_figure, legend_above, TimeAxis
+from bev_preheat.drawing.figure import draw_course, draw_steps, grid_figure, legend_above, picture_of, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VERMILLION
 from bev_preheat.identification.uncertainty import QUANTILE
 
@@ -90,11 +88,7 @@ def report_pictures(result: Identification) -> dict[str, str]:
 
 
 def _svg(figure: Figure) -> str:
-    drawn = io.StringIO()
-    with warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='Glyph .* missing from')
-        figure.savefig(drawn, format='svg', metadata={'Date': None})
-    text = drawn.getvalue()
+    text = picture_of(figure, 'svg', metadata={'Date': None}).decode()
     return text[text.index('<svg'):]
 
 

@@ -9,16 +9,13 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
-from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics import ARRAYS, S_PER_MIN
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C, KMH_100_MPS, warmed_by_k
 
 if TYPE_CHECKING:
-
     from matplotlib.axes import Axes
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.description import Battery
@@ -34,8 +31,8 @@ TEMPERATURE_COLOURS = ('tab:purple', 'tab:blue', 'tab:green', 'tab:orange', 'tab
 COOLING_FROM_C = 25.0
 
 
-def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
-    """Draw the curves of a Vehicle, warming and cooling without the heat of driving, into a file."""
+def make_vehicle_figure(vehicle: Vehicle) -> Figure:
+    """Return the figure of a Vehicle's curves, warming and cooling without the heat of driving."""
     figure = Figure(figsize=(11.0, 11.5), layout='constrained')
     panels = figure.subplots(3, 2)
     # A dollar sign would begin a formula.
@@ -59,7 +56,7 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     for axis in panels.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)
-    save_figure(figure, path)
+    return figure
 
 
 def _draw_voltage(axis: Axes, battery: Battery) -> None:

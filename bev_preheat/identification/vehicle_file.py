@@ -83,7 +83,7 @@ def _is_free(fit: ThermalFit, name: str) -> bool:
     return bool(fit.free[NAMES.index(name)])
 
 
-def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Mapping[str, str],
+def identified_text(start: dict[str, FileData], vehicle: Vehicle, notes: Mapping[str, str],
                     identified: frozenset[str], head: str) -> str:
     """
     Return the text of a vehicle file: the contents of START's with the values of the identified `vehicle`.
@@ -93,7 +93,7 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, not
     """
     contents = deepcopy(start)
     battery, path = vehicle.battery, vehicle.heat_path
-    contents['name'] = name
+    contents['name'] = vehicle.name
     own = contents['battery']
     own['capacity_ah'] = _rounded(battery.capacity_ah)
     own['heat_capacity_j_per_k'] = _rounded(vehicle.pack_heat_capacity_j_per_k)

@@ -16,3 +16,14 @@ def said(capsys, tmp_path, monkeypatch):
         status = main(list(arguments))
         return status, *capsys.readouterr()
     return run
+
+
+@pytest.fixture
+def refused(said):
+    """Return the problem that a command is refused for, in a single line and without any output."""
+    def run(*arguments):
+        status, output, errors = said(*arguments)
+        assert (status, output, errors.count('\n')) == (2, '', 1), errors
+        assert errors.startswith('preheat: error: ')
+        return errors.removeprefix('preheat: error: ').rstrip('\n')
+    return run

@@ -55,19 +55,16 @@ def test_check_draws(logs, tmp_path):
     ('header.csv', 'time_s,soc\n', 'header.csv'),
     ('binary.csv', '\x00\x01\x02', 'binary.csv'),
     ('soc.csv', 'time_s,soc\n' + '\n'.join(f'{at},0.5' for at in range(300)), 'no battery_temperature_c')])
-def test_a_log_that_cannot_be_read_gives_one_line(tmp_path, capsys, name, text, line):
+def test_a_log_that_cannot_be_read_is_refused(said, tmp_path, name, text, line):
     (tmp_path / name).write_text(text)
-    assert main(['check', str(tmp_path / name), '--vehicle', 'small_car']) == 2
-    error = capsys.readouterr().err
-    assert error.startswith('preheat: error:') and line in error
-    assert 'Traceback' not in error
+    status, output, errors = said('check', name, '--vehicle', 'small_car')
+    assert (status, output) == (2, '') and errors.startswith('preheat: error:') and line in errors
 
 
-@pytest.mark.parametrize('words, line', [
-    (['--bound', '-1'], '--bound: -1 K; it must be 0 ... 100 K'), (['--bound', 'nan'], '--bound: nan K')])
-def test_a_bound_out_of_range_is_refused(logs, capsys, words, line):
-    assert main(['check', logs[0], '--vehicle', 'small_car', *words]) == 2
-    assert line in capsys.readouterr().err
+@pytest.mark.parametrize('bound', ['-1', 'nan'])
+def test_a_bound_out_of_range_is_refused(refused, bound):
+    assert refused('check', 'log.csv', '--vehicle', 'small_car', '--bound', bound) == (
+        f'--bound: {bound} K; it must be 0 ... 100 K')
 
 
 @pytest.mark.deep

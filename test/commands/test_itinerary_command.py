@@ -6,7 +6,6 @@ import json
 import pytest
 import yaml
 
-from bev_preheat.commands.main import main
 from bev_preheat.control.itinerary import SCHEMA
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.tunables import MOST_STOPS
@@ -16,6 +15,7 @@ ROUTE = """duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
 900,25,21000,-4
 """
 DRIVE_S = 1500.0
+PLAN = ['plan', '--vehicle', 'reference', '--temperature', '-6', '--soc', '0.75']
 # Two legs, the first with a stop at its end.
 FIRST = {'route': './drive.csv', 'target_battery_temperature_c': 19.0, 'minimum_arrival_soc': 0.2,
          'stop_duration_s': 1200, 'departure_temperature_c': 33.0, 'departure_soc': 0.85}
@@ -23,21 +23,13 @@ LAST = {'route': 'drive.csv', 'charging_planned': False, 'minimum_arrival_soc': 
 
 
 @pytest.fixture
-def preheat_plan(tmp_path, capsys):
-    """Run the command on legs or on arguments; returns exit status, standard output and error."""
+def preheat_plan(said, tmp_path):
+    """Run the command on legs or an itinerary; returns exit status, standard output and error."""
     (tmp_path / 'drive.csv').write_text(ROUTE)
 
-    def run(*legs, itinerary=None, arguments=('--temperature', '-6', '--soc', '0.75')):
-        if legs:
-            itinerary = tmp_path / 'trip.yaml'
-            itinerary.write_text(yaml.safe_dump({'name': 'there and on', 'legs': list(legs)}))
-        given = ('--itinerary', str(itinerary)) if itinerary else ()
-        try:
-            status = main(['plan', '--vehicle', 'reference', *given, *arguments])
-        except SystemExit as end:
-            status = end.code
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
+    def run(*legs, itinerary='./trip.yaml', arguments=()):
+        (tmp_path / 'trip.yaml').write_text(yaml.safe_dump({'name': 'there and on', 'legs': list(legs)}))
+        return said(*PLAN, '--itinerary', itinerary, *arguments)
 
     return run
 
@@ -46,11 +38,9 @@ def preheat_plan(tmp_path, capsys):
 def plans_of(preheat_plan, tmp_path):
     """Return the JSON that the command writes."""
     def run(*legs, arguments=()):
-        output = tmp_path / 'plans.json'
-        status, _, errors = preheat_plan(*legs, arguments=(
-            '--temperature', '-6', '--soc', '0.75', '--json', str(output), *arguments))
+        status, _, errors = preheat_plan(*legs, arguments=('--json', 'plans.json', *arguments))
         assert (status, errors) == (0, '')
-        return json.loads(output.read_text())['plans']
+        return json.loads((tmp_path / 'plans.json').read_text())['plans']
 
     return run
 
@@ -83,15 +73,12 @@ def test_a_highest_temperature_of_one_leg_cools_that_leg_alone(preheat_plan, pla
         assert status == 2 and 'maximum' in errors and f'{most_c:g}' in errors and allowed in errors
 
 
-def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
+def test_a_leg_alone_is_the_route_alone(plans_of, said):
     wanted = {'charging_planned': True, 'minimum_arrival_soc': 0.3,
               'target_battery_temperature_c': 14.0}
     in_itinerary, = plans_of({**LAST, **wanted})
-    output = tmp_path / 'route.json'
-    preheat_plan(arguments=(
-        '--route', str(tmp_path / 'drive.csv'), '--temperature', '-6', '--soc', '0.75',
-        '--target', '14', '--min-soc', '0.3', '--json', str(output)))
-    alone = json.loads(output.read_text())
+    alone = json.loads(said(
+        *PLAN, '--route', './drive.csv', '--target', '14', '--min-soc', '0.3', '--json', '-')[1])
     # The itinerary's assumptions about the car are listed once for all legs.
     ignored = ('route', 'departure_s', 'planning_time_s', 'vehicle_assumed')
     assert {key: value for key, value in in_itinerary.items() if key not in ignored} == {
@@ -100,11 +87,9 @@ def test_a_leg_alone_is_the_route_alone(plans_of, preheat_plan, tmp_path):
 
 @pytest.mark.costly
 def test_the_trip_is_drawn(preheat_plan, tmp_path):
-    picture = tmp_path / 'trip.svg'
-    preheat_plan(FIRST, LAST, arguments=(
-        '--temperature', '-6', '--soc', '0.75', '--plot', str(picture)))
+    preheat_plan(FIRST, LAST, arguments=('--plot', 'trip.svg'))
     # Text is drawn as shapes, with the characters in comments.
-    drawn = picture.read_text()
+    drawn = (tmp_path / 'trip.svg').read_text()
     assert [text for text in ('battery', 'target', 'stop', 'trip time [min]')
             if f'<!-- {text} -->' not in drawn] == []
 
@@ -154,8 +139,7 @@ def test_a_bad_itinerary_is_refused_with_file_and_key(preheat_plan, legs, proble
 
 @pytest.mark.parametrize('arguments', [('--min-soc', '0.2'), ('--no-charging',)])
 def test_what_each_leg_says_itself_is_refused(preheat_plan, arguments):
-    status, _, errors = preheat_plan(
-        FIRST, LAST, arguments=('--temperature', '-6', '--soc', '0.75', *arguments))
+    status, _, errors = preheat_plan(FIRST, LAST, arguments=arguments)
     assert (status, errors) == (
         2, f'preheat: error: {arguments[0]}: not allowed with --itinerary, because each leg has its own\n')
 

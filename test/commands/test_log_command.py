@@ -56,16 +56,11 @@ def test_table_and_picture(log, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--json', '{log}'], 'is a file that this run '
-                          'reads'), (['--signals', 'nobody'], "signal map 'nobody' is unknown"),
-    (['--plot', 'a.txt'], '--plot')])
-def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem):
-    assert main(['log', str(log), *(each.format(log=log) for each in arguments)]) == 2
-    shown = capfd.readouterr()
-    assert shown.out == '' and shown.err.startswith('preheat: error: ') and 'Traceback' not in shown.err
-
-
-def test_a_signal_map_belongs_to_a_log(tmp_path, capfd):
-    assert main(['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output',
-                 str(tmp_path / 'a.csv')]) == 2
-    assert '--signals and --repair: only with --log' in capfd.readouterr().err
+    (['log', 'drive.csv', '--json', 'drive.csv'], 'is the same file as the input'),
+    (['log', 'drive.csv', '--signals', 'nobody'], "signal map 'nobody' is unknown"),
+    (['log', 'drive.csv', '--plot', 'a.txt'], '--plot'),
+    (['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output', 'a.csv'],
+     '--signals and --repair: only with --log')])
+@pytest.mark.usefixtures('log')
+def test_wrong_arguments_are_refused_in_one_line(refused, arguments, problem):
+    assert problem in refused(*arguments)

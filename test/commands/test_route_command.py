@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import load_vehicle
@@ -25,62 +24,40 @@ legs:
 """
 
 
-@pytest.fixture
-def legs(tmp_path):
-    path = tmp_path / 'shop.yaml'
-    path.write_text(LEGS, encoding='utf-8')
-    return str(path)
+ROUTE = ['route', '--output', 'made.csv']
 
 
-@pytest.fixture
-def log(tmp_path):
-    """Write 90 s at 360 V and 50 A, 20 m/s, 900 W cabin heating; two seconds are missing."""
-    rows = [f'{second},20,360,50,900,-3' for second in range(90) if second not in (40, 41)]
-    path = tmp_path / 'drive.csv'
-    path.write_text('\n'.join(['time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c',
-                               *rows]), encoding='utf-8')
-    return str(path)
-
-
-@pytest.fixture
-def preheat_route(tmp_path, capsys):
-    """Run the command; returns exit status, standard output, standard error, output file."""
-    def run(*arguments, output=None):
-        output = output or str(tmp_path / 'made.csv')
-        status = main(['route', *arguments, '--output', output])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err, output
-    return run
-
-
-def test_a_shipped_description_by_name_makes_the_shipped_route(preheat_route):
-    status, _, _, output = preheat_route('--legs', 'winter_commute', '--vehicle', 'reference')
-    assert status == 0
-    made, shipped = load_route(output, None), load_route('winter_commute', None)
+def test_a_shipped_description_by_name_makes_the_shipped_route(said):
+    assert said(*ROUTE, '--legs', 'winter_commute', '--vehicle', 'reference')[0] == 0
+    made, shipped = load_route('made.csv', None), load_route('winter_commute', None)
     for field in fields(Route):
         np.testing.assert_allclose(getattr(made, field.name), getattr(shipped, field.name),
                                    atol=0.0011 if field.name.endswith('_w') else 1.1e-6)
 
 
-def test_a_drive_log_becomes_a_route(preheat_route, log):
-    status, out, _, output = preheat_route('--log', log, '--vehicle', 'small_car', '--step', '45')
+def test_a_drive_log_becomes_a_route(said, tmp_path):
+    # 360 V and 50 A, 20 m/s, 900 W cabin heating; two seconds are missing.
+    rows = [f'{second},20,360,50,900,-3' for second in range(90) if second not in (40, 41)]
+    (tmp_path / 'drive.csv').write_text('\n'.join([
+        'time_s,speed_mps,voltage_v,current_a,cabin_heater_w,ambient_c', *rows]), encoding='utf-8')
+    status, out, _ = said(*ROUTE, '--log', 'drive.csv', '--vehicle', 'small_car', '--step', '45')
     assert status == 0
-    route = load_route(output, None)
+    route = load_route('made.csv', None)
     auxiliary_w = load_vehicle('small_car').defaults.auxiliary_power_w
     assert route.duration_s.tolist() == [45.0, 45.0]
     assert route.propulsion_power_w.tolist() == [360.0 * 50.0 - 900.0 - auxiliary_w] * 2
     assert 'Route drive\n' in out
-    assert (f'note: {log}: speed_mps and power_w: 3 s without a valid sample, from 39 s to 42 s, are bridged'
+    assert ('note: drive.csv: speed_mps and power_w: 3 s without a valid sample, from 39 s to 42 s, are bridged'
             in out)
 
 
 @pytest.mark.costly
-def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
-    plot = tmp_path / 'route.svg'
-    status, out, _, _ = preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot', str(plot))
-    assert status == 0 and f'drawn: {plot}' in out
+def test_a_plot_has_title_units_and_legend(said, tmp_path):
+    (tmp_path / 'shop.yaml').write_text(LEGS, encoding='utf-8')
+    status, out, _ = said(*ROUTE, '--legs', 'shop.yaml', '--vehicle', 'small_car', '--plot', 'route.svg')
+    assert status == 0 and 'drawn: route.svg' in out
     # matplotlib names each text in a comment of the SVG.
-    text = plot.read_text(encoding='utf-8')
+    text = (tmp_path / 'route.svg').read_text(encoding='utf-8')
     for words in ('route to_the_shop', 'km/h', 'kW', '°C', 'trip time [min]',
                   'mean of the segment', 'standard deviation within the segment'):
         assert words in text
@@ -96,12 +73,8 @@ def test_a_plot_has_title_units_and_legend(preheat_route, legs, tmp_path):
     (['--log', 'nowhere.csv', '--vehicle', 'smal_car'],
      "vehicle 'smal_car' is unknown; did you mean 'small_car'?"),
 ])
-def test_input_that_is_refused_is_explained(preheat_route, tmp_path, arguments, problem):
-    status, out, err, output = preheat_route(*arguments)
-    assert status == 2
-    assert err.startswith('preheat: error: ')
-    assert problem in err
-    assert out == ''
+def test_input_that_is_refused_is_explained(refused, tmp_path, arguments, problem):
+    assert problem in refused(*ROUTE, *arguments)
     assert not (tmp_path / 'made.csv').exists()
 
 

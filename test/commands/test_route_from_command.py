@@ -6,7 +6,6 @@ import json
 import pytest
 import route_examples as examples
 
-from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.vehicle import load_vehicle
@@ -16,17 +15,11 @@ STATE = ('--temperature', '0', '--soc', '0.8')
 
 
 @pytest.fixture
-def preheat(capsys, tmp_path, monkeypatch):
+def preheat(said, tmp_path):
     """Run the command in a folder with examples; returns exit status, standard output and standard error."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / 'answer.json').write_text(examples.osrm(legs=2))
     (tmp_path / 'cycle.csv').write_text(examples.speed_table())
-
-    def run(*arguments):
-        status = main([*map(str, arguments), '--vehicle', 'small_car'])
-        found = capsys.readouterr()
-        return status, found.out, found.err
-    return run
+    return lambda *arguments: said(*arguments, '--vehicle', 'small_car')
 
 
 def test_a_plan_of_a_file_is_that_of_the_route_made_from_it(preheat, tmp_path):

@@ -76,7 +76,6 @@ def test_the_file_has_the_uncertainty_and_nothing_else_of_it(uncertainty):
     start = yaml.safe_load(vehicle_contents('small_car'))
     car = replace(load_vehicle('small_car'), uncertainty=uncertainty)
     for before in ({}, {'uncertainty': {'leakage': 0.5}}):
-        text = identified_text({**start, **before}, car, 'mine', {'uncertainty': 'as identified'}, frozenset(),
-                               'head')
+        text = identified_text({**start, **before}, car, {'uncertainty': 'as identified'}, frozenset(), 'head')
         assert vehicle_of_text(text, 'mine').uncertainty == uncertainty
         assert ('# as identified' in text) is (uncertainty != Uncertainty())
