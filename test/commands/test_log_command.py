@@ -57,7 +57,7 @@ def test_table_and_picture(log, capfd, monkeypatch):
 
 @pytest.mark.parametrize('arguments, problem', [
     (['log', 'drive.csv', '--json', 'drive.csv'], 'is the same file as the input'),
-    (['log', 'drive.csv', '--signals', 'nobody'], "signal map 'nobody' is unknown"),
+    (['log', 'drive.csv', '--signals', 'absent'], "signal map 'absent' is unknown"),
     (['log', 'drive.csv', '--plot', 'a.txt'], '--plot'),
     (['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output', 'a.csv'],
      '--signals and --repair: only with --log')])
