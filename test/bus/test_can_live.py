@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live CAN bus under attack, through an adapter on a pseudo terminal: no wrong reading is used, all recover."""
 
+from contextlib import closing, contextmanager
 from queue import Empty, Queue
 import re
 import time
@@ -20,17 +21,23 @@ pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.ma
               pytest.mark.needs('serial')]
 
 
+@contextmanager
+def started(source, port=None):
+    """Give a source that listens, on an adapter's port if given, and close it."""
+    with closing(source):
+        source.start()
+        poll_until(lambda: (port is None or b'O' in port.commands) and not source.problem, 'an open bus')
+        yield source
+
+
 class Car:
     """The car on the adapter's bus and the source that listens, with a clock that the test sets."""
 
-    def __init__(self, folder):
-        self.port = SlcanPort()
-        self.now_s = 1000.0
-        self.source = CanSource(load_live_map(can_map(folder, self.port.path)), lambda: self.now_s)
+    def __init__(self, folder, port):
+        self.port, self.now_s = port, 1000.0
+        self.source = CanSource(load_live_map(can_map(folder, port.path)), lambda: self.now_s)
         self._counts = {STATUS: 0, TEMPERATURES: 0}
         self._sent = 0
-        self.source.start()
-        poll_until(lambda: b'O' in self.port.commands and not self.source.problem, 'the adapter is opened')
 
     def send(self, *frames):
         """Send frames, and wait until they have been taken."""
@@ -57,10 +64,10 @@ class Car:
 
 @pytest.fixture
 def car(tmp_path):
-    car = Car(tmp_path)
-    yield car
-    car.source.close()
-    car.port.close()
+    with closing(SlcanPort()) as port:
+        car = Car(tmp_path, port)
+        with started(car.source, port):
+            yield car
 
 
 def test_frames_packed_bit_by_bit_become_the_battery(car):
@@ -138,22 +145,15 @@ def test_ten_times_the_rate_is_refused_until_it_is_over(car):
 
 
 def test_frames_from_before_the_bus_was_opened_are_not_used(tmp_path):
-    port = SlcanPort()
-    for count in range(8):
-        port.send(STATUS, status_frame(0.5, 360.0, 0.0, count))
-        port.send(TEMPERATURES, temperature_frame(20.0, count))
-    source = CanSource(load_live_map(can_map(tmp_path, port.path)), steady_s)
-    source.start()
-    try:
-        poll_until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
-        port.send(STATUS, status_frame(0.5, 360.0, 0.0, 9))
-        poll_until(lambda: int(source.figures()['frames']) >= 1, 'the new frame')
-        battery, (sentence,) = source.battery(steady_s())
-        assert battery is None
-        assert sentence == 'battery_temperature_c: no valid reading of BMS_Temperatures.BMS_TempMean yet'
-    finally:
-        source.close()
-        port.close()
+    with closing(SlcanPort()) as port:
+        for count in range(8):
+            port.send(STATUS, status_frame(0.5, 360.0, 0.0, count))
+            port.send(TEMPERATURES, temperature_frame(20.0, count))
+        with started(CanSource(load_live_map(can_map(tmp_path, port.path)), steady_s), port) as source:
+            port.send(STATUS, status_frame(0.5, 360.0, 0.0, 9))
+            poll_until(lambda: int(source.figures()['frames']) >= 1, 'the new frame')
+            assert source.battery(steady_s()) == (None, (
+                'battery_temperature_c: no valid reading of BMS_Temperatures.BMS_TempMean yet',))
 
 
 def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
@@ -174,27 +174,22 @@ def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
 
 
 def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
-    port, now_s = SlcanPort(), 1000.0
-    file = can_map(tmp_path, port.path)
-    # Any signals will do.
-    file.write_text(file.read_text().replace('  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: km/h}\n'
-                                             '  ambient_c: BMS_Temperatures.BMS_TempMin\n  soc:'))
-    source = CanSource(load_live_map(file), lambda: now_s)
-    source.start()
-    try:
-        poll_until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
-        assert source.value('speed_mps', now_s) is None
-        port.send(STATUS, status_frame(0.72, 360.0, 0.0, 1))
-        port.send(TEMPERATURES, temperature_frame(-2.0, 1, low_c=-5.5))
-        poll_until(lambda: int(source.figures()['frames']) == 2, 'both frames')
-        assert source.value('speed_mps', now_s + 1.9) == pytest.approx(20.0)
-        assert source.value('speed_mps', now_s + 2.1) is None
-        # The air changes slowly.
-        assert source.value('ambient_c', now_s + 3600.0) == pytest.approx(-5.5)
-        assert source.value('ambient_c', now_s + 6.1 * 3600.0) is None
-    finally:
-        source.close()
-        port.close()
+    with closing(SlcanPort()) as port:
+        file, now_s = can_map(tmp_path, port.path), 1000.0
+        # Any signals will do.
+        file.write_text(file.read_text().replace(
+            '  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: km/h}\n'
+            '  ambient_c: BMS_Temperatures.BMS_TempMin\n  soc:'))
+        with started(CanSource(load_live_map(file), lambda: now_s), port) as source:
+            assert source.value('speed_mps', now_s) is None
+            port.send(STATUS, status_frame(0.72, 360.0, 0.0, 1))
+            port.send(TEMPERATURES, temperature_frame(-2.0, 1, low_c=-5.5))
+            poll_until(lambda: int(source.figures()['frames']) == 2, 'both frames')
+            assert source.value('speed_mps', now_s + 1.9) == pytest.approx(20.0)
+            assert source.value('speed_mps', now_s + 2.1) is None
+            # The air changes slowly.
+            assert source.value('ambient_c', now_s + 3600.0) == pytest.approx(-5.5)
+            assert source.value('ambient_c', now_s + 6.1 * 3600.0) is None
 
 
 def test_the_commands_frame_has_power_counter_and_checksum(car):
@@ -267,21 +262,19 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
     link_path = tmp_path / 'ttyCAN'
     first, second = SlcanPort(), SlcanPort()
     link_path.symlink_to(first.path)
-    source = CanSource(load_live_map(can_map(tmp_path, link_path)), steady_s)
-    source.start()
-    poll_until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
-    link_path.unlink()
-    first.close()
-    poll_until(lambda: source.problem, 'the adapter is missed')
-    assert source.send_power(1000.0)
-    link_path.symlink_to(second.path)
-    poll_until(lambda: not source.problem, 'the adapter is back')
-    second.send(STATUS, status_frame(0.5, 360.0, 0.0, 3))
-    second.send(TEMPERATURES, temperature_frame(-2.0, 3))
-    assert poll_until(lambda: source.battery(steady_s())[0], 'the battery').temperature_c == pytest.approx(-2.0)
-    assert source.figures()['reconnects'] == '1'
-    source.close()
-    second.close()
+    with closing(second), started(
+            CanSource(load_live_map(can_map(tmp_path, link_path)), steady_s), first) as source:
+        link_path.unlink()
+        first.close()
+        poll_until(lambda: source.problem, 'the adapter is missed')
+        assert source.send_power(1000.0)
+        link_path.symlink_to(second.path)
+        poll_until(lambda: not source.problem, 'the adapter is back')
+        second.send(STATUS, status_frame(0.5, 360.0, 0.0, 3))
+        second.send(TEMPERATURES, temperature_frame(-2.0, 3))
+        battery = poll_until(lambda: source.battery(steady_s())[0], 'the battery')
+        assert battery.temperature_c == pytest.approx(-2.0)
+        assert source.figures()['reconnects'] == '1'
 
 
 def recorded_frames(instant_s):
@@ -308,10 +301,8 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
             for at_s, identifier, data in recorded_frames(1768460400.0):
                 writer.on_message_received(can.Message(
                     timestamp=at_s, arbitration_id=identifier, is_extended_id=False, data=data))
-    source = CanSource(load_live_map(can_map(tmp_path, recording.name, 'replay', None)), steady_s)
     begun_s = steady_s()
-    source.start()
-    try:
+    with started(CanSource(load_live_map(can_map(tmp_path, recording.name, 'replay', None)), steady_s)) as source:
         first = poll_until(lambda: source.battery(steady_s())[0], 'the first battery')
         assert (first.temperature_c, first.soc) == pytest.approx((-6.0, 0.61))
         poll_until(lambda: int(source.figures()['frames']) == 13, 'all frames')
@@ -325,5 +316,3 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
         # Frames that are sent go nowhere; after the end the readings expire.
         assert source.send_power(1000.0) == ''
         assert source.battery(now_s + 2.0)[0] is None
-    finally:
-        source.close()

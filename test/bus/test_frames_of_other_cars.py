@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heaters commanded by share or set-point, E2E profiles, cells with gaps, two buses, messages on maps."""
 
-from functools import reduce
-import time
+from contextlib import closing
 
 import pytest
 from refusals import problems_of
+from waiting import poll_until
 
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder
 from bev_preheat.bus.can_source import CanSource
@@ -259,29 +259,21 @@ live:
   heater_status: {{power: HeaterState.Share}}
   heater_command: {{message: Heater, power: Share, counter: Count, full_power_w: 5000}}
 """)
-    buses = [can.Bus(interface='virtual', channel=name) for name in names]
-    source = CanSource(load_live_map(tmp_path / 'car.yaml'), steady_s)
-    source.start()
-    try:
-        deadline_s = time.monotonic() + 10.0
-        while source.problem:
-            assert time.monotonic() < deadline_s, source.problem
-            time.sleep(0.01)
+    first, second = (can.Bus(interface='virtual', channel=name) for name in names)
+    with first, second, closing(CanSource(load_live_map(tmp_path / 'car.yaml'), steady_s)) as source:
+        source.start()
+        poll_until(lambda: not source.problem, 'open buses')
         battery = (-750).to_bytes(2, 'little', signed=True) + bytes([160, 0, 0, 0, 0, 0])
-        buses[0].send(can.Message(arbitration_id=256, is_extended_id=False, data=battery))
-        buses[1].send(can.Message(arbitration_id=256, is_extended_id=False, data=[100] + [0] * 7))
-        while source.battery(steady_s())[0] is None or source.heater_status(steady_s())[0] is None:
-            assert time.monotonic() < deadline_s, source.figures()
-            time.sleep(0.01)
+        first.send(can.Message(arbitration_id=256, is_extended_id=False, data=battery))
+        second.send(can.Message(arbitration_id=256, is_extended_id=False, data=[100] + [0] * 7))
+        poll_until(lambda: source.battery(steady_s())[0] and source.heater_status(steady_s())[0] is not None,
+                   'battery and heater')
         assert source.battery(steady_s())[0].temperature_c == pytest.approx(-7.5)
         assert source.heater_status(steady_s())[0] == pytest.approx(2500.0)
         assert source.send_power(1000.0) == ''
-        assert buses[1].recv(5.0).data[0] == 40
-        assert buses[0].recv(0.05) is None
+        assert second.recv(5.0).data[0] == 40
+        assert first.recv(0.05) is None
         assert source.name == f'virtual {names[0]} and virtual {names[1]}'
-    finally:
-        source.close()
-        reduce(lambda _, bus: bus.shutdown(), buses, None)
 
 
 def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
@@ -289,19 +281,12 @@ def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
     path = written_map(
         tmp_path, '  heater_command: {message: Heater, power: Power, counter: Count, checksum: {signal: Crc, '
         'e2e_profile: 5, data_id: 0x1234}}', BATTERY + DBC_P5_LONG[len(NS):])
-    bus = can.Bus(interface='virtual', channel=tmp_path.name)
-    source = CanSource(load_live_map(path), steady_s)
-    source.start()
-    try:
-        deadline_s = time.monotonic() + 10.0
-        while source.send_power(2000.0):
-            assert time.monotonic() < deadline_s, source.problem
-            time.sleep(0.01)
+    with (can.Bus(interface='virtual', channel=tmp_path.name) as bus,
+          closing(CanSource(load_live_map(path), steady_s)) as source):
+        source.start()
+        poll_until(lambda: not source.send_power(2000.0), 'an open bus')
         frame = bus.recv(5.0)
         assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
-    finally:
-        source.close()
-        bus.shutdown()
 
 
 # --- Messages on maps that do not fit ---
