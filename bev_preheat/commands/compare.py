@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
+from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines, solved
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
-from bev_preheat.commands.program import FAILED, say
+from bev_preheat.commands.program import FAILED
 from bev_preheat.commands.situation import add_methods_argument, add_situation_arguments, read_situation, warn
-from bev_preheat.commands.terminal import print_records, progress_console
+from bev_preheat.commands.terminal import print_records
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
@@ -48,7 +48,6 @@ def run(arguments: Namespace) -> int:
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     inputs = situation.inputs
     if arguments.methods is None:
         warn(*(f'method {problem}' for problem in refused_methods()))
@@ -56,11 +55,8 @@ def run(arguments: Namespace) -> int:
              for method in dict.fromkeys(arguments.methods or method_names())]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
-    try:
-        with progress_console().status('solving …'):
-            optimum = solve_optimum(*inputs, not arguments.no_power_limits)
-    except SolverFailure as error:
-        say(f'preheat: {error}')
+    optimum = solved(situation, arguments)
+    if optimum is None:
         return FAILED
     sensitivity = find_sensitivity(*inputs, plan_preheating(*inputs))
     rules = {name: plan_by_rule(name, *inputs) for name in MAKER_RULES}

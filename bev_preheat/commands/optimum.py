@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.commands.situation import PlanningArguments
     from bev_preheat.drawing.figure import Figure
     from bev_preheat.nonlinear_program.solve import Optimum
 
@@ -41,13 +42,9 @@ def run(arguments: Namespace) -> int:
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
-    try:
-        with progress_console().status('solving …'):
-            optimum = solve_optimum(*situation.inputs, not arguments.no_power_limits)
-    except SolverFailure as error:
-        say(f'preheat: {error}')
+    optimum = solved(situation, arguments)
+    if optimum is None:
         return FAILED
 
     def draw() -> Figure:
@@ -58,6 +55,17 @@ def run(arguments: Namespace) -> int:
     print_plans(console, [optimum.plan], title)
     console.say(*optimum_lines(optimum))
     return 0
+
+
+def solved(situation: PlanningArguments, arguments: Namespace) -> Optimum | None:
+    """Return the Optimum; say why, and return None, if the solver failed."""
+    from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
+    try:
+        with progress_console().status('solving …'):
+            return solve_optimum(*situation.inputs, not arguments.no_power_limits)
+    except SolverFailure as error:
+        say(f'preheat: {error}')
+        return None
 
 
 def optimum_lines(optimum: Optimum) -> list[str]:

@@ -19,7 +19,7 @@ from bev_preheat.files.input_files import configuration_folder
 
 if TYPE_CHECKING:
     from argparse import Action, ArgumentParser
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Any, NoReturn
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -90,8 +90,9 @@ class OneLineParser(argparse.ArgumentParser):
         """Take the same arguments as argparse; invalid numbers are refused with the allowed form."""
         super().__init__(*arguments, **options)
         self._negative_number_matcher = NEGATIVE_NUMBER
-        self.register('type', float, _number)
-        self.register('type', int, _whole_number)
+        self.register('type', float, partial(
+            _number, float, 'is not a number; give it without a unit and with a decimal point'))
+        self.register('type', int, partial(_number, int, 'is not a whole number; use digits only'))
 
     def parse_known_args(  # type: ignore[override]  # argparse has three forms for this one
             self, args: Sequence[str] | None = None,
@@ -145,20 +146,11 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(REFUSED)
 
 
-def _number(text: str) -> float:
+def _number(kind: Callable[[str], float], problem: str, text: str) -> float:
     try:
-        return float(text)
+        return kind(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a number; give it without a unit and with a decimal point') from None
-
-
-def _whole_number(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f'{quoted(text)} is not a whole number; use digits only') from None
+        raise argparse.ArgumentTypeError(f'{quoted(text)} {problem}') from None
 
 
 class VersionAction(argparse.Action):

@@ -71,11 +71,11 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
         work = load()
         with _signals_heard(heard, ends_process):
             status = work()
-        flush_output()
+        write_output()
     except SystemExit:
         # argparse has printed its help or its error.
         try:
-            flush_output()
+            write_output()
         except OutputFailed as error:
             return _say(name, error)
         raise
@@ -92,7 +92,7 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
             status = _say(name, error)
     finally:
         with suppress(OutputFailed):
-            flush_output()
+            write_output()
     return status
 
 
@@ -112,29 +112,17 @@ def say(text: str) -> None:
         print(one_line(text), file=sys.stderr, flush=True)
 
 
-def flush_output() -> None:
-    """Flush standard output; raise OutputFailed if that is impossible."""
+def write_output(text: str = '') -> None:
+    """Write a text to standard output, at once; raise OutputFailed if the output is full."""
     try:
         if sys.stdout is not None:
+            sys.stdout.write(text)
             sys.stdout.flush()
     except BrokenPipeError:
         discard_output()
     except OSError as error:
         discard_output()
         raise OutputFailed(error) from error
-
-
-def write_output(text: str) -> None:
-    """Write a text to standard output; raise OutputFailed if the output is full."""
-    try:
-        if sys.stdout is not None:
-            sys.stdout.write(text)
-    except BrokenPipeError:
-        discard_output()
-    except OSError as error:
-        discard_output()
-        raise OutputFailed(error) from error
-    flush_output()
 
 
 def discard_output() -> None:

@@ -62,18 +62,12 @@ def test_the_planner_is_asked_once_and_its_sentence_is_printed(skip, option, is_
     assert (planner.service, planner.asked) == ('/car/planner/skip_departure', [is_skipped])
 
 
-def test_a_planner_that_is_not_there_gets_no_request(skip):
-    planner = Planner(1e9, 0.0, None)
+@pytest.mark.parametrize('there_s, answers_s, asked, told', [
+    (1e9, 0.0, [], 'no planner answers as /planner: is it running'),
+    # A second request would skip another departure.
+    (0.0, 1e9, [True], '/planner has not answered')])
+def test_a_planner_that_does_not_answer_gets_no_second_request(skip, there_s, answers_s, asked, told):
+    planner = Planner(there_s, answers_s, None)
     status, _, errors = skip(planner, '--skip-next')
-    assert (status, planner.asked) == (2, [])
-    assert 'no planner answers as /planner: is it running' in errors
-    assert planner.now_s < 60.0
-
-
-def test_a_planner_that_does_not_answer_gets_no_second_request(skip):
-    # It would skip another departure.
-    planner = Planner(0.0, 1e9, None)
-    status, _, errors = skip(planner, '--skip-next')
-    assert (status, planner.asked) == (2, [True])
-    assert '/planner has not answered' in errors
+    assert (status, planner.asked) == (2, asked) and told in errors
     assert planner.now_s < 60.0
