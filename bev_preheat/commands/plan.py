@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.commands.parser import Alternatives, Subparsers
+    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.drawing.figure import Figure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
@@ -55,7 +55,9 @@ def add_parser(subparsers: Subparsers) -> None:
         'stops, and the energy it takes.')
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
-    add_itinerary_argument(route_group)
+    completed_by(NameCompleter('itineraries'), route_group.add_argument(
+        '--itinerary', metavar='NAME|FILE',
+        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML file'))
     add_prospect_arguments(parser)
     add_method_argument(parser)
     add_output_arguments(parser)
@@ -85,13 +87,6 @@ def run(arguments: Namespace) -> int:
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
     return 0
-
-
-def add_itinerary_argument(parser: Alternatives) -> None:
-    """Add the alternative to `--route`."""
-    completed_by(NameCompleter('itineraries'), parser.add_argument(
-        '--itinerary', metavar='NAME|FILE',
-        help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML file'))
 
 
 def run_itinerary(arguments: Namespace) -> int:

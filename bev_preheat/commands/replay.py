@@ -101,13 +101,9 @@ def run(arguments: Namespace) -> int:
     replay_output.print_result(console, result)
     if arguments.report is not None:
         console.say(f'written: {arguments.report}')
-    status = 0 if changes_only(result) or result.is_good is not False else DIFFERENT
-    return run_expectation(arguments, result, status)
-
-
-def changes_only(result: Result) -> bool:
-    """Return whether the question is what if, so that a recording that is not reproduced is no failure."""
-    return result.changed is not None and not result.changes.is_nothing
+    # If the question is what if, a recording that is not reproduced is no failure.
+    is_what_if = result.changed is not None and not result.changes.is_nothing
+    return run_expectation(arguments, result, 0 if is_what_if or result.is_good is not False else DIFFERENT)
 
 
 def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:

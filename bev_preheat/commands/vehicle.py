@@ -257,10 +257,6 @@ def _time_text(session: Session) -> str:
     return 'never' if session.problem else duration_text(session.charging_time_s)
 
 
-def _minutes_text(session: Session) -> str:
-    return 'never' if session.problem else f'{session.charging_time_s / S_PER_MIN:.1f}'
-
-
 def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[float, Session]) -> None:
     """Print the figures of a car, its open-circuit voltage, and its power limits and times by temperature."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
@@ -295,4 +291,6 @@ def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[floa
          for soc in next(iter(charging.values()))]
         + [('discharging at 50 % in kW',
             *(f'{power_kw:.0f}' for power_kw in meaning.discharging_power_kw.values())),
-           ('10 ... 80 % in min', *map(_minutes_text, sessions.values()))])
+           ('10 ... 80 % in min', *(
+               'never' if session.problem else f'{session.charging_time_s / S_PER_MIN:.1f}'
+               for session in sessions.values()))])

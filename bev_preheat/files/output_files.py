@@ -85,7 +85,8 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
         if output.path is None:
             continue
         try:
-            _check_suffix(output.path, output.suffixes)
+            if output.suffixes and os.path.splitext(os.fspath(output.path))[1].lower() not in output.suffixes:
+                raise InvalidInput(f'{_shown(output.path)}: must end in {" or ".join(output.suffixes)}')
             if output.suffixes is PICTURE_SUFFIXES:
                 require('matplotlib')
             check_writable(output.path, output.make_folder)
@@ -153,12 +154,6 @@ def _replace(path: AnyPath, target: str, contents: bytes, outlasts_power: bool) 
         with suppress(FileNotFoundError):
             os.unlink(temporary)
         raise
-
-
-def _check_suffix(path: AnyPath, suffixes: tuple[str, ...]) -> None:
-    suffix = os.path.splitext(os.fspath(path))[1].lower()
-    if suffixes and suffix not in suffixes:
-        raise InvalidInput(f'{_shown(path)}: must end in {" or ".join(suffixes)}')
 
 
 def _is_one_file(first: AnyPath, second: AnyPath) -> bool:

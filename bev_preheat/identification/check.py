@@ -90,11 +90,6 @@ def route_of(trip: Trip, vehicle: Vehicle) -> Route:
         'auxiliary_power_w': trip.means(other_w, edges)}, vehicle.defaults)
 
 
-def can_be_replayed(trip: Trip) -> bool:
-    """Whether a trip is a drive without battery heating, which is all that a replay can command."""
-    return trip.kind == 'drive' and not trip.heats and len(trip) > LEADS_S[-1]
-
-
 def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int, float]:
     """Return predicted minus measured arrival temperature [K] by lead [s], as the node would publish it."""
     supervisor = Supervisor(vehicle, Settings(estimation=estimation))
@@ -243,8 +238,10 @@ def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
     error_k = float(predicted.reading_c[-1]) - trip.arrival_c
     soc_error = float(predicted.soc[-1]) - trip.arrival_soc
     voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(trip.arrival_soc, trip.arrival_c)
-    without, with_it = (replay_errors_k(vehicle, trip, estimation)
-                        if replays and can_be_replayed(trip) else {} for estimation in (False, True))
+    # A replay can command drives without battery heating only.
+    replays = replays and trip.kind == 'drive' and not trip.heats and len(trip) > LEADS_S[-1]
+    without, with_it = (replay_errors_k(vehicle, trip, estimation) if replays else {}
+                        for estimation in (False, True))
     return TripCheck(trip, predicted, error_k, math.copysign(_beyond_k(trip, error_k), error_k), soc_error,
                      soc_error * vehicle.battery.capacity_ah * voltage_v, without, with_it)
 

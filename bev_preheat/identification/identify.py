@@ -81,8 +81,10 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     left_out = leave_each_out(fitter, fit, electricals, held, tell)
     estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
     resistance = _resistance(vehicle, full)
+    driven_mps = [trip.speed_mps for trip in trips if trip.kind == 'drive']
     car = replace(identified_vehicle(fitter, fit), name=name, uncertainty=uncertainty_of(
-        vehicle.uncertainty, estimates, resistance if electrical.used else None, _mean_speed_mps(trips)))
+        vehicle.uncertainty, estimates, resistance if electrical.used else None,
+        float(np.concatenate(driven_mps).mean()) if driven_mps else 0.0))
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
     check = check_trips(car, [trip.settled for trip in trips], replays=False)
@@ -96,12 +98,6 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
                          electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s,
         fitter.residual_k(fit))
-
-
-def _mean_speed_mps(trips: Sequence[Trip]) -> float:
-    """Return the mean speed of the drives [m/s], 0 without drives."""
-    speeds = [trip.speed_mps for trip in trips if trip.kind == 'drive']
-    return float(np.concatenate(speeds).mean()) if speeds else 0.0
 
 
 def keep_start(fitter: Fitter, full: ThermalFit,

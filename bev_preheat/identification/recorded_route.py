@@ -62,7 +62,9 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     for path in paths:
         recording = read_recording(path, signals, repair, USED)
         remarks += recording.remarks
-        _refuse_turned(path, recording)
+        # Otherwise the route would gain energy.
+        if sentence := turned(recording.signals):
+            raise InvalidInput(f'{path}: {sentence}; read the log with repair (--repair) or a signal map')
         pieces.append(_segments(path, recording, defaults, remarks))
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     described = ', '.join(map(str, paths))
@@ -72,12 +74,6 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
         remarks.append(f'{described}: net regeneration over the log; is the current really '
                        'positive when the battery is discharged?')
     return LoggedRoute(route, tuple(remarks))
-
-
-def _refuse_turned(path: str | Path, recording: Recording) -> None:
-    """Raise InvalidInput if power or current seem to have the opposite sign: the route would gain energy."""
-    if sentence := turned(recording.signals):
-        raise InvalidInput(f'{path}: {sentence}; read the log with repair (--repair) or a signal map')
 
 
 def _segments(path: str | Path, recording: Recording, defaults: Defaults,

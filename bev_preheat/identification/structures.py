@@ -155,11 +155,7 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
         found.append(LeftOut(trip.name, error_k, math.sqrt(
             float(slope @ without.covariance @ slope) + (1.0 + float(slopes[-1, -1])**2) * (
                 step_k**2 + SENSOR_NOISE_K**2)), trip.kind))
-    return with_model_error(found)
-
-
-def with_model_error(found: Sequence[LeftOut]) -> list[LeftOut]:
-    """Return the LeftOuts with a common error of the model added, so that their deviations explain the errors."""
+    # With a common error of the model the deviations explain the errors.
     missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in graded(found)]))
     return [replace(trip, deviation_k=math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
 

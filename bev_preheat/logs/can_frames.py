@@ -54,13 +54,6 @@ OTHER_FRAMES = re.compile(rb'BUSMASTER|CAN BUS Analyzer|\bDLC\b|\bArb(itration)?
 SCALES = {'SavvyCAN GVRET': 1e-6}
 
 
-def text_kind(lines: list[str]) -> str:
-    """Return the format of a file by its first lines, '' if they are no frames."""
-    lines = [line for line in lines if not NO_FRAME.fullmatch(line)]
-    return next((kind for kind, pattern in LINES.items()
-                 if sum(bool(pattern.fullmatch(line)) for line in lines) > len(lines) // 2), '')
-
-
 def text_frames(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[can.Message]:
     """Yield the frames of a text of a kind; remark on other lines."""
     scale, rounds = SCALES.get(kind, 1.0), Rounds(COUNTER * SCALES[kind]) if kind in SCALES else None
@@ -324,8 +317,10 @@ def _kind_of(head: bytes) -> tuple[str, str]:
     if encoding is None:
         return '', ''
     lines = [line.strip() for line in head.decode(encoding, 'replace').splitlines()[:50] if line.strip()]
-    if kind := text_kind(lines):
-        return kind, encoding
+    frames = [line for line in lines if not NO_FRAME.fullmatch(line)]
+    for kind, pattern in LINES.items():
+        if sum(bool(pattern.fullmatch(line)) for line in frames) > len(frames) // 2:
+            return kind, encoding
     if any(line.startswith(';$FILEVERSION=') or PCAN.match(line) for line in lines[:5]):
         return 'PCAN TRC', encoding
     if ASC.search('\n'.join(lines[:5])) and re.search(r'^base\s', '\n'.join(lines), re.IGNORECASE | re.MULTILINE):

@@ -29,12 +29,6 @@ def integral(series: Series) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.where(step_s <= LONGEST_HOLD_S, step_s, 0.0) * means)])
 
 
-def by_speed(signals: Mapping[str, Series]) -> Series | None:
-    """Return the integral of the speed [m], None without a speed."""
-    speed = signals.get('speed_mps')
-    return None if speed is None else Series(speed.time_s, integral(speed))
-
-
 def by_position(signals: Mapping[str, Series]) -> Series | None:
     """Return the distance by latitude and longitude [m], None without these."""
     if not {'latitude_deg', 'longitude_deg'} <= signals.keys():
@@ -259,7 +253,8 @@ def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> 
 
 def _distance(signals: Signals) -> Iterator[Doubt]:
     """Compare speed and odometer with the distance by position, else with each other."""
-    speed, odometer, position = by_speed(signals), _by_odometer(signals), by_position(signals)
+    speed, odometer, position = signals.get('speed_mps'), _by_odometer(signals), by_position(signals)
+    speed = None if speed is None else Series(speed.time_s, integral(speed))
     known = {signal: driven for signal, driven in (('speed_mps', speed), ('odometer_m', odometer))
              if driven is not None and position is not None and distances(driven, position) is not None}
     for signal, driven in known.items():

@@ -39,7 +39,9 @@ class RosBag(RawLog):
         """Read the first messages of each topic for their fields; raises InvalidInput if the file is damaged."""
         require('rosbags')
         self._path = Path(path)
-        self._files = _mcap_files(self._path)
+        files = sorted(self._path.glob('*.mcap')) if self._path.is_dir() else [self._path]
+        # None of a recording in SQLite.
+        self._files = [file for file in files if beginning_of(file).startswith(MAGIC[0])]
         # Of a file whose messages are read as they come, they are not known before its end.
         self._topics: set[str] | None = None
         found: dict[str, None] = {}
@@ -209,12 +211,6 @@ def _route(topic: str, message: Any, start_s: float) -> list[tuple[float, dict[s
             rows.append((start_s, {f'{topic}.speed': 0.0}))
             start_s += pauses_s.get(at, 0.0)
     return rows
-
-
-def _mcap_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a recording, in order; [] if it is SQLite."""
-    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
-    return [file for file in files if beginning_of(file).startswith(MAGIC[0])]
 
 
 def is_bag_folder(path: str | Path) -> bool:

@@ -104,7 +104,8 @@ class Planners:
             with self.lock:
                 del self.boards[name]
         for name, board in self.boards.items():
-            around = surroundings_of(self._node, name, name in there)
+            followers = {endpoint_name(endpoint) for endpoint in self._node.get_subscriptions_info_by_topic(CLOCK)}
+            around = Surroundings(name in there, name in followers, self._node.count_publishers(CLOCK) > 0)
             with self.lock:
                 board.around = around
         return back, forgotten
@@ -246,10 +247,3 @@ def _examine(node: Node, full_name: str, name: str, namespace: str, plan_topic: 
     # Half discovered.
     return (PlannerFound(full_name, plan_topic, command, battery, route, answer, source)
             if command and battery else None)
-
-
-def surroundings_of(node: Node, planner: str, is_there: bool) -> Surroundings:
-    """Return the Surroundings of a planner."""
-    followers = {endpoint_name(endpoint)
-                 for endpoint in node.get_subscriptions_info_by_topic(CLOCK)}
-    return Surroundings(is_there, planner in followers, node.count_publishers(CLOCK) > 0)

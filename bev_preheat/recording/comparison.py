@@ -75,17 +75,14 @@ class Comparison:
             off_w = max(abs(step.command_w(name) - command.power_w(name)) for name in names)
             self.largest_w = max(self.largest_w, off_w)
             is_same = recorded == replayed and step.sources == sources
-            if is_same or (off_w <= self.tolerance_w > 0.0 and _are_near(recorded, replayed)):
+            if is_same or (off_w <= self.tolerance_w > 0.0 and recorded[2] == replayed[2]
+                           and abs(recorded[1] - replayed[1]) <= LEASE_TOLERANCE_NS):
                 return
         self.different += 1
         if self.first is None:
             texts = _both_in_words(recorded, replayed) if step.sources == sources else (
                 f'{in_words(recorded)}, {dict(step.sources)}', f'{in_words(replayed)}, {dict(sources)}')
             self.first = Difference(number, step.now_ns, *texts)
-
-
-def _are_near(recorded: tuple[float, int, int], replayed: tuple[float, int, int]) -> bool:
-    return recorded[2] == replayed[2] and abs(recorded[1] - replayed[1]) <= LEASE_TOLERANCE_NS
 
 
 def _both_in_words(recorded: tuple[float, int, int] | None,
