@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.drawing.figure import Figure
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -65,16 +64,13 @@ def run(arguments: Namespace) -> int:
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
     differences = {plan.method: difference(plan, best) for plan in plans}
 
-    def draw() -> Figure:
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [*plans, best], title)
-
     console = write_results(arguments, lambda: {
         'plans': {plan.method: plan.as_dictionary() for plan in plans},
         'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},
         'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
         'difference': {method: text or None for method, text in differences.items()},
-        'sensitivity': sensitivity and sensitivity.as_dictionary(), **situation.as_dictionary()}, draw)
+        'sensitivity': sensitivity and sensitivity.as_dictionary(), **situation.as_dictionary()},
+        lambda: situation.figure([*plans, best], title))
     rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
     if any(differences.values()):
         rows.insert(0, ('Differs from optimum', *differences.values(), ''))

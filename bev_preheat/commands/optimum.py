@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.situation import PlanningArguments
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.nonlinear_program.solve import Optimum
 
 
@@ -47,11 +46,8 @@ def run(arguments: Namespace) -> int:
     if optimum is None:
         return FAILED
 
-    def draw() -> Figure:
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [optimum.plan], title)
-
-    console = write_results(arguments, lambda: {**optimum.as_dictionary(), **situation.as_dictionary()}, draw)
+    console = write_results(arguments, lambda: {**optimum.as_dictionary(), **situation.as_dictionary()},
+                            lambda: situation.figure([optimum.plan], title))
     print_plans(console, [optimum.plan], title)
     console.say(*optimum_lines(optimum))
     return 0

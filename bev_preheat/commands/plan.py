@@ -75,14 +75,11 @@ def run(arguments: Namespace) -> int:
     sensitivity = find_sensitivity(*situation.inputs, plan)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
 
-    def draw() -> Figure:
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        return make_plan_figure(situation.vehicle, situation.route, situation.goal, [plan], title)
-
     console = write_results(arguments, lambda: {
         **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
         **situation.as_dictionary(), **({'charging_probability': prospect.probability,
-                                         'prospect_explanation': in_doubt} if in_doubt else {})}, draw)
+                                         'prospect_explanation': in_doubt} if in_doubt else {})},
+        lambda: situation.figure([plan], title))
     print_plans(console, [plan], title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())

@@ -77,8 +77,8 @@ def run(arguments: Namespace) -> int:
         for number, (name, scenario) in enumerate(scenarios):
             progress.update(task, description=scenario.name, completed=number)
 
-            def report(share: float, number: int = number) -> None:
-                progress.update(task, completed=number + share)
+            def report(time_s: float, total_s: float, number: int = number) -> None:
+                progress.update(task, completed=number + time_s / total_s)
 
             record = _drive(arguments, name, scenario, report)
             findings[scenario.name] = evaluate_chain(
@@ -121,7 +121,7 @@ def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
 
 
 def _drive(arguments: Namespace, name: str, scenario: Scenario,
-           report: Callable[[float], None]) -> DriveRecord:
+           report: Callable[[float, float], None]) -> DriveRecord:
     if arguments.nodes:
         from bev_preheat.nodes.installed_drive import drive_with_nodes, ScenarioFailed
         try:
@@ -130,15 +130,12 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
 
-    def progress(time_s: float, total_s: float) -> None:
-        report(time_s / total_s)
-
     recording = _recording(arguments, scenario)
     if recording is not None:
         from bev_preheat.nodes.recorded_scenario import drive_recorded
-        return drive_recorded(scenario, recording, warn, progress)
+        return drive_recorded(scenario, recording, warn, report)
     from bev_preheat.simulation.scenario_drive import drive_scenario
-    return drive_scenario(scenario, progress)
+    return drive_scenario(scenario, report)
 
 
 def print_findings(console: ResultConsole, findings: Mapping[str, Sequence[Finding]]) -> None:

@@ -35,11 +35,13 @@ from bev_preheat.vehicle.plausibility import assumption_warning
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup
     from argparse import ArgumentParser, Namespace
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from typing import Any
 
     from bev_preheat.commands.parser import Alternatives
+    from bev_preheat.drawing.figure import Figure
     from bev_preheat.identification.trips import Trip
+    from bev_preheat.planning.plan import Plan
 
 # Options of `add_route_options`.
 ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
@@ -68,6 +70,11 @@ class PlanningArguments:
     def inputs(self) -> tuple[Vehicle, Route, BatteryState, Goal]:
         """What planning functions take."""
         return self.vehicle, self.route, self.state, self.goal
+
+    def figure(self, plans: Sequence[Plan], title: str) -> Figure:
+        """Return the figure of Plans for it."""
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        return make_plan_figure(self.vehicle, self.route, self.goal, plans, title)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the part of a command's JSON on the inputs."""
