@@ -158,7 +158,8 @@ class Board:
         self._power_w = math.nan
         self._reason: int | None = None
         self._diagnosis = Diagnosis()
-        self._at_s: float | None = None
+        # The planner's time; None before its first message.
+        self.at_s: float | None = None
         self.outcome = ''
         self._latest_s: dict[str, float] = {}
         self.pulses = {topic: Pulse() for topic in ('battery', 'command', 'plan', 'diagnostics')}
@@ -191,7 +192,7 @@ class Board:
 
     def see_source(self, at_s: float, name: str, power_w: float) -> None:
         """Take a command to another heat source; those of an instant are shown once the next instant's begin."""
-        if self._at_s is None or not abs(at_s - self._at_s) <= LONGEST_LEASE_S or at_s < self._coming_s:
+        if self.at_s is None or not abs(at_s - self.at_s) <= LONGEST_LEASE_S or at_s < self._coming_s:
             return
         name, before_w = shortened(name, LONGEST_SOURCE), self._mix_w
         if at_s > self._coming_s:
@@ -266,16 +267,11 @@ class Board:
         if at_s < self._latest_s.get(topic, -math.inf) - BACK_S:
             self.forget()
         self._latest_s[topic] = at_s
-        self._at_s = at_s if self._at_s is None else max(self._at_s, at_s)
+        self.at_s = at_s if self.at_s is None else max(self.at_s, at_s)
         self.pulses[topic].beat(now_s, at_s)
         self.version += 1
 
     # Output for the page
-
-    @property
-    def at_s(self) -> float | None:
-        """The planner's time [s]; None before its first message."""
-        return self._at_s
 
     def banner(self, now_s: float) -> Banner | None:
         """Return the Banner on a missing, silent or frozen planner; None if all is well."""
@@ -287,11 +283,11 @@ class Board:
         reserve = (None if self._route is None or plan is None
                    else self._route.reserve_of_leg(plan.later_legs) or None)
         return View(
-            self._at_s, self.banner(now_s), {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()},
+            self.at_s, self.banner(now_s), {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()},
             sorted(topic for topic, pulse in self.pulses.items()
                    if pulse.is_late(now_s) or not self.around.is_there),
             temperature_c, soc, self._power_w,
-            math.nan if self._at_s is None else self._delivered_w(self._at_s), self._until_s, self._reason, plan,
+            math.nan if self.at_s is None else self._delivered_w(self.at_s), self._until_s, self._reason, plan,
             reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome, self._mix_w)
 
     def plan_curves(self) -> dict[str, Any]:
@@ -335,7 +331,7 @@ class Board:
         """Return what changed in the plan, the periods of regimes and doubts, and lapses of the command."""
         lapses = [Span(span.from_ns / NS_PER_S, span.to_ns / NS_PER_S, NO_COMMAND)
                   for span in self._account.latest_without_command(MOST_SPANS)]
-        if self._at_s is not None and self._at_s > self._until_s:
+        if self.at_s is not None and self.at_s > self._until_s:
             lapses.append(Span(self._until_s, None, NO_COMMAND))
         return {'marks': [[instant(mark.at_s), *mark[1:]] for mark in self.marks],
                 'regimes': [list(span) for span in self.regimes if span.text],
