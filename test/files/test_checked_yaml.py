@@ -4,9 +4,9 @@
 from pathlib import Path
 
 import pytest
+from refusals import problems_of
 import yaml
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.input_files import configuration_folder
 
@@ -23,9 +23,8 @@ def load(tmp_path):
 
 def problem_of(load, path, text):
     path.write_text(text)
-    with pytest.raises(InvalidInput) as refused:
-        load(path)
-    return str(refused.value)
+    (problem,) = problems_of(load, path)
+    return problem
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: f'{path.parent.name}/{path.name}')

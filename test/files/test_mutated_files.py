@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mistakes import mutated
 import pytest
+from refusals import problems_of
 
 from bev_preheat.charging.chargers import load_chargers
 from bev_preheat.control.itinerary import load_itinerary
@@ -108,16 +109,12 @@ def test_a_number_that_the_reader_cannot_take_is_named(kind, name, key, value, p
                   (configuration_folder('') / name).read_text(), count=1)
     path = tmp_path / 'mistaken.yaml'
     path.write_text(text)
-    with pytest.raises(InvalidInput) as refusal:
-        KINDS[kind][1](path)
-    assert str(refusal.value) == f'{path}: {problem}'
+    assert problems_of(KINDS[kind][1], path) == [f'{path}: {problem}']
 
 
 def test_of_one_mistake_in_each_row_the_first_few_are_named(tmp_path):
     path = tmp_path / 'route.csv'
     path.write_text('duration_s,speed_mps,propulsion_power_w,ambient_temperature_c\n' + '30,10,1e4,-7x\n' * 500)
-    with pytest.raises(InvalidInput) as refusal:
-        load_route(path, VEHICLE.defaults)
-    assert refusal.value.problems == [
+    assert problems_of(load_route, path, VEHICLE.defaults) == [
         *(f"{path}, line {line}: ambient_temperature_c: '-7x' is not a number" for line in (2, 3, 4)),
         '497 more problems']

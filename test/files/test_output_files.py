@@ -12,6 +12,7 @@ import subprocess
 import sys
 
 import pytest
+from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files import output_files
@@ -39,18 +40,15 @@ def old(tmp_path):
     return path
 
 
-def problems_of(*outputs, inputs=()):
-    with pytest.raises(InvalidInput) as refused:
-        check_outputs([OutputFile(f'--{number}', path) for number, path in enumerate(outputs)], inputs)
-    return refused.value.problems
+def problems_with(*outputs, inputs=()):
+    return problems_of(
+        check_outputs, [OutputFile(f'--{number}', path) for number, path in enumerate(outputs)], inputs)
 
 
 def assert_refused(path, sentence):
     """Check that a path is refused before anything is computed, and when it is written."""
-    assert problems_of(path) == [f'--0: {sentence}']
-    with pytest.raises(InvalidInput) as refused:
-        write_whole(path, NEW)
-    assert str(refused.value) == sentence
+    assert problems_with(path) == [f'--0: {sentence}']
+    assert problems_of(write_whole, path, NEW) == [sentence]
 
 
 # Not a regular file
@@ -265,19 +263,18 @@ def test_an_input_is_no_output_however_it_is_spelled(tmp_path, old, monkeypatch,
     (tmp_path / 'linked_folder').symlink_to('.')
     path = spelling.format(folder=tmp_path, name=tmp_path.name)
     sentence = 'is the same file as the input'
-    assert problems_of(path, inputs=['old.json']) == [
+    assert problems_with(path, inputs=['old.json']) == [
         f'--0: {path}: {sentence} old.json, which must not be overwritten']
-    assert problems_of('old.json', inputs=[path]) == [
+    assert problems_with('old.json', inputs=[path]) == [
         f'--0: old.json: {sentence} {path}, which must not be overwritten']
 
 
 def test_two_outputs_are_two_files_however_they_are_spelled():
-    assert problems_of('new.json', './new.json') == [
+    assert problems_with('new.json', './new.json') == [
         '--1: ./new.json: is the same file as --0; each output needs its own file']
 
 
 @pytest.mark.parametrize('path', ['x', 'x.', 'x.bmp', '.png', 'x.png.gz', 'folder.png/x'])
 def test_a_picture_needs_a_suffix_that_is_known(path):
-    with pytest.raises(InvalidInput) as refused:
-        check_outputs([OutputFile('--plot', path, PICTURE_SUFFIXES)])
-    assert str(refused.value) == f'--plot: {path}: must end in .png or .svg or .pdf'
+    assert problems_of(check_outputs, [OutputFile('--plot', path, PICTURE_SUFFIXES)]) == [
+        f'--plot: {path}: must end in .png or .svg or .pdf']

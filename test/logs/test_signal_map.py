@@ -2,6 +2,7 @@
 """Signal maps: channels, units, sign, scale, validity; refusals; the maps that ship."""
 
 import pytest
+from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
@@ -87,9 +88,7 @@ def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected
 ])
 def test_a_faulty_map_is_refused(tmp_path, text, problem):
     path = map_file(tmp_path, text)
-    with pytest.raises(InvalidInput) as caught:
-        load_signal_map(path)
-    assert any(each.startswith(f'{path}: {problem}') for each in caught.value.problems)
+    assert any(each.startswith(f'{path}: {problem}') for each in problems_of(load_signal_map, path))
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
