@@ -13,7 +13,11 @@ def said(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('COLUMNS', '200')
 
     def run(*arguments):
-        status = main(list(arguments))
+        try:
+            status = main(list(arguments))
+        except SystemExit as end:
+            # Of argparse.
+            status = end.code
         return status, *capsys.readouterr()
     return run
 

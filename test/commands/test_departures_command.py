@@ -7,8 +7,6 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from bev_preheat.commands.main import main
-
 WEEK = """
 time_zone: Europe/Berlin
 ambient_temperature_c: -5
@@ -25,20 +23,17 @@ daily:
 """
 
 
-@pytest.fixture
-def prepare(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv('COLUMNS', '200')
+@pytest.fixture(autouse=True)
+def files(tmp_path):
     (tmp_path / 'week.yaml').write_text(WEEK)
     (tmp_path / 'tariff.yaml').write_text(PRICES)
-    return lambda *arguments: main(['prepare', *arguments])
 
 
-OFFLINE = ('--departures', 'week.yaml', '--vehicle', 'small_car', '--from', '2026-11-26 12:00')
+OFFLINE = ('prepare', '--departures', 'week.yaml', '--vehicle', 'small_car', '--from', '2026-11-26 12:00')
 
 
-def test_costs_are_the_heating_times_at_the_tariff(prepare, tmp_path, capfd):
-    assert prepare(*OFFLINE, '--prices', 'tariff.yaml', '--json', 'week.json') == 0
+def test_costs_are_the_heating_times_at_the_tariff(said, tmp_path):
+    assert said(*OFFLINE, '--prices', 'tariff.yaml', '--json', 'week.json')[0] == 0
     result = json.loads((tmp_path / 'week.json').read_text())
     work, sports = result['departures']
     zone = ZoneInfo('Europe/Berlin')
@@ -55,7 +50,7 @@ def test_costs_are_the_heating_times_at_the_tariff(prepare, tmp_path, capfd):
     assert sports['cost'] is None
 
 
-def test_both_hours_of_a_clock_change_and_prices_of_other_days_are_named(prepare, tmp_path, capfd):
+def test_both_hours_of_a_clock_change_and_prices_of_other_days_are_named(said, tmp_path):
     (tmp_path / 'week.yaml').write_text(WEEK.replace('friday', 'sunday').replace('07:30', '04:30'))
     (tmp_path / 'dated.yaml').write_text("""
 time_zone: Europe/Berlin
@@ -64,31 +59,29 @@ dated:
 - {from: '2026-10-25T02:00+02:00', price_per_kwh: 0.10}
 - {from: '2026-10-25T02:00+01:00', price_per_kwh: 0.50, until: '2026-10-25T06:00Z'}
 """)
-    begin = ('--departures', 'week.yaml', '--vehicle', 'small_car', '--prices', 'dated.yaml', '--from')
-    assert prepare(*begin, '2026-10-24T22:00+02:00') == 0
     # The cheap hour is the first of the two.
-    assert '-02:00 CET' in capfd.readouterr().out
-    assert prepare(*begin, '2026-11-26 12:00') == 0
-    assert 'note: dated.yaml: has no prices for 1 of 2 preparations' in capfd.readouterr().out
+    for begin, told in (('2026-10-24T22:00+02:00', '-02:00 CET'),
+                        ('2026-11-26 12:00', 'note: dated.yaml: has no prices for 1 of 2 preparations')):
+        status, output, _ = said(*OFFLINE[:-1], begin, '--prices', 'dated.yaml')
+        assert status == 0 and told in output
 
 
-def test_the_week_is_drawn(prepare, tmp_path):
-    assert prepare(*OFFLINE, '--prices', 'tariff.yaml', '--plot', 'week.svg') == 0
+def test_the_week_is_drawn(said, tmp_path):
+    assert said(*OFFLINE, '--prices', 'tariff.yaml', '--plot', 'week.svg')[0] == 0
     labels = (tmp_path / 'week.svg').read_text()
     assert all(f'<!-- {label} -->' in labels for label in ('2026-11-27', 'heater [kW]', 'price [EUR/kWh]'))
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (('--prices', 'tariff.yaml'), '--prices: is for --departures only'),
-    (('--from', '2026-11-26 12:00'), '--from: is for --departures only'),
+    (('prepare', '--prices', 'tariff.yaml'), '--prices: is for --departures only'),
+    (('prepare', '--from', '2026-11-26 12:00'), '--from: is for --departures only'),
     ((*OFFLINE, '--skip-next'), '--skip-next: is not allowed with --departures'),
     ((*OFFLINE, '--in', '40'), '--in: is not allowed with --departures'),
     ((*OFFLINE[:-1], '26.11.2026'), '--from: '),
     ((*OFFLINE, '--ambient', 'nan'), '--ambient: nan degC is not allowed'),
-    (('--departures', 'missing.yaml'), 'missing.yaml'),
+    (('prepare', '--departures', 'missing.yaml'), 'missing.yaml'),
     ((*OFFLINE, '--json', 'week.yaml'), 'week.yaml'),
 ])
-def test_arguments_that_cannot_be_used_are_named(prepare, tmp_path, arguments, problem, capfd):
-    assert prepare(*arguments) == 2
-    assert problem in capfd.readouterr().err
+def test_arguments_that_cannot_be_used_are_named(refused, tmp_path, arguments, problem):
+    assert problem in refused(*arguments)
     assert (tmp_path / 'week.yaml').read_text() == WEEK

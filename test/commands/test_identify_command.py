@@ -28,9 +28,9 @@ def logs(tmp_path_factory):
     return paths
 
 
-def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, capsys):
-    words = ['check', *logs[:2], '--vehicle', 'small_car', '--no-replay', '--json', str(tmp_path / 'c.json')]
-    assert main([*words, '--bound', '50']) == 0
+def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, said):
+    words = ['check', *logs[:2], '--vehicle', 'small_car', '--no-replay', '--json', 'c.json']
+    assert said(*words, '--bound', '50')[0] == 0
     figures = json.loads((tmp_path / 'c.json').read_text())
     errors = [trip['arrival_error_k'] for trip in figures['trips']]
     assert [trip['name'] for trip in figures['trips']] == ['drive_1', 'drive_2']
@@ -39,14 +39,13 @@ def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, capsys):
     for trip in figures['trips']:
         assert trip['arrival_error_k'] == pytest.approx(
             trip['predicted_arrival_temperature_c'] - trip['measured_arrival_temperature_c'])
-    assert main([*words, '--bound', f'{0.5 * figures["worst_k"]}']) == 1
-    assert 'exceeds the bound' in capsys.readouterr().out
+    status, output, _ = said(*words, '--bound', f'{0.5 * figures["worst_k"]}')
+    assert status == 1 and 'exceeds the bound' in output
 
 
 @pytest.mark.needs('matplotlib')
-def test_check_draws(logs, tmp_path):
-    assert main(['check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot',
-                 str(tmp_path / 'c.png')]) == 0
+def test_check_draws(logs, tmp_path, said):
+    assert said('check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot', 'c.png')[0] == 0
     assert (tmp_path / 'c.png').read_bytes().startswith(b'\x89PNG')
 
 

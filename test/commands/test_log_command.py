@@ -5,8 +5,6 @@ import json
 
 import pytest
 
-from bev_preheat.commands.main import main
-
 LOG = 'time_s;v;T;SOC;U;I;out\n' + ''.join(
     f'{17 * at};{36 + at};{4 + at / 8};{800_000 - 4000 * at};370;-{20 + at % 5};-3\n' for at in range(40))
 MAP = """
@@ -20,17 +18,14 @@ signals:
 """
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def log(tmp_path):
     (tmp_path / 'map.yaml').write_text(MAP, encoding='utf-8')
-    path = tmp_path / 'drive.csv'
-    path.write_text(LOG, encoding='utf-8')
-    return path
+    (tmp_path / 'drive.csv').write_text(LOG, encoding='utf-8')
 
 
-def test_json_has_the_signals_in_si_units(log, capfd):
-    assert main(['log', str(log), '--signals', str(log.with_name('map.yaml')), '--json', '-']) == 0
-    found = json.loads(capfd.readouterr().out)
+def test_json_has_the_signals_in_si_units(said):
+    found = json.loads(said('log', 'drive.csv', '--signals', './map.yaml', '--json', '-')[1])
     assert found['signals'].keys() == {'battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'speed_mps',
                                        'ambient_c', 'power_w'}
     assert all(entry.keys() == {'min', 'max', 'samples'} for entry in found['signals'].values())
@@ -45,14 +40,13 @@ def test_json_has_the_signals_in_si_units(log, capfd):
 
 
 @pytest.mark.needs('matplotlib')
-def test_table_and_picture(log, capfd, monkeypatch):
-    monkeypatch.setenv('COLUMNS', '120')
-    picture = log.with_suffix('.png')
-    assert main(['log', str(log), '--signals', str(log.with_name('map.yaml')), '--plot', str(picture)]) == 0
-    out = ' '.join(capfd.readouterr().out.split())
+def test_table_and_picture(said, tmp_path):
+    status, out, _ = said('log', 'drive.csv', '--signals', './map.yaml', '--plot', 'drive.png')
+    out = ' '.join(out.split())
+    assert status == 0
     assert 'battery_temperature_c │ 4 │ 8.875 │ 40 │ 17 │' in out
     assert 'current_a: from I' in out
-    assert picture.read_bytes().startswith(b'\x89PNG')
+    assert (tmp_path / 'drive.png').read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize('arguments, problem', [
@@ -61,6 +55,5 @@ def test_table_and_picture(log, capfd, monkeypatch):
     (['log', 'drive.csv', '--plot', 'a.txt'], '--plot'),
     (['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output', 'a.csv'],
      '--signals and --repair: only with --log')])
-@pytest.mark.usefixtures('log')
 def test_wrong_arguments_are_refused_in_one_line(refused, arguments, problem):
     assert problem in refused(*arguments)

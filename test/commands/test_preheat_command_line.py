@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from bev_preheat.commands import parser as console_parser
-from bev_preheat.commands.main import main, SUBCOMMANDS
+from bev_preheat.commands.main import SUBCOMMANDS
 from bev_preheat.commands.parser import NameCompleter
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.simulation import scenario_drive
@@ -43,23 +43,18 @@ def quick_scenario(monkeypatch):
     pytest.param(arguments, id=name, marks=[pytest.mark.deep] * (name not in ('plan', 'scenario')) + [
         pytest.mark.needs('casadi')] * (name in NEED_CASADI))
     for name, arguments in COMMANDS.items()])
-def test_json_has_standard_output_for_itself(quick_scenario, capsys, arguments):
-    status = main([*arguments, '--json', '-'])
+def test_json_has_standard_output_for_itself(quick_scenario, said, arguments):
+    status, out, err = said(*arguments, '--json', '-')
     # The scenario's car never arrived.
     assert status == (1 if arguments[0] == 'scenario' else 0)
-    out, err = capsys.readouterr()
     assert isinstance(json.loads(out), dict)
     # Tables are drawn with lines.
     assert '━' in err or '─' in err
 
 
-def test_version_is_that_of_the_manifest(capsys):
+def test_version_is_that_of_the_manifest(said):
     manifest = configuration_folder('vehicles').parents[1] / 'package.xml'
-    with pytest.raises(SystemExit) as ended:
-        main(['--version'])
-    assert ended.value.code == 0
-    assert capsys.readouterr() == (
-        f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')
+    assert said('--version') == (0, f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')
 
 
 @pytest.mark.parametrize('arguments, message', [
@@ -85,10 +80,8 @@ def test_version_is_that_of_the_manifest(capsys):
      'preheat plan: error: unrecognized arguments: home.csv; see preheat plan --help'),
     (['vehicle', 'list', 'small_car'],
      'preheat vehicle list: error: unrecognized arguments: small_car; see preheat vehicle list --help')])
-def test_wrong_use_is_one_line(capsys, arguments, message):
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert (ended.value.code, capsys.readouterr()) == (2, ('', f'{message}\n'))
+def test_wrong_use_is_one_line(said, arguments, message):
+    assert said(*arguments) == (2, '', f'{message}\n')
 
 
 @pytest.fixture
@@ -101,57 +94,48 @@ def without_studies(monkeypatch):
 @pytest.mark.parametrize('arguments', [
     ['sweep', '--feasible', '10'], ['robustness', '--help'], ['reproduce'], ['sweep', '-1', '--', '-x']],
     ids=' '.join)
-def test_a_study_that_is_not_installed_is_refused_in_one_line(without_studies, capsys, arguments):
-    assert main(arguments) == 2
-    assert capsys.readouterr() == (
-        '', f'preheat: error: {arguments[0]}: the studies, which measure the planner, are not installed; build '
-        'bev_preheat without BEV_PREHEAT_WITHOUT_STUDIES\n')
+def test_a_study_that_is_not_installed_is_refused_in_one_line(without_studies, refused, arguments):
+    assert refused(*arguments) == (
+        f'{arguments[0]}: the studies, which measure the planner, are not installed; build bev_preheat without '
+        'BEV_PREHEAT_WITHOUT_STUDIES')
 
 
 @pytest.mark.parametrize('arguments, hint', [
-    (['plna'], "preheat: error: 'plna' is no command; did you mean preheat plan? there are: "),
+    (['plna'], "'plna' is no command; did you mean preheat plan? there are: "),
     (['plans', '--vehicle', 'reference'], "'plans' is no command; did you mean preheat plan? there are: "),
     (['--verbose', 'wroth'], "'wroth' is no command; did you mean preheat worth? there are: "),
-    (['xyz'], "preheat: error: 'xyz' is no command; there are: ")])
-def test_an_unknown_command_is_refused_with_the_nearest_and_all_that_there_are(capsys, arguments, hint):
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    (['xyz'], "'xyz' is no command; there are: ")])
+def test_an_unknown_command_is_refused_with_the_nearest_and_all_that_there_are(refused, arguments, hint):
+    line = refused(*arguments)
     assert hint in line and all(name in line for name in SUBCOMMANDS)
 
 
 @pytest.mark.parametrize('arguments, usage', [
     ([], 'usage: preheat [-h] '), (['vehicle'], 'usage: preheat vehicle ')])
-def test_a_command_alone_prints_its_help(capsys, arguments, usage):
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    out, err = capsys.readouterr()
-    assert (ended.value.code, err) == (0, '') and out.startswith(usage)
-    with pytest.raises(SystemExit):
-        main([*arguments, '--help'])
-    assert capsys.readouterr().out == out
+def test_a_command_alone_prints_its_help(said, arguments, usage):
+    status, out, err = said(*arguments)
+    assert (status, err) == (0, '') and out.startswith(usage)
+    assert said(*arguments, '--help')[1] == out
 
 
 @pytest.mark.parametrize('option, name, problem', [
     ('--vehicle', 'mein', "vehicle 'mein' is unknown; did you mean './mein.yaml'?; known: "),
     ('--vehicle', 'mein.yml', "vehicle 'mein.yml' is unknown; did you mean './mein.yaml'?; known: "),
     ('--route', 'way', "route 'way' is unknown; did you mean './way.gpx'?; known: ")])
-def test_a_name_beside_its_file_is_named(tmp_path, monkeypatch, capsys, option, name, problem):
-    monkeypatch.chdir(tmp_path)
+def test_a_name_beside_its_file_is_named(tmp_path, refused, option, name, problem):
     for file in ('mein.yaml', 'way.gpx', 'meins.yaml'):
         (tmp_path / file).touch()
-    assert main(['plan', *SITUATION, option, name]) == 2
-    assert problem in capsys.readouterr().err
+    assert problem in refused('plan', *SITUATION, option, name)
 
 
 @pytest.mark.parametrize('columns, is_log', [
     ('time_s,battery_temperature_c,soc,power_w', True), ('time_s,length_m,height_m,power_w', False)])
-def test_a_drive_log_given_as_a_route_is_named(tmp_path, capsys, columns, is_log):
+def test_a_drive_log_given_as_a_route_is_named(tmp_path, said, columns, is_log):
     path = tmp_path / 'drive.csv'
     path.write_text('\n'.join([columns, *(f'{second},-3.5,0.8,8000' for second in range(200))]))
-    assert main(['plan', *SITUATION, '--route', str(path)]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    status, _, errors = said('plan', *SITUATION, '--route', str(path))
+    lines = errors.splitlines()
+    assert status == 2
     hint = (f'{path}: is a drive log, no route; to make a route: preheat route --log {path} '
             '--vehicle NAME --output ROUTE.csv')
     assert any(hint in line for line in lines) == is_log
