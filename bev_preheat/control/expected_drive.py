@@ -60,8 +60,9 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
         if drive is not None and len(powers.each) > 1:
             ambient_c = float(drive.ambient_temperature_c)
-            drive = with_other_sources(drive, *powers.others_w(of, from_ns, to_ns, ambient_c))
-            limit_w = own.limit_w(limit_w, drive, powers.temperature_c)
+            limits_w = [each.limit_w(limit_w, drive, powers.temperature_c) for each in powers.each]
+            drive, limit_w = with_other_sources(
+                drive, *powers.others_w(of, from_ns, to_ns, ambient_c, limits_w)), limits_w[of]
             hvch_watts = own.hvch_watts(ambient_c, powers.temperature_c)
         intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, own.history.mean_w(
             from_ns, to_ns), limit_w, hvch_watts))

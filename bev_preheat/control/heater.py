@@ -9,6 +9,7 @@ doubted. Instants are integers, in nanoseconds of the node's clock.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
@@ -19,7 +20,7 @@ from bev_preheat.vehicle.description import HVCH, STANDING_MPS
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.settings import Settings
@@ -240,7 +241,11 @@ class HeaterAnswers(NamedTuple):
 
 
 class SourcePower(NamedTuple):
-    """The CommandHistory of a heat source, HeatSource or None: the HVCH, and the share that it delivers."""
+    """
+    The CommandHistory of a heat source, HeatSource or None: the HVCH, and the share that it delivers.
+
+    inf: it is stuck on.
+    """
 
     source: HeatSource | None = None
     history: CommandHistory = CommandHistory()
@@ -277,12 +282,18 @@ class SourcePowers(NamedTuple):
         return sum([each.hvch_watts(ambient_c, self.temperature_c) * each.history.power_w(instant_ns)
                     for each in self.each])
 
-    def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float) -> tuple[float, float]:
-        """Return the mean electrical power [W] of all but one source between instants, and its HVCH power."""
+    def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float,
+                 limits_w: Sequence[float]) -> tuple[float, float]:
+        """
+        Return the mean electrical power [W] of all but one source between instants, and its HVCH power.
+
+        `limits_w` are the most powers of all sources [W].
+        """
         drawn_w = heat_w = 0.0
         for number, each in enumerate(self.each):
             if number != of:
-                power_w = each.share * each.history.mean_w(from_ns, to_ns)
+                power_w = limits_w[number] if each.share == inf else (
+                    each.share * each.history.mean_w(from_ns, to_ns))
                 drawn_w += power_w
                 heat_w += power_w * each.hvch_watts(ambient_c, self.temperature_c)
         return drawn_w, heat_w

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import after_soak, Soak
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -181,8 +183,9 @@ class Learning:
 
     @property
     def shares(self) -> dict[str, float]:
-        """The shares of their commands that the sources deliver, by name; 1 is left out."""
-        return {name: report.share for name, report in self.reports.items() if report.share < 1.0}
+        """The shares of their commands that faulty sources deliver, by name; inf: stuck on."""
+        return {name: inf if report.heater is Heater.STUCK_ON else report.share
+                for name, report in self.reports.items() if report.heater is not Heater.ANSWERS}
 
     def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
                 trip: Mission | None) -> Learning:
@@ -204,7 +207,7 @@ class Learning:
         if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
-        odds = learning._odds()
+        each = {HVCH: learning.estimator, **dict(learning.others)}
         numbers = {HVCH: 0, **{source.name: number for number, source in enumerate(vehicle.heat_sources, 1)}}
 
         def after(estimator: Estimator, name: str) -> Estimator:
@@ -213,18 +216,21 @@ class Learning:
                     measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
             return estimator.observed(measurement, intervals_between(
                 estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
-                    value for other, value in odds.items() if other != name))
+                    estimator.odds_of(other) for other in each.values() if other is not estimator))
 
         learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
             (name, after(estimator, name)) for name, estimator in learning.others))
         # The faulty source explains what other sources were suspected of.
         if learning.others and learning.shares != self.shares:
             faulty = next((estimator for name, estimator in ((HVCH, learning.estimator), *learning.others)
-                           if learning.shares.get(name, 1.0) < self.shares.get(name, 1.0)), None)
+                           if learning.shares.get(name) not in (None, self.shares.get(name))), None)
             learning = learning._each(lambda estimator: estimator.with_car_of(faulty))
         if learning.others and known.is_described:
+            is_told = bool(learning.shares)
             learning = replace(learning, trial=learning.trial.at(
-                measurement.stamp_ns, learning._odds(), is_told=bool(learning.shares)))
+                measurement.stamp_ns, learning._odds(), is_told))
+            if is_told or sum(learning._odds().values()) < 1.0:
+                learning = learning._each(Estimator.compared_anew)
         estimate = learning.estimator.estimate
         if estimate is None:
             return learning

@@ -34,6 +34,7 @@ from bev_preheat.estimation.estimate import (
     SENSOR_PLACE,
     SIZE,
     SOC,
+    state_rates,
     TEMPERATURE,
     UNDER_WAY,
 )
@@ -460,10 +461,20 @@ class Belief:
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return frozen(mean), frozen(covariance)
 
-    def answering_c(self) -> float:
-        """Return the battery temperature if the heater answers [deg C]."""
-        weights, mean_c = self.weights[HEALTHY], self.mean[HEALTHY, :, TEMPERATURE]
-        return float(weights @ mean_c / weights.sum())
+    def answering_k_per_s(self, vehicle: Vehicle, drive: DriveInputs) -> float:
+        """Return the battery's warming in DriveInputs if the heater answers [K/s]; no heat is under way."""
+        weights = self.weights[HEALTHY]
+        rates_k_per_s, _, _ = state_rates(_car(vehicle), self.mean[HEALTHY], drive)
+        return float(weights @ rates_k_per_s / weights.sum())
+
+    def evidence(self, temperature_c: float, resolution_k: float) -> float:
+        """Return the log-likelihood of a reading [deg C] with a resolution [K], up to a constant [nats]."""
+        covariance = self.covariance
+        variance = (covariance[..., SENSOR, SENSOR] + 2.0 * covariance[..., SENSOR, LOCAL] + covariance[
+            ..., LOCAL, LOCAL] + SIGNAL_NOISE_K**2 + resolution_k**2 / 12.0)
+        off_k2 = (self.mean[..., SENSOR] + self.mean[..., LOCAL] - temperature_c)**2
+        return math.log((self.weights * array_exp(np.maximum(
+            -0.5 * off_k2 / variance, -MOST_EVIDENCE)) / np.sqrt(variance)).sum())
 
     def _native(self) -> NativeBelief:
         """Return a copy of the filters in the form of the native core."""

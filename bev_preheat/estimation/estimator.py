@@ -17,13 +17,14 @@ from bev_preheat.estimation.hypotheses import HEALTHY, Heater, HeaterReport, is_
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.prior import expected_offset_k
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import array_exp, NS_PER_S
 from bev_preheat.tunables import (
     DIVERGED_K,
     FAULTY,
     LEAST_INTERVAL_S,
     LONGEST_BELIEF_STEP_S,
     LONGEST_GAP_S,
+    MOST_NATS,
     MOST_OTHER_POWER_W,
     READING_NOISE_K,
     READING_NOISE_SOC,
@@ -80,6 +81,7 @@ class Estimator(NamedTuple):
     `knows_power`: the battery's power of the latest step was measured. `suspect` is the heater, None while it is
     not suspect. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of resets,
     with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a chiller.
+    `evidence` is the log-likelihood of the measurements since any source is suspect, up to a constant [nats].
     """
 
     belief: Belief
@@ -97,6 +99,7 @@ class Estimator(NamedTuple):
     reset_reason: str = ''
     reset_at_ns: int | None = None
     direction: int = 1
+    evidence: float = 0.0
 
     @classmethod
     def of(cls, vehicle: Vehicle, learned: Learned | None = None, direction: int = 1) -> Estimator:
@@ -147,7 +150,7 @@ class Estimator(NamedTuple):
     def restarted(self, vehicle: Vehicle, reason: str, at_ns: int) -> Estimator:
         """Return the Estimator without temperature and everything learned since the vehicle file."""
         return Estimator(Belief.of(vehicle), estimate=self.estimate, resets=self.resets + 1, reset_reason=reason,
-                         reset_at_ns=at_ns, direction=self.direction)
+                         reset_at_ns=at_ns, direction=self.direction, evidence=self.evidence)
 
     def edges_ns(self, stamp_ns: int) -> tuple[int, ...]:
         """
@@ -167,7 +170,7 @@ class Estimator(NamedTuple):
         Return the Estimator after a MeasuredState of a Vehicle, whose stamp is not older than the previous one.
 
         `intervals` are one DrivenInterval between consecutive `edges_ns(measurement.stamp_ns)`. `others_odds` are
-        the `fault_odds` of the estimators of other heat sources: a single fault explains the readings.
+        the `odds_of` the estimators of other heat sources: a single fault explains the readings.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
         seen = self._replace(readings=self.readings.seen(state))
@@ -182,6 +185,9 @@ class Estimator(NamedTuple):
             return seen
         advanced = seen._advanced(intervals, vehicle)
         belief = advanced.belief
+        if others_odds > 0.0:
+            advanced = advanced._replace(evidence=advanced.evidence + belief.evidence(
+                state.temperature_c - self.offset_k, readings.temperature_resolution_k))
         if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
             return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
         if verdict is Verdict.LASTING:
@@ -200,6 +206,15 @@ class Estimator(NamedTuple):
         """The probability of any fault of the heater over that of none."""
         healthy = float(self.belief.weights[HEALTHY].sum())
         return (1.0 - healthy) / healthy
+
+    def odds_of(self, other: Estimator) -> float:
+        """Return the probability of a fault of another source over that of none, by the evidence of both."""
+        own, odds = self.fault_odds, other.fault_odds
+        return math.exp(min(other.evidence - self.evidence, MOST_NATS)) * odds * (1.0 + own) / (1.0 + odds)
+
+    def compared_anew(self) -> Estimator:
+        """Return the Estimator whose evidence is that of its belief alone."""
+        return self._replace(evidence=math.log1p(self.fault_odds))
 
     def held(self, measurement: MeasuredState, vehicle: Vehicle, command_w: float, trusts_temperature: bool = True,
              trusts_soc: bool = True) -> Estimator:
@@ -271,7 +286,7 @@ class Estimator(NamedTuple):
     def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle) -> Estimator:
         """Return the Estimator after DrivenIntervals, before the reading at their end."""
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
-        unheated_s = self.unheated_s
+        unheated_s, evidence = self.unheated_s, self.evidence
         k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
         seen_w, variance_w2 = power.step() or (None, 0.0)
         # Heat leaks from the shell, as it would from the core in colder air.
@@ -286,18 +301,19 @@ class Estimator(NamedTuple):
                     commanded_k=suspect.commanded_k + k_per_j * duration_s * abs(heat_w),
                     uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(
                         0.0, abs(most_heat_w) - abs(heat_w)))
-            before = belief
             if drive is None or seen_w is None:
                 response = response.paused()
+                suspect = _explained(suspect, belief, vehicle, duration_s, drive, heat_w)
                 belief = (belief.after_unknown(duration_s) if drive is None else
                           belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w))
-                suspect = _explained(suspect, before, belief)
                 continue
             response, logs = response.seen(
                 duration_s,
                 seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
                 - drive.heater_power_w, command_w, limit_w)
             if logs is not None:
+                weights = belief.weights.sum(axis=1)
+                evidence += math.log(float(weights @ array_exp(logs)))
                 belief = belief.weighed(logs.tolist())
             power, hidden_w2 = power.hidden_w2(drive.power_variance_w2, duration_s)
             heater_w = command_w if self.estimate is None else (
@@ -305,12 +321,12 @@ class Estimator(NamedTuple):
             power, propulsion_w = power.mean_propulsion_w(
                 seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w - drive.heater_power_w,
                 drive.propulsion_power_w, duration_s)
-            belief = belief.followed(vehicle, duration_s, replace(
-                drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2,
-            ), heat_w, most_heat_w, propulsion_w)
-            suspect = _explained(suspect, before, belief)
+            drive = replace(
+                drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2)
+            suspect = _explained(suspect, belief, vehicle, duration_s, drive, heat_w)
+            belief = belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w, propulsion_w)
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
-                             unheated_s=unheated_s, knows_power=seen_w is not None)
+                             unheated_s=unheated_s, evidence=evidence, knows_power=seen_w is not None)
 
     def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
                    expected: tuple[FloatArray, FloatArray], is_held: bool = False,
@@ -345,10 +361,12 @@ class Estimator(NamedTuple):
             self.reset_at_ns, self.offset_k, readings.ignored_share, belief.path))
 
 
-def _explained(suspect: _Suspect | None, before: Belief, after: Belief) -> _Suspect | None:
-    """Return the suspect heater with the warming of a step that needs no fault."""
-    return None if suspect is None else suspect._replace(
-        explained_k=suspect.explained_k + after.answering_c() - before.answering_c())
+def _explained(suspect: _Suspect | None, belief: Belief, vehicle: Vehicle, duration_s: float,
+               drive: DriveInputs | None, heat_w: float) -> _Suspect | None:
+    """Return the suspect heater with the warming of a step [s] under its heat [W] that needs no fault."""
+    return None if suspect is None else suspect if drive is None else suspect._replace(
+        explained_k=suspect.explained_k + duration_s * belief.answering_k_per_s(vehicle, replace(
+            drive, heater_power_w=drive.heater_power_w + heat_w)))
 
 
 def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | None:

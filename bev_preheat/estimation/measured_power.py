@@ -201,11 +201,12 @@ class PowerResponse(NamedTuple):
         error_w = beyond_w - heater_w - excess_w
         logs = (-0.5 * array_log(total_w2)
                 - 0.5 * (FREEDOM + 1.0) * array_log(1.0 + error_w**2 / (FREEDOM * total_w2)))
-        logs = np.maximum(logs - logs.max(), -MOST_BLOCK_EVIDENCE)
+        most = logs.max()
+        logs = np.maximum(logs - most, -MOST_BLOCK_EVIDENCE)
         gain = variance_w2 / total_w2
         weights = before * array_exp(logs)
         rest_w = beyond_w - float((weights * heater_w).sum() / weights.sum())
-        seen: FloatArray = array_log(weights.sum(axis=1) / before.sum(axis=1))
+        seen: FloatArray = most + array_log(weights.sum(axis=1) / before.sum(axis=1))
         return PowerResponse(
             frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_WEIGHT)),
             frozen(excess_w + gain * error_w), frozen((1.0 - gain) * variance_w2), *self._scatter(rest_w), rest_w,

@@ -100,15 +100,16 @@ class TemperatureCheck(NamedTuple):
     """
     The StuckTemperature, with the steps of the sensor.
 
-    `seen_w` is the battery's power beyond that of drive and consumers, `commanded_w` the heater's command, each
-    over about SEEN_OVER_S [W]. `stamp_ns` [ns] is the instant of the latest battery state, None: unknown,
-    `compared_ns` that of the latest comparison.
+    `seen_w` is the battery's power beyond that of drive and consumers, `commanded_w` that of the commands to the
+    heat sources, `heat_w` their heat as HVCH power, each over about SEEN_OVER_S [W]. `stamp_ns` [ns] is that of
+    the latest battery state, None: unknown, `compared_ns` that of the latest comparison.
     """
 
     stuck: StuckTemperature = StuckTemperature()
     steps: Resolution = Resolution(TEMPERATURE_STEPS_K)
     seen_w: float = 0.0
     commanded_w: float = 0.0
+    heat_w: float = 0.0
     stamp_ns: int | None = None
     compared_ns: int = 0
 
@@ -116,30 +117,36 @@ class TemperatureCheck(NamedTuple):
         """Return the check that starts again at the next battery state."""
         return self._replace(stuck=self.stuck.without_instants(), stamp_ns=None)
 
-    def seen(self, measurement: MeasuredState, drive: DriveInputs | None, command_w: float,
+    def seen(self, measurement: MeasuredState, drive: DriveInputs | None, command_w: float, heat_w: float,
              vehicle: Vehicle) -> TemperatureCheck:
-        """Return the check after a MeasuredState in a drive under a command [W]; None: the drive is unknown."""
+        """
+        Return the check after a MeasuredState in a drive under a command [W]; None: the drive is unknown.
+
+        `heat_w` is the heat of the commanded power as HVCH power [W], below 0 if it cools.
+        """
         state, now_ns, power_w = measurement.state, measurement.stamp_ns, measurement.power_w
         steps = self.steps.seen(state.temperature_c)
         if drive is None:
             return self._replace(stuck=self.stuck.without_instants(), steps=steps, stamp_ns=now_ns)
-        seen_w, commanded_w = self.seen_w, self.commanded_w
+        seen_w, commanded_w, mean_heat_w = self.seen_w, self.commanded_w, self.heat_w
         if power_w is not None:
             elapsed_s = 0.0 if self.stamp_ns is None else (now_ns - self.stamp_ns) / NS_PER_S
             share = 1.0 if elapsed_s <= 0.0 else 1.0 - math.exp(-elapsed_s / SEEN_OVER_S)
             others_w = drive.propulsion_power_w + drive.cabin_heating_power_w + drive.auxiliary_power_w
             seen_w += share * (power_w - others_w - seen_w)
             commanded_w += share * (command_w - commanded_w)
+            mean_heat_w += share * (heat_w - mean_heat_w)
         if 0 <= now_ns - self.compared_ns < COMPARED_EVERY_S * NS_PER_S:
-            return TemperatureCheck(self.stuck, steps, seen_w, commanded_w, now_ns, self.compared_ns)
+            return TemperatureCheck(self.stuck, steps, seen_w, commanded_w, mean_heat_w, now_ns, self.compared_ns)
         # The heater takes no more than the battery's power shows.
-        heater_w = 0.0 if power_w is None else min(max(seen_w, 0.0), commanded_w)
+        heater_w = 0.0 if power_w is None or commanded_w <= 0.0 else (
+            mean_heat_w * min(max(seen_w, 0.0) / commanded_w, 1.0))
         rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 5, replace(
             drive, heater_power_w=heater_w, terminal_power_w=power_w,
             power_variance_w2=0.0 if power_w is not None else drive.power_variance_w2))
         stuck = self.stuck.seen(
             now_ns / NS_PER_S, state.temperature_c, steps.step, rate_k_per_s, drive.ambient_temperature_c)
-        return TemperatureCheck(stuck, steps, seen_w, commanded_w, now_ns, now_ns)
+        return TemperatureCheck(stuck, steps, seen_w, commanded_w, mean_heat_w, now_ns, now_ns)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

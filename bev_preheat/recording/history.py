@@ -162,7 +162,8 @@ class History:
                 state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
             at_ns = now_ns - self._ahead_ns
             heater_w, heat_w = powers.others_w(
-                -1, at_ns, at_ns, powers.temperature_c if math.isnan(ambient_c) else ambient_c)
+                -1, at_ns, at_ns, powers.temperature_c if math.isnan(ambient_c) else ambient_c,
+                [state.vehicle.most_w(each.name) for each in (state.answers.hvch, *state.answers.others)])
         row = (
             now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
             estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,

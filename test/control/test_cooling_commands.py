@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 import math
 
+import numpy as np
 import pytest
 
 from bev_preheat.charging.stop import Charger
@@ -16,6 +17,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target import TargetSource
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -131,27 +133,49 @@ def test_without_a_chiller_a_battery_above_its_range_is_refused_and_told_why():
         decision.explanation)
 
 
-@pytest.mark.parametrize('share, least_s, words', [
-    (0.0, 250.0, 'The chiller does not respond to its command.'),
-    (0.5, 500.0, 'The chiller delivers only 50 % of its command.')])
-def test_a_chiller_that_does_not_cool_is_named_and_the_battery_is_as_warm_as_it_is(share, least_s, words):
-    imperfections = Imperfections(sensors=Sensors(
-        period_s=2.0, temperature_noise_k=0.1, temperature_resolution_k=0.5, reports_power=True),
-        heater_faults=(HeaterFault(0.0, share=share, source='chiller'),))
-    simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(25.0, maximum_arrival_temperature_c=35.0)),
-                             BatteryState(49.0, 0.5), imperfections)
-    supervisor, named_s = Supervisor(CAR, Settings()), None
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 838.0):
-        accused = {name for name, report in supervisor.state.learning.reports.items() if report.share < 1.0}
-        assert accused <= {'chiller'}
-        if accused and named_s is None:
-            named_s = moment.time_s
-        if moment.time_s > 200.0:
-            # The true temperature is the simulated car's.
-            assert abs(supervisor.state.estimate.temperature_c - simulated.plant.temperature_c) < (
-                1.0 if named_s is None else 0.5)
+@pytest.mark.parametrize('share, resolution_k, least_s, words', [
+    (0.0, 0.5, 250.0, 'The chiller does not respond to its command.'),
+    # A temperature that does not fall is no stuck sensor.
+    (0.0, 1.0, 250.0, 'The chiller does not respond to its command.'),
+    (0.5, 0.5, 500.0, 'The chiller delivers only 50 % of its command.')])
+def test_a_chiller_that_does_not_cool_is_named_and_the_battery_is_as_warm_as_it_is(
+        share, resolution_k, least_s, words):
+    supervisor, named_s = judged(HeaterFault(0.0, share=share, source='chiller'), resolution_k=resolution_k)
     assert least_s < named_s < least_s + 300.0
     assert supervisor.state.decision.explanation.startswith(words)
+
+
+@pytest.mark.parametrize('source, ambient_c, start_c, goal', [
+    ('chiller', 35.0, 49.0, Goal(22.0, maximum_arrival_temperature_c=45.0)),
+    ('heat_pump', 0.0, 5.0, Goal(5.0))])
+def test_a_source_that_is_stuck_on_is_named_and_its_heat_is_known(source, ambient_c, start_c, goal):
+    """The others explain the readings worse, though better than a healthy car would."""
+    route = replace(ROUTE, ambient_temperature_c=np.full(len(ROUTE), ambient_c))
+    supervisor, named_s = judged(HeaterFault(200.0, stuck_on=True, source=source), route, start_c, goal)
+    assert 500.0 < named_s < 830.0
+    assert supervisor.state.learning.reports[source].heater is Heater.STUCK_ON
+
+
+def judged(fault, route=ROUTE, start_c=49.0, goal=Goal(25.0, maximum_arrival_temperature_c=35.0),
+           resolution_k=0.5):
+    """Return the Supervisor after a drive of a faulty car, and when the source was named [s]."""
+    imperfections = Imperfections(sensors=Sensors(
+        period_s=2.0, temperature_noise_k=0.1, temperature_resolution_k=resolution_k, reports_power=True),
+        heater_faults=(fault,))
+    simulated = ImperfectCar(CAR, DrivePhase(route, goal), BatteryState(start_c, 0.5), imperfections)
+    supervisor, named_s = Supervisor(CAR, Settings()), None
+    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 838.0):
+        state = supervisor.state
+        assert not state.signal_verdicts
+        accused = {name for name, report in state.learning.reports.items() if report.heater is not Heater.ANSWERS}
+        assert accused <= {fault.source}
+        if accused and named_s is None:
+            named_s = moment.time_s
+        if moment.time_s > 200.0 and (named_s is not None or not fault.stuck_on):
+            # The true temperature is the simulated car's.
+            assert abs(state.estimate.temperature_c - simulated.plant.temperature_c) < (
+                1.0 if named_s is None or fault.stuck_on else 0.5)
+    return supervisor, named_s
 
 
 @pytest.mark.parametrize('estimation', [True, False])
