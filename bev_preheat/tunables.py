@@ -120,6 +120,7 @@ TAKEN_BACK_BELOW = 0.2        # 1    | … below which the report is withdrawn
 TIMES_AS_LIKELY = 3.0         # 1    | … of another fault, to replace the reported one
 LEAST_COURSE_K = 3.0          # K    | missing heat that spikes, hysteresis and a second mass do not reach
 LEAST_COURSE_S = 300.0        # s    | … for this long
+ERROR_LASTS_S = 30.0          # s    | a model's error, so that readings within are one in that evidence
 MOST_NATS = 50.0              # nats | of the evidence for one heat source against another, for exp
 TRIED_OFF_S = 120.0           # s    | a heat source is switched off to see whether it heats
 SHARE_STEPS = 4               # 1    | shares of a derated heat source that plans know: each needs plans of its own

@@ -277,14 +277,15 @@ class DepartureSource(NamedTuple):
 
     def _wanted(self) -> PreparationGoal:
         assert self.following is not None
-        is_plugged_in = self._is_plugged_in()
+        is_plugged_in, departure = self._is_plugged_in(), self.following.departure
         return PreparationGoal(
-            self.following.instant_ns, self.following.departure.target_c, is_plugged_in,
-            assumed_ambient_c=self.departures.ambient_c, prices=self.prices if is_plugged_in else None)
+            self.following.instant_ns, departure.target_c, is_plugged_in,
+            assumed_ambient_c=self.departures.ambient_c, prices=self.prices if is_plugged_in else None,
+            maximum_arrival_temperature_c=departure.most_c)
 
 
 def _is_same(first: PreparationGoal, second: PreparationGoal) -> bool:
     """Return whether two goals ask for the same."""
-    return (first.ready_at_ns, first.target_c, first.is_plugged_in, first.assumed_ambient_c) == (
-        second.ready_at_ns, second.target_c, second.is_plugged_in, second.assumed_ambient_c
+    return (first.ready_at_ns, first.target_c, first.most_c, first.is_plugged_in, first.assumed_ambient_c) == (
+        second.ready_at_ns, second.target_c, second.most_c, second.is_plugged_in, second.assumed_ambient_c
     ) and first.prices is second.prices

@@ -109,7 +109,8 @@ class Departure:
     """
     A departure on some days of each week (0 = Monday), at a local time.
 
-    `target_c` [deg C] None: the planner's default. `is_plugged_in`: the vehicle is expected to be at the grid.
+    `target_c` [deg C] None: the planner's default. `is_plugged_in`: the vehicle is expected to be at the grid. A
+    warmer battery is cooled to `most_c` [deg C]; None: it may be warmer.
     """
 
     name: str
@@ -117,6 +118,7 @@ class Departure:
     clock: time
     target_c: float | None
     is_plugged_in: bool
+    most_c: float | None = None
 
 
 class Occurrence(NamedTuple):
@@ -323,7 +325,8 @@ class _Reading:
         clock = self._read(f'departures[{index}].time', lambda: clock_time(node['time']))
         return None if clock is None else Departure(
             node['name'], frozenset(map(DAYS.index, node['weekdays'])), clock,
-            _number(node, 'target_battery_temperature_c'), node['plugged_in'])
+            _number(node, 'target_battery_temperature_c'), node['plugged_in'],
+            _number(node, 'maximum_arrival_temperature_c'))
 
     def find_duplicates(self, departures: list[Departure]) -> None:
         """Note names and times that are given twice."""

@@ -20,6 +20,7 @@ from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.numerics import array_exp, NS_PER_S
 from bev_preheat.tunables import (
     DIVERGED_K,
+    ERROR_LASTS_S,
     FAULTY,
     LEAST_INTERVAL_S,
     LONGEST_BELIEF_STEP_S,
@@ -186,7 +187,8 @@ class Estimator(NamedTuple):
         advanced = seen._advanced(intervals, vehicle)
         belief = advanced.belief
         if others_odds > 0.0:
-            advanced = advanced._replace(evidence=advanced.evidence + belief.evidence(
+            share = min((stamp_ns - self.stamp_ns) / NS_PER_S / ERROR_LASTS_S, 1.0)
+            advanced = advanced._replace(evidence=advanced.evidence + share * belief.evidence(
                 state.temperature_c - self.offset_k, readings.temperature_resolution_k))
         if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
             return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
@@ -345,11 +347,11 @@ class Estimator(NamedTuple):
             report = before
         else:
             weights: list[float] = [*map(sum, belief.weights.tolist())]
+            suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
             if others_odds > 0.0:
                 total = 1.0 + weights[HEALTHY] * others_odds
                 weights = [weight / total for weight in weights]
                 weights[HEALTHY] = 1.0 - sum(weights[HEALTHY + 1:])
-            suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
             report = judge(
                 weights, before, Suspicion() if suspect is None else Suspicion(
                     (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,

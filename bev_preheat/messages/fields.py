@@ -68,6 +68,11 @@ def known(value: float) -> float | None:
     return None if value == 0.0 or math.isnan(value) else value
 
 
+def highest_given(most_c: float) -> float:
+    """Return the number of a message for a highest temperature [deg C]; 0 if it is inf, and never for 0 deg C."""
+    return 0.0 if most_c == math.inf else most_c or math.nextafter(0.0, 1.0)
+
+
 class Figure(NamedTuple):
     """
     The range and the unit of a number.

@@ -21,6 +21,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import (
     doubles,
     Figure,
+    highest_given,
     known,
     LAST_TIME_S,
     LONGEST_ROUTE_ID,
@@ -326,7 +327,7 @@ def _request_fields(leg: Leg) -> dict[str, Any]:
     prospect = leg.prospect
     return {TARGET: leg.target_temperature_c or 0.0, HAS_TARGET: leg.target_temperature_c is not None,
             'minimum_arrival_soc': leg.minimum_arrival_soc, 'maximum_arrival_temperature':
-            leg.maximum_arrival_temperature_c if math.isfinite(leg.maximum_arrival_temperature_c) else 0.0,
+            highest_given(leg.maximum_arrival_temperature_c),
             'charger_power': leg.charger.power_w if leg.charger else 0.0,
             'charging_probability': 0.0 if prospect.probability == 1.0 else prospect.probability,
             'arrival_time_deviation': prospect.arrival_deviation_s,

@@ -12,7 +12,7 @@ from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.fields import highest_given, nanoseconds, time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
@@ -56,9 +56,8 @@ class Wanted:
 
     def goal(self, now_ns: int) -> PrepareBattery.Goal:
         """Return the goal at an instant of the planner's clock [ns]."""
-        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in, maximum_arrival_temperature=(
-            # 0 is not given.
-            0.0 if self.most_c is None else self.most_c or math.nextafter(0.0, 1.0)))
+        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in, maximum_arrival_temperature=highest_given(
+            math.inf if self.most_c is None else self.most_c))
         if self.ready_in_s is not None:
             goal.ready_at = time_message(now_ns + round(self.ready_in_s * NS_PER_S))
         for name, value in (('target_battery_temperature', self.target_c),

@@ -45,8 +45,8 @@ NIGHT = 2026, 11, 25
 READY_NS = ns(*NIGHT, 7, 30)
 
 
-def work(is_plugged_in=True, clock=time(7, 30), weekdays=WORKDAYS, name='work', target_c=TARGET_C):
-    return Departure(name, weekdays, clock, target_c, is_plugged_in)
+def work(is_plugged_in=True, clock=time(7, 30), weekdays=WORKDAYS, name='work', target_c=TARGET_C, most_c=None):
+    return Departure(name, weekdays, clock, target_c, is_plugged_in, most_c)
 
 
 def week(*departures, ambient_c=AMBIENT_C):
@@ -269,9 +269,10 @@ def test_without_departures_there_is_nothing_to_skip():
 def test_another_file_replaces_the_goal_without_a_pause():
     car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
     assert car.tick() == pytest.approx(FULL_W)
-    car.source = car.source.using(week(work(target_c=23.0)), None)
-    assert car.act() == pytest.approx(FULL_W)
-    assert car.goal.target_c == 23.0
+    for target_c, most_c in (23.0, None), (23.0, 36.0):
+        car.source = car.source.using(week(work(target_c=target_c, most_c=most_c)), None)
+        assert car.act() == pytest.approx(FULL_W)
+        assert (car.goal.target_c, car.goal.maximum_arrival_temperature_c) == (target_c, most_c)
     assert not any(isinstance(event, PreparationEnded) for event in car.events)
 
 

@@ -196,6 +196,13 @@ def test_times_that_are_none_are_refused_with_what_is_allowed(file, text):
         load_grid_prices(file(PRICES.replace('2026-11-26 01:00', text)))
 
 
+def test_a_week_is_read(file):
+    week = load_departures(file(WEEK.replace("'9:05'", "'9:05', maximum_arrival_temperature_c: 35")))
+    assert week == Departures(BERLIN, (
+        Departure('work', frozenset((0, 4)), time(7, 30), 22.0, True),
+        Departure('trip', frozenset((6,)), time(9, 5), None, False, 35.0)), -5.0)
+
+
 @pytest.mark.parametrize('old, new, problem', [
     ('Europe/Berlin', 'Europe/Atlantis', "time_zone: 'Europe/Atlantis' is unknown on this computer"),
     ('Europe/Berlin', '../etc/passwd', "time_zone: '../etc/passwd' is unknown"),

@@ -187,7 +187,7 @@ def legs_strategy(draw):
                 draw(targets_c), draw(shares),
                 None if at == 0 else BatteryState(
                     draw(st.floats(-60.0, 60.0)), draw(st.floats(1e-3, 1.0))),
-                maximum_arrival_temperature_c=draw(st.one_of(st.just(inf), st.floats(1e-3, 60.0))))
+                maximum_arrival_temperature_c=draw(st.sampled_from((inf, 0.0, 1e-3, 60.0))))
             for at in range(count)]
     return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
 
@@ -209,9 +209,10 @@ def test_mission_to_message_and_back(legs):
     assert (mission.route_id, len(mission.legs), mission.standing_time_s) == ('x', len(legs), 5e4)
     for back, leg in zip(mission.legs, legs):
         assert (back.charging_planned, back.target_temperature_c, back.minimum_arrival_soc,
-                back.maximum_arrival_temperature_c, back.departure) == (
-            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc,
-            leg.maximum_arrival_temperature_c, leg.departure)
+                back.departure) == (
+            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc, leg.departure)
+        # A highest temperature of 0 degC stays given.
+        assert back.maximum_arrival_temperature_c == pytest.approx(leg.maximum_arrival_temperature_c, abs=1e-9)
         assert back.start_ns == pytest.approx(leg.start_ns, abs=1000)
         for field in ROUTE_FIELDS:
             np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),
