@@ -28,7 +28,7 @@ from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
@@ -177,7 +177,8 @@ class Board:
         settled_c = (plan.temperatures_c[0] if plan is not None and plan.times_s
                      and abs(at_s - plan.at_s) < PLAN_FRESH_S else math.nan)
         unheated_c = math.nan if self.unheated is None else self.unheated.unheated_c(
-            at_s, settled_c, soc, self._heat_w(at_s))
+            at_s, settled_c, soc, *self._drawn_w(at_s, settled_c, {
+                HVCH: self._heat_w(at_s), **(self._coming_w if at_s <= self._until_s else {})}))
         self.temperatures.add((at_s, temperature_c, soc, unheated_c))
 
     def see_command(self, at_s: float, power_w: float, reason: int, now_s: float,
@@ -238,6 +239,14 @@ class Board:
             return delivered_w
         return self._diagnosis.heater_share * self._power_w if at_s <= self._until_s else 0.0
 
+    def _drawn_w(self, at_s: float, temperature_c: float,
+                 powers_w: Mapping[str, float]) -> tuple[float, float | None]:
+        """Return power and heat as HVCH power [W] of sources by name; None: that of the HVCH alone, or unknown."""
+        ambient_c = math.nan if self._route is None else self._route.ambient_at_c(at_s)
+        if self.unheated is None or self.unheated.sources is None or math.isnan(ambient_c):
+            return powers_w[HVCH], None
+        return self.unheated.sources.of(powers_w, ambient_c, temperature_c)
+
     def see_plan(self, plan: PlanSeen, now_s: float) -> None:
         """Take a plan."""
         self._advance('plan', plan.at_s, now_s)
@@ -297,7 +306,10 @@ class Board:
             return {'planMix': {}, **{key: [] for key in (
                 'planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}}
         unheated_c = [] if self.unheated is None else self.unheated.planned_c(
-            plan.times_s, plan.temperatures_c, plan.socs, plan.powers_w)
+            plan.times_s, plan.temperatures_c, plan.socs, [
+                self._drawn_w(at_s, plan.temperatures_c[step], {
+                    HVCH: plan.powers_w[step], **{name: each_w[step] for name, each_w in plan.sources_w.items()}})
+                for step, at_s in enumerate(plan.times_s[:-1])])
         kept = thinned(len(plan.times_s), MOST_PLAN_POINTS)
         powers_w = (*plan.powers_w, math.nan)
 

@@ -106,9 +106,7 @@ class DashboardNode(Node):
         try:
             if len(values) != 1 or values[0].type != ParameterType.PARAMETER_STRING:
                 raise InvalidInput('the planner has no parameter vehicle')
-            vehicle = load_vehicle(values[0].string_value)
-            unheated, problem = Unheated(vehicle), 'Not shown for a vehicle with heat_sources.' * bool(
-                vehicle.heat_sources)
+            unheated, problem = Unheated(load_vehicle(values[0].string_value)), ''
         except InvalidInput as error:
             problem = f'Without the vehicle file no temperature without heating is shown: {error}'
         with self._source.lock:

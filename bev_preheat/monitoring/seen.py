@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect
+from itertools import accumulate
+import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
@@ -72,11 +75,22 @@ class EntrySeen(NamedTuple):
 
 
 class RouteSeen(NamedTuple):
-    """The reserves of charge (0 ... 1) that a route asks for on arrival: at each stop, and at its end."""
+    """
+    The reserves of charge (0 ... 1) that a route asks for on arrival: at each stop, and at its end.
+
+    `ends_s` are the instants at which its segments end [s], `ambient_c` their ambient temperatures [deg C].
+    """
 
     stop_reserves: tuple[float, ...]
     stops: int
     reserve: float
+    ends_s: tuple[float, ...] = ()
+    ambient_c: tuple[float, ...] = ()
+
+    def ambient_at_c(self, at_s: float) -> float:
+        """Return the ambient temperature at an instant [deg C]; NaN: unknown."""
+        segment = min(bisect(self.ends_s, at_s), len(self.ambient_c) - 1)
+        return self.ambient_c[segment] if self.ambient_c else math.nan
 
     def reserve_of_leg(self, later_legs: int) -> float:
         """Return the reserve at the end of the leg that has `later_legs` legs after it."""
@@ -123,7 +137,9 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
 def route_seen(message: RoutePlan) -> RouteSeen:
     """Return the RouteSeen of a message."""
     return RouteSeen(tuple(message.stop_minimum_arrival_soc), len(message.stop_duration),
-                     message.minimum_arrival_soc)
+                     message.minimum_arrival_soc, tuple(accumulate(
+                         message.segment_duration, initial=seconds(message.header.stamp)))[1:],
+                     tuple(message.ambient_temperature))
 
 
 def entries_seen(message: DiagnosticArray, planner: str) -> list[EntrySeen]:

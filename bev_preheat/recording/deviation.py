@@ -112,11 +112,13 @@ class Unheated:
     The equation is that of Deviation: stored heat and leakage of the vehicle file; the change of
     the Joule heat by the few degrees is left out. It takes heat away at once, so it starts from the temperature
     that the battery settles at when the heat under way has arrived, as plans do: a reading shows heat late.
+    `sources` are those of the vehicle beside the HVCH; None: none.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Start without heat."""
         self._vehicle = vehicle
+        self.sources = SourceHeat(vehicle) if vehicle.heat_sources else None
         self.restart()
 
     def restart(self) -> None:
@@ -132,11 +134,15 @@ class Unheated:
         `heat_w` is the HVCH power with their heat [W], None: it is the HVCH's alone; unknown with other sources,
         whose heat depends on the air.
         """
-        if heat_w is None and self._vehicle.heat_sources:
-            return math.nan
         if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < UNHEATED_GAP_S:
             self.restart()
         self._latest_s = at_s
+        return self._taken_c(at_s, settled_c, soc, (power_w, heat_w))
+
+    def _taken_c(self, at_s: float, settled_c: float, soc: float, powers_w: tuple[float, float | None]) -> float:
+        power_w, heat_w = powers_w
+        if heat_w is None and self.sources is not None:
+            return math.nan
         # The difference of a car without the heater is negative.
         power_w = _finite(power_w, 0.0)
         heat_w = power_w if heat_w is None else _finite(heat_w, 0.0)
@@ -144,20 +150,18 @@ class Unheated:
         return settled_c + self._deviation.temperature_k
 
     def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
-                  powers_w: Sequence[float]) -> list[float]:
+                  powers_w: Sequence[tuple[float, float | None]]) -> list[float]:
         """
         Return the unheated temperatures [deg C] at the instants of a plan.
 
-        Instants [s], temperatures [deg C] and charges (0 ... 1) are (N + 1,), powers between them [W] (N,).
+        Instants [s], temperatures [deg C] and charges (0 ... 1) are (N + 1,), power and heat between them as in
+        `unheated_c` (N,).
         """
-        ahead, unheated_c = copy.copy(self._deviation), list[float]()
-        if self._vehicle.heat_sources:
-            return [math.nan] * len(times_s)
-        for at_s, temperature_c, soc, power_w in zip(times_s, temperatures_c, socs, (*powers_w, 0.0)):
-            less_w = -_finite(power_w, 0.0)
-            ahead.advance(_ns(at_s), less_w, less_w, soc, temperature_c)
-            unheated_c.append(temperature_c + ahead.temperature_k)
-        return unheated_c
+        ahead = copy.copy(self)
+        ahead._deviation = copy.copy(self._deviation)
+        # Its steps may be longer than gaps of measurements.
+        return [ahead._taken_c(*each) for each in zip(
+            times_s, temperatures_c, socs, (*powers_w, *powers_w[-1:]))]
 
 
 def _ns(at_s: float) -> int:

@@ -189,7 +189,22 @@ def test_powers_of_sources_are_rows_of_one_length_by_name_and_bounded():
     assert len(message('/planner', board, Cursor(), 103.0)) < 50_000
 
 
-def test_without_heating_is_unknown_beside_other_sources():
-    unheated = Unheated(load_vehicle('heat_pump_car'))
-    assert math.isnan(unheated.unheated_c(START_S, 5.0, 0.8, 4000.0))
-    assert math.isnan(unheated.planned_c((START_S, START_S + 60.0), (5.0, 6.0), (0.8, 0.8), (4e3,))[1])
+@pytest.mark.parametrize('ambient_c, per_watt', [((0.0, -10.0), 2.0), ((0.0, 10.0), 3.1), ((), NAN)])
+def test_without_heating_counts_the_heat_of_each_source_in_the_air_of_the_route(ambient_c, per_watt):
+    vehicle, power_w = load_vehicle('heat_pump_car'), 2000.0
+    board = a_board()
+    # The second segment begins at the start.
+    board.see_route(RouteSeen((), 0, 0.2, (START_S, START_S + 1800.0)[:len(ambient_c)], ambient_c))
+    board.unheated = Unheated(vehicle)
+    for at_s in (START_S + second for second in range(0, 601, 10)):
+        board.see_source(at_s, 'heat_pump', power_w)
+        board.see_command(at_s, 0.0, int(Status.HEATING), 100.0)
+        board.see_plan(a_plan(at_s, times_s=(at_s, at_s + 300.0), temperatures_c=(0.0, 0.0), socs=(0.8, 0.7),
+                              powers_w=(0.0,), sources_w={'hvch': (0.0,), 'heat_pump': (power_w,)}), 100.0)
+        board.see_battery(at_s, 0.0, 0.8, 100.0)
+    now_c, later_c = board.temperatures.since(0)[-1][3], board.plan_curves()['planUnheated'][-1]
+    for seconds, unheated_c in (600.0, now_c), (900.0, later_c):
+        # Less than 3 % leak in that time.
+        stored_k = per_watt * power_w * seconds / vehicle.battery.heat_capacity_j_per_k
+        assert math.isnan(per_watt) or unheated_c == pytest.approx(-stored_k, rel=0.03)
+    assert (math.isnan(now_c), later_c is None) == (math.isnan(per_watt),) * 2
