@@ -240,11 +240,15 @@ def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSo
                         'allowed beside it')
         return None
     source = heat_sources[name]
-    assert isinstance(source.hvch_watts, Table)
+    power = source.maximum_power_w
+    assert isinstance(source.hvch_watts, Table) and isinstance(power, Table)
+    # A compressor with steps delivers lower powers in the mean of its steps.
+    most_w = (source.power_steps_w or (source.most_w,))[-1]
+    power = replace(power, values=tuple(tuple(min(value, most_w) for value in row) for row in power.values))
     ratio = replace(source.hvch_watts, values=tuple(
         tuple(-efficiency * value for value in row) for row in source.hvch_watts.values))
-    return Cooling(electrical_power_w=source.most_w, cooling_power_w=source.most_w * max(map(max, ratio.values)),
-                   curves=(source.maximum_power_w, ratio), **_floats(values))
+    return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
+                   curves=(power, ratio), **_floats(values))
 
 
 def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:

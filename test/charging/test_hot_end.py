@@ -71,6 +71,16 @@ def test_a_heat_source_cools_at_the_charger_as_on_the_road():
     assert cooled.battery_temperature_c[-1] < hot.battery_temperature_c[-1] - 2.0
 
 
+def test_a_chiller_with_steps_takes_no_more_than_the_highest():
+    contents = yaml.safe_load(vehicle_file('heat_pump_car').read_text())
+    contents['heat_sources']['chiller']['power_steps_w'] = [1000, 2000]
+    cooling = vehicle_of_text(yaml.safe_dump(contents), 'the file').charging.cooling
+    # Half of the band, and beyond it: 2.2 W of cold for each watt at 45 degC.
+    assert make_cooling(cooling, 45.0, FLOATS)(36.0, 50e3)[0] == pytest.approx(1000.0)
+    assert make_cooling(cooling, 45.0, FLOATS)(45.0, 50e3) == pytest.approx((2000.0, 4400.0))
+    assert (cooling.electrical_power_w, cooling.cooling_power_w) == pytest.approx((2000.0, 2000.0 * 3.2))
+
+
 @pytest.mark.parametrize('cooling, problem', [
     ({'heat_source': 'motor'}, ".heat_source: 'motor' is not allowed; it must be a source of heat_sources that "
                                'cools a standing car: chiller'),
