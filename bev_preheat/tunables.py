@@ -143,7 +143,6 @@ MOST_BLOCK_EVIDENCE = 3.0  # nats | of one block: one outlier does not decide
 FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic makes large errors likely
 
 # estimation/prior.py, state_file.py, soak.py: before the first reading
-LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
 LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
 DESCRIBED_PLACE_DEVIATION = 0.2      # 1 | of the sensor's place of `thermal`, over its distance to the mean

@@ -175,9 +175,9 @@ def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
 def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     variances = [time_deviation(
         replace(REFERENCE, uncertainty=uncertainty), drive(), COLD, GOAL, 150e3, 0.8, PRICES).without_heating_s**2
-        for uncertainty in (Uncertainty(), Uncertainty(0.0435, 0.08625, 0.08625, 0.02175),
-                            Uncertainty(0.029, 0.0575, 0.0575, 0.0145))]
-    # Three quarters and a half of the assumed deviations; the consumption's is always the same.
+        for uncertainty in (Uncertainty(*(share * np.array([0.058, 0.115, 0.115, 0.029])).tolist())
+                            for share in (1.0, 0.75, 0.5))]
+    # The consumption's is always the same.
     assert (variances[0] - variances[1]) / (variances[0] - variances[2]) == pytest.approx(
         (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
 

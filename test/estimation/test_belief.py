@@ -158,17 +158,19 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
     assert eigenvalues(belief).min() > -1e-9 * max(largest, 1.0)
 
 
-def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them_and_never_widen_them():
-    spreads = np.append(np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), 0.08)
-    for uncertainty, shares in (
-            (Uncertainty(0.04, 0.07, 0.1, 0.02), [0.04, 0.07, 0.1, 0.02] / spreads[:4]),
-            (Uncertainty(0.005, 0.005, 0.005, 0.005), [0.5, 0.5, 0.5, 0.5]),
-            (Uncertainty(1.0, 1.0, 1.0, 1.0), [1.0, 1.0, 1.0, 1.0]),
-            (Uncertainty(resistance=0.08), [1.0, 1.0, 0.08 / spreads[2], 1.0])):
+def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_a_least_one_and_never_widen_them():
+    # Leakage: that of an insulated to that of a bare pack, a factor of three.
+    spreads = np.array([0.1, 0.5 * np.log(3.0), 0.2, 0.1]) / np.sqrt(3.0)
+    least = 0.5 * np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0)
+    for uncertainty, expected in (
+            (Uncertainty(0.04, 0.07, 0.1, 0.02), [0.04, 0.07, 0.1, 0.02]),
+            (Uncertainty(0.005, 0.005, 0.005, 0.005), least),
+            (Uncertainty(1.0, 1.0, 1.0, 1.0), spreads), (Uncertainty(), spreads),
+            (Uncertainty(resistance=0.08), [*spreads[:2], 0.08, spreads[3]])):
         belief = Belief.of(replace(VEHICLE, uncertainty=uncertainty))
         variances = belief.covariance[..., FACTORS, FACTORS]
         assert variances == pytest.approx(
-            np.broadcast_to(np.diag((spreads * [*shares, 1.0])**2), variances.shape), rel=0.02)
+            np.broadcast_to(np.diag(np.append(expected, 0.08)**2), variances.shape), rel=0.02)
         assert (belief.mean[..., FACTORS] == 0.0).all()
 
 

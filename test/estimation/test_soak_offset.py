@@ -37,7 +37,7 @@ def test_a_battery_cools_as_the_vehicles_leakage_lets_it():
 
 
 @pytest.mark.parametrize('share, uncertainty', [
-    (1.0, Uncertainty()), (0.6, Uncertainty(heat_capacity=0.0346, leakage=0.0693))])
+    (1.0, VEHICLE.uncertainty), (0.6, Uncertainty(heat_capacity=0.0346, leakage=0.0693))])
 def test_how_far_it_spreads_is_that_of_drawn_cars(share, uncertainty):
     random = np.random.default_rng(3)
     count, standing_s = 100_000, 3.0 * HOUR_S
@@ -57,7 +57,7 @@ def test_residual_warmth_is_no_offset_where_nobody_measured_the_leakage():
     Drawn cars say how far the temperature spreads, by a leakage of a factor e^0.8.
     """
     random = np.random.default_rng(4)
-    assumed = replace(VEHICLE, assumed=('battery.leakage',))
+    assumed = replace(VEHICLE, assumed=('battery.leakage',), uncertainty=Uncertainty())
     standing_s = 10.0 * HOUR_S
     standing = after_soak(assumed, 8.0, standing_s)
     rate = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) / VEHICLE.battery.heat_capacity_j_per_k * np.exp(

@@ -48,7 +48,7 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys)
     # Half the prior's deviation, and 0.01 for the time since.
     assert vars(car.uncertainty) == pytest.approx({
         name: math.hypot(0.5 * prior, 0.01) for name, prior in (
-            ('heat_capacity', 0.058), ('leakage', 0.115), ('resistance', 0.115), ('heater_efficiency', 0.029))},
+            ('heat_capacity', 0.058), ('leakage', 0.32), ('resistance', 0.115), ('heater_efficiency', 0.058))},
         rel=5e-3)
     # Half the prior's standard deviation of 0.058, and 0.01 for the time since, times 1.645.
     low = 1.1 * math.exp(-1.6449 * math.hypot(0.029, 0.01))
