@@ -227,9 +227,11 @@ class Learning:
             learning = learning._each(lambda estimator: estimator.with_car_of(faulty))
         if learning.others and known.is_described:
             is_told = bool(learning.shares)
-            learning = replace(learning, trial=learning.trial.at(
-                measurement.stamp_ns, learning._odds(), is_told))
-            if is_told or sum(learning._odds().values()) < 1.0:
+            each = {HVCH: learning.estimator, **dict(learning.others)}
+            # Switching off does not show what is stuck on.
+            learning = replace(learning, trial=learning.trial.at(measurement.stamp_ns, {
+                name: estimator.weak_odds for name, estimator in each.items()}, is_told))
+            if is_told or sum(estimator.fault_odds for estimator in each.values()) < 1.0:
                 learning = learning._each(Estimator.compared_anew)
         estimate = learning.estimator.estimate
         if estimate is None:
@@ -255,11 +257,6 @@ class Learning:
         estimator, others = before[-1] if before else (self.estimator, self.others)
         return replace(self, estimator=self.estimator.with_learned_of(estimator), earlier=(), others=tuple(
             (name, each.with_learned_of(then)) for (name, each), (_, then) in zip(self.others, others)))
-
-    def _odds(self) -> dict[str, float]:
-        """Return the odds of a fault of each source by name; {} with the HVCH alone."""
-        return {name: estimator.fault_odds for name, estimator in (
-            (HVCH, self.estimator), *self.others)} if self.others else {}
 
     def _each(self, change: Callable[[Estimator], Estimator]) -> Learning:
         """Return the Learning with a change of each Estimator."""

@@ -13,7 +13,15 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief, interval_of
 from bev_preheat.estimation.estimate import Estimate, LOCAL, SENSOR, SOC, TEMPERATURE
-from bev_preheat.estimation.hypotheses import HEALTHY, Heater, HeaterReport, is_suspect, judge, Suspicion
+from bev_preheat.estimation.hypotheses import (
+    HEALTHY,
+    Heater,
+    HeaterReport,
+    is_suspect,
+    judge,
+    STUCK,
+    Suspicion,
+)
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.prior import expected_offset_k
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
@@ -208,6 +216,12 @@ class Estimator(NamedTuple):
         """The probability of any fault of the heater over that of none."""
         healthy = float(self.belief.weights[HEALTHY].sum())
         return (1.0 - healthy) / healthy
+
+    @property
+    def weak_odds(self) -> float:
+        """The probability that the heater is dead or derated over that it is not."""
+        weak = float(self.belief.weights[HEALTHY + 1:STUCK].sum())
+        return weak / (1.0 - weak)
 
     def odds_of(self, other: Estimator) -> float:
         """Return the probability of a fault of another source over that of none, by the evidence of both."""

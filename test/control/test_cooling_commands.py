@@ -155,8 +155,10 @@ def test_a_chiller_that_is_stuck_on_is_named_and_its_cold_is_known():
 def test_of_two_sources_with_the_same_heat_none_is_named_if_one_is_stuck_on():
     """6 kW of heat come from the pump, and would from the HVCH; the traffic hides the power."""
     route = replace(ROUTE, ambient_temperature_c=np.zeros(len(ROUTE)))
-    _, named_s = judged(HeaterFault(200.0, stuck_on=True, source='heat_pump'), route, 5.0, Goal(5.0))
+    supervisor, named_s = judged(HeaterFault(200.0, stuck_on=True, source='heat_pump'), route, 5.0, Goal(5.0))
     assert named_s is None
+    # None is switched off to tell which.
+    assert 'does not heat' not in supervisor.state.decision.explanation
 
 
 def judged(fault, route=ROUTE, start_c=49.0, goal=Goal(25.0, maximum_arrival_temperature_c=35.0),
