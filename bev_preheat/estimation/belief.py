@@ -72,6 +72,7 @@ from bev_preheat.tunables import (
     LOCAL_LAG_S,
     MOST_APART_K,
     MOST_EVIDENCE,
+    MOST_NATS,
     NOISY_FROM_W,
     NOMINAL_SENSOR_LAG_S,
     POWER_NOISE,
@@ -470,11 +471,13 @@ class Belief:
     def evidence(self, temperature_c: float, resolution_k: float) -> float:
         """Return the log-likelihood of a reading [deg C] with a resolution [K], up to a constant [nats]."""
         covariance = self.covariance
-        variance = (covariance[..., SENSOR, SENSOR] + 2.0 * covariance[..., SENSOR, LOCAL] + covariance[
-            ..., LOCAL, LOCAL] + SIGNAL_NOISE_K**2 + resolution_k**2 / 12.0)
+        variance = np.maximum(covariance[..., SENSOR, SENSOR] + 2.0 * covariance[..., SENSOR, LOCAL] + covariance[
+            ..., LOCAL, LOCAL] + SIGNAL_NOISE_K**2 + resolution_k**2 / 12.0, LEAST_VARIANCE)
         off_k2 = (self.mean[..., SENSOR] + self.mean[..., LOCAL] - temperature_c)**2
-        return math.log((self.weights * array_exp(np.maximum(
+        likelihood = float((self.weights * array_exp(np.maximum(
             -0.5 * off_k2 / variance, -MOST_EVIDENCE)) / np.sqrt(variance)).sum())
+        # A belief that is no number is restarted at once.
+        return math.log(likelihood) if likelihood > 0.0 else -MOST_NATS
 
     def _native(self) -> NativeBelief:
         """Return a copy of the filters in the form of the native core."""

@@ -61,6 +61,20 @@ def eigenvalues(belief):
     return np.linalg.eigvalsh(belief.covariance)
 
 
+def test_the_evidence_of_a_reading_is_its_likelihood_and_always_a_number():
+    belief = changed(placed(), mean=[(SENSOR, -5.0), (LOCAL, 0.0)])
+    deviation_k = np.sqrt(belief.covariance[0, 0, SENSOR, SENSOR] + belief.covariance[0, 0, LOCAL, LOCAL] + 2.0 *
+                          belief.covariance[0, 0, SENSOR, LOCAL] + SIGNAL_NOISE_K**2 + 0.5**2 / 12.0)
+    seen = belief.evidence(-5.0, 0.5)
+    assert seen == pytest.approx(-np.log(deviation_k))
+    assert seen - belief.evidence(-5.0 + deviation_k, 0.5) == pytest.approx(0.5)
+    # One wild reading decides nothing.
+    assert seen - belief.evidence(60.0, 0.5) == pytest.approx(1.0)
+    for value in np.nan, np.inf:
+        for lost in changed(belief, mean=[(SENSOR, value)]), changed(belief, covariance=[(SENSOR, value)]):
+            assert np.isfinite(lost.evidence(-5.0, 0.5))
+
+
 def test_temperature_is_that_of_a_kalman_filter_written_here():
     # Factors, lags and rises are known, so only core, heat under way, sensor and local rise are left.
     belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
