@@ -48,7 +48,6 @@ class ReplayBus:
         if first is None:
             raise InvalidInput(f'{path}: has no CAN frames')
         self._next: Any = first
-        self._path = path
         self._offset_s = time.monotonic() - first.timestamp
 
     def recv(self, timeout: float) -> Any:

@@ -30,8 +30,6 @@ LEAST_COLUMN_WIDTH = 12
 class ResultConsole(Console):
     """A console that falls silent when its reader has gone, as in `… | head -1`."""
 
-    reader_has_gone = False
-
     def print(self, *things: Any, **options: Any) -> None:
         """Print as rich does; raise OutputFailed if the output is full."""
         try:
@@ -53,7 +51,6 @@ class ResultConsole(Console):
         raise  # noqa: PLE0704  rich calls this while it handles the error
 
     def _discard(self) -> None:
-        self.reader_has_gone = True
         # Unwritten text must not be retried.
         self.quiet = True
         if not self.stderr:

@@ -31,10 +31,9 @@ PREDICTION_STEP_S = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Course of a trip at `time_s` (M + 1,): battery and sensor temperature [deg C], state of charge."""
+    """Course of a trip at `time_s` (M + 1,): temperature of the sensor [deg C], state of charge."""
 
     time_s: FloatArray
-    temperature_c: FloatArray
     reading_c: FloatArray
     soc: FloatArray
 
@@ -56,7 +55,7 @@ def predict(vehicle: Vehicle, trip: Trip) -> Prediction:
     step = make_heated_step(vehicle, SATURATING_FLOATS)
     temperature_c = reading_c = trip.start_c
     soc, excess_k = float(trip.soc[0]), 0.0
-    courses = [(temperature_c, reading_c, soc)]
+    courses = [(reading_c, soc)]
     for duration_s, *inputs in zip(*map(np.ndarray.tolist, (
             durations_s, power_w, variance_w2, heat_w, gamma, trip.means(trip.heater_w, edges)))):
         before_c = sensed_c(vehicle.heat_path, temperature_c, excess_k)
@@ -65,7 +64,7 @@ def predict(vehicle: Vehicle, trip: Trip) -> Prediction:
         after_c = sensed_c(vehicle.heat_path, temperature_c, excess_k)
         reading_c = sensor_reading_c(
             vehicle.heat_path, reading_c, before_c, after_c, duration_s, SATURATING_FLOATS)
-        courses.append((temperature_c, reading_c, soc))
+        courses.append((reading_c, soc))
     return Prediction(edges, *np.array(courses).T)
 
 

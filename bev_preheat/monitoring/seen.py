@@ -55,7 +55,6 @@ class PlanSeen(NamedTuple):
     arrival_soc: float
     charging_s: float
     charging_unheated_s: float
-    model_factors: tuple[float, ...] = ()
     later_legs: int = 0
     times_s: tuple[float, ...] = ()
     temperatures_c: tuple[float, ...] = ()
@@ -124,8 +123,7 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
         deviation_k=message.predicted_arrival_temperature_deviation,
         target_c=message.target_battery_temperature, target_reason=message.target_reason,
         arrival_soc=message.predicted_arrival_soc, charging_s=message.charging_time,
-        charging_unheated_s=message.charging_time_unheated, model_factors=tuple(message.model_factors),
-        later_legs=len(message.later_arrival),
+        charging_unheated_s=message.charging_time_unheated, later_legs=len(message.later_arrival),
         times_s=tuple(start_s + each for each in after_s) if is_whole else (),
         temperatures_c=tuple(message.battery_temperature) if is_whole else (),
         socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else (),

@@ -195,33 +195,24 @@ def lapses_in_words(spans: list[Span]) -> str:
 
 class Instant(NamedTuple):
     """
-    The course at an instant [ns]: measured, estimated and predicted arrival temperature [deg C], SoC.
+    The course at an instant [ns]: commands to all that heats and to all that cools [W].
 
-    `command_w` [W] is the command to all that heats, `cold_w` [W] to all that cools, `deviation_k` [K] is that of
-    the prediction, `start_ns` [ns] the planned start of heating; NaN and None: unknown. `until_ns` [ns] is the end
-    of the command's lease.
+    Temperatures, as measured and as predicted for the arrival, in deg C; NaN: unknown.
     """
 
     now_ns: int
     command_w: float
     cold_w: float
     measured_c: float
-    estimated_c: float
     predicted_c: float
-    deviation_k: float
-    soc: float
-    start_ns: int | None
-    status: Status
-    until_ns: int
 
 
 class Said(NamedTuple):
-    """A sentence that holds from an instant [ns] on, its status, and the plan's target [deg C] (NaN: none)."""
+    """A sentence that holds from an instant [ns] on, and its status."""
 
     now_ns: int
     status: Status
     sentence: str
-    target_c: float
 
 
 @dataclass
@@ -248,27 +239,18 @@ class Course:
         """Add a step."""
         self.results.add(played)
         state, decision, recorded_w = played.state, played.state.decision, played.recorded_w
-        command, estimate, measurement, plan = (
-            state.latest_command, state.estimate, state.measurement, decision.plan if recorded_w is None else None)
-        start_ns = None
-        if plan is not None and plan.heating_start_s is not None:
-            start_ns = decision.plan_start_ns + round(plan.heating_start_s * NS_PER_S)
+        command, measurement = state.latest_command, state.measurement
+        plan = decision.plan if recorded_w is None else None
         cold_w = 0.0 if command is None else sum(
             command.power_w(source.name) for source in state.vehicle.heat_sources if source.cools)
         instant = Instant(
             played.now_ns, recorded_w if recorded_w is not None else
             0.0 if command is None else command.total_w - cold_w, cold_w,
             math.nan if measurement is None else measurement.state.temperature_c,
-            math.nan if estimate is None else estimate.temperature_c,
-            math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
-            math.nan if measurement is None else measurement.state.soc, start_ns, decision.status,
-            played.now_ns + RECORDED_HOLD_NS if recorded_w is not None
-            else 0 if command is None else command.valid_until_ns)
+            math.nan if plan is None else plan.arrival_temperature_c)
         self.instants.append(instant)
         if recorded_w is None and (not self.said or self.said[-1].status is not decision.status):
-            target_c = math.nan if decision.target is None or decision.target.target_c is None \
-                else decision.target.target_c
-            self.said.append(Said(played.now_ns, decision.status, decision.explanation, target_c))
+            self.said.append(Said(played.now_ns, decision.status, decision.explanation))
         if plan is not None:
             self.latest_prediction = instant
         self._had_plan |= decision.plan is not None
