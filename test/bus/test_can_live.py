@@ -83,45 +83,30 @@ def test_frames_packed_bit_by_bit_become_the_battery(car):
     assert battery.instant_s == pytest.approx(1000.0, abs=0.2)
 
 
-def stuck_counter(car):
-    return [car.temperatures(20.0, count=1)] * 2, 'counter BMS_TempAlive has stayed at 1'
+def changed(frame, at, bits):
+    """Return a frame with these bits of a byte changed."""
+    identifier, data = frame
+    return identifier, bytes(byte ^ bits * (number == at) for number, byte in enumerate(data))
 
 
-def wrong_checksum(car):
-    identifier, data = car.temperatures(20.0)
-    return [(identifier, data[:-1] + bytes([data[-1] ^ 1]))], 'BMS_TempCrc is 0x'
-
-
-def changed_bit(car):
-    identifier, data = car.temperatures(20.0)
-    return [(identifier, bytes([data[0] ^ 4]) + data[1:])], 'but the checksum of the data is 0x'
-
-
-def short_frame(car):
-    identifier, data = car.temperatures(20.0)
-    return [(identifier, data[:5])], 'a frame of 5 bytes; the DBC has 8'
-
-
-def no_reading(car):
+@pytest.mark.parametrize('attack, reason', [
+    (lambda car: [car.temperatures(20.0, count=1)] * 2, 'counter BMS_TempAlive has stayed at 1'),
+    (lambda car: [changed(car.temperatures(20.0), 7, 1)], 'BMS_TempCrc is 0x'),
+    (lambda car: [changed(car.temperatures(20.0), 0, 4)], 'but the checksum of the data is 0x'),
+    (lambda car: [(TEMPERATURES, car.temperatures(20.0)[1][:5])], 'a frame of 5 bytes; the DBC has 8'),
     # 2047 on the bus, which the DBC calls SNA, is 154.7 deg C.
-    return [car.temperatures(154.7)], 'BMS_TempMean'
-
-
-def outside_the_limits(car):
-    return [car.temperatures(120.0)], 'outside the limits of the DBC'
-
-
-@pytest.mark.parametrize('attack', [
-    stuck_counter, wrong_checksum, changed_bit, short_frame, no_reading, outside_the_limits])
-def test_frames_in_doubt_are_dropped_with_the_reason_and_the_reading_expires(car, attack):
+    (lambda car: [car.temperatures(154.7)], 'BMS_TempMean'),
+    (lambda car: [car.temperatures(120.0)], 'outside the limits of the DBC')],
+    ids=['counter', 'checksum', 'bit', 'short', 'no reading', 'limits'])
+def test_frames_in_doubt_are_dropped_with_the_reason_and_the_reading_expires(car, attack, reason):
     car.send(car.status(), car.temperatures(count=1))
-    frames, reason = attack(car)
+    frames = attack(car)
     car.now_s += 1.0
     car.send(car.status(), *frames)
     assert car.battery()[0].temperature_c == pytest.approx(-7.3)
     assert reason in car.doubts()
     car.now_s += 1.5
-    car.send(car.status(), *attack(car)[0])
+    car.send(car.status(), *attack(car))
     battery, lacking = car.battery()
     assert battery is None
     # The time of the socket passes, too.
@@ -285,8 +270,7 @@ def recorded_frames(instant_s):
         if step % 5 == 0:
             data = temperature_frame(-6.0 + step / 5, step // 5)
             frames.append((instant_s + 0.1 * step + 0.01, TEMPERATURES, data))
-    wrong = temperature_frame(30.0, 2)
-    return [*frames, (instant_s + 0.95, TEMPERATURES, wrong[:-1] + bytes([wrong[-1] ^ 1]))]
+    return [*frames, (instant_s + 0.95, *changed((TEMPERATURES, temperature_frame(30.0, 2)), 7, 1))]
 
 
 @pytest.mark.parametrize('suffix', ['log', 'asc', 'blf'])
