@@ -63,7 +63,6 @@ def run(arguments: Namespace) -> int:
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
     differences = {plan.method: difference(plan, best) for plan in plans}
-
     console = write_results(arguments, lambda: {
         'plans': {plan.method: plan.as_dictionary() for plan in plans},
         'maker_rules': {name: plan.as_dictionary() for name, plan in rules.items()},

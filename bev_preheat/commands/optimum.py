@@ -45,7 +45,6 @@ def run(arguments: Namespace) -> int:
     optimum = solved(situation, arguments)
     if optimum is None:
         return FAILED
-
     console = write_results(arguments, lambda: {**optimum.as_dictionary(), **situation.as_dictionary()},
                             lambda: situation.figure([optimum.plan], title))
     print_plans(console, [optimum.plan], title)

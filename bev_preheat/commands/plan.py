@@ -74,12 +74,10 @@ def run(arguments: Namespace) -> int:
     plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)
     sensitivity = find_sensitivity(*situation.inputs, plan)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
-
+    doubt = {'charging_probability': prospect.probability, 'prospect_explanation': in_doubt} if in_doubt else {}
     console = write_results(arguments, lambda: {
         **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
-        **situation.as_dictionary(), **({'charging_probability': prospect.probability,
-                                         'prospect_explanation': in_doubt} if in_doubt else {})},
-        lambda: situation.figure([plan], title))
+        **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan], title))
     print_plans(console, [plan], title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
