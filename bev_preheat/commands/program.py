@@ -193,6 +193,9 @@ def _answer_signals(handler: Handler) -> dict[int, Handler]:
 def _say(name: str, error: BaseException) -> int:
     """Print the cause of the end, and return the exit status; re-raise unexpected errors."""
     from bev_preheat.errors import InvalidInput, PlanningFailure
+    from bev_preheat.optional_packages import advice, MissingPackage, PACKAGES
+    if isinstance(error, ModuleNotFoundError) and (module := (error.name or '').partition('.')[0]) in PACKAGES:
+        error = MissingPackage(advice(module))
     if isinstance(error, InvalidInput):
         for problem in error.problems:
             say(f'{name}: error: {problem}')

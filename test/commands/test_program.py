@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """End of the command-line programs: interrupted, with closed or full outputs."""
 
+from importlib import import_module
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -102,6 +104,13 @@ def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
 
     assert run_program('work', lambda: work, ends_process=False) == 130
     assert capsys.readouterr().err == 'work: interrupted\n'
+
+
+def test_an_optional_package_that_is_missing_is_one_line_with_its_installation(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'scipy', None)
+    assert run_program('work', lambda: import_module('scipy.special'), ends_process=False) == 2
+    assert re.fullmatch('work: error: the Python package scipy, .* scripts/setup.bash identify installs it; .*\n',
+                        capsys.readouterr().err)
 
 
 def test_what_nobody_foresaw_is_not_hidden():
