@@ -338,6 +338,8 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
 
     `unserved` are sentences on other heat sources, `told` are the other arguments of planning.explanation.explain.
     """
+    if refusal:
+        told = {**UNHEATED[Heater.DEAD], **told}
     sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
         heater.heater, '').format(share=100.0 * heater.share)
     suspected = None if heater is None or refusal else heater.suspected

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import Stranding
 
-# Why a plan does not heat though the battery arrives too cold; with a remark on the heater, that is the reason.
+# Why a plan does not heat though the battery arrives too cold.
 NO_POWER, NOT_POSSIBLE = 'Cabin heating leaves no power for the battery', 'The battery cannot be heated'
+TOO_LATE = 'Further heat would arrive too late'
 
 
 class Words(NamedTuple):
@@ -48,16 +49,14 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     Return the sentence for a Plan's status; `reserve` is the state of charge to keep.
 
     Times count from now; the plan's time 0 is `starts_in_s` [s] ahead. A plan without heating is described
-    as `unheated`, and as `too_cold_because` if that makes it miss the target ('': as the plan's note says, else as
-    cabin heating).
+    as `unheated`, and as `too_cold_because` if that makes it miss the target ('': the plan's own reason).
     The battery has been heated for `heated_s` [s] on this drive.
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
     note = f' {plan.note}' if plan.note else ''
-    too_cold_because = too_cold_because or (NOT_POSSIBLE if plan.note else NO_POWER)
     outcome = _cooled_in_words(plan, reserve, starts_in_s, words) or _outcome(
-        plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words)
+        plan, reserve, starts_in_s, unheated, too_cold_because or plan.unheated_because, heated_s, words)
     return begins + outcome + _sources_in_words(plan) + note
 
 

@@ -46,9 +46,10 @@ class Plan:
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
     `hvch_battery_power_w` is the command and `heat` (planning.schedule.HeatRun) its outcome; else None.
-    `note` is a remark on an installed method's powers, '' without one. `source_power_w` has the electrical power
-    (N,) [W] of each heat source, the HVCH included; it is empty for a vehicle with the HVCH alone. Such a vehicle
-    has no `cooling_start_s` [s]; `maximum_arrival_temperature_c` [deg C] may also be missed by `shortfall_k`.
+    `note` is a remark on an installed method's powers, '' without one. `unheated_because` is why a plan without
+    heat misses its target. `source_power_w` has the electrical power (N,) [W] of each heat source, the HVCH
+    included; it is empty for a vehicle with the HVCH alone. Such a vehicle has no `cooling_start_s` [s];
+    `maximum_arrival_temperature_c` [deg C] may also be missed by `shortfall_k`.
     """
 
     status: Status
@@ -73,6 +74,7 @@ class Plan:
     stranding: Stranding | None = None
     heat: HeatRun | None = None
     note: str = ''
+    unheated_because: str = ''
     source_power_w: Mapping[str, FloatArray] = field(default_factory=dict)
     maximum_arrival_temperature_c: float = math.inf
     cooling_start_s: float | None = None

@@ -15,7 +15,7 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies
-from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
 from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
@@ -361,6 +361,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     most_c = goal.maximum_arrival_temperature_c if goal.charging_planned else math.inf
     shortfall_k = max(0.0, target_c - arrival_c, arrival_c - most_c)
     soc_shortfall = max(0.0, reserve - arrival_soc)
+    cabin_leaves_power = (trip.route.cabin_heating_power_w < trip.vehicle.hvch.maximum_power_w).any()
     cooled = np.flatnonzero(schedule.heater_power_w < -HEATED_W)
     cooling_start_s = float(trip.time_s[cooled[0]]) if len(cooled) else None
     return Plan(
@@ -386,6 +387,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         stranding=outcome.stranding,
         heat=schedule.heat,
         note=note,
+        unheated_because=NOT_POSSIBLE if note or sources_w else TOO_LATE if cabin_leaves_power else NO_POWER,
         source_power_w=sources_w,
         maximum_arrival_temperature_c=most_c,
         cooling_start_s=cooling_start_s)

@@ -123,6 +123,7 @@ def test_what_the_car_refuses_is_not_promised(estimation):
     assert decision.sentence is None or decision.explanation == decision.sentence
     assert decision.explanation.startswith(
         'The heater does not heat (LOW_CHARGE): the state of charge is ')
+    assert '. Driving alone does not warm the battery enough: arrival in ' in decision.explanation
     # The promise is the drive without heating, which an independent plan gives from the start.
     unheated = plan_unheated(VEHICLE, ROUTE, COLD, GOAL)
     assert decision.plan.arrival_temperature_c == pytest.approx(unheated.arrival_temperature_c, abs=0.3)

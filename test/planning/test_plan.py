@@ -19,10 +19,10 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 
 
-def made_plan(target_c=25.0, charging_planned=True, method='paper', **how):
+def made_plan(target_c=25.0, charging_planned=True, method='paper', cabin_w=1978.0, **how):
     route = make_route({
-        'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0], 'speed_mps': [22.0],
-        'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
+        'cabin_heating_power_w': [cabin_w], 'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0],
+        'speed_mps': [22.0], 'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
     return plan_preheating(VEHICLE, route, BatteryState(temperature_c=-3.0, soc=0.83),
                            Goal(target_c, charging_planned=charging_planned), method=method, **how)
 
@@ -43,6 +43,14 @@ def test_json_and_back_is_the_same(target_c):
     dictionary = made_plan(target_c).as_dictionary()
     # Strict JSON has no NaN.
     assert json.loads(json.dumps(dictionary, allow_nan=False)) == dictionary
+
+
+@pytest.mark.parametrize('cabin_w, told', [
+    (1978.0, 'Further heat would arrive too late: arrival in 4:20 min at '),
+    (7000.0, 'Cabin heating leaves no power for the battery: arrival in 4:20 min at ')])
+def test_a_plan_that_cannot_heat_says_why(cabin_w, told):
+    # Heat arrives later than the car.
+    assert made_plan(40.0, cabin_w=cabin_w, method='value_function', heat_lag_s=300.0).explanation.startswith(told)
 
 
 def test_dictionary_is_the_plan(plan):
