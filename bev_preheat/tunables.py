@@ -125,6 +125,7 @@ MOST_NATS = 50.0              # nats | of the evidence for one heat source again
 TRIED_OFF_S = 120.0           # s    | a heat source is switched off to see whether it heats
 SHARE_STEPS = 4               # 1    | shares of a derated heat source that plans know: each needs plans of its own
 LEAST_RISE = 0.4              # 1    | share of uncommanded heat seen: leakage takes a third, a spike falls back
+OTHERS_ERROR = 0.3            # 1    | of the heat of other sources: so far off are tables of heat pumps; assumed
 NO_CONTRADICTION = -2.0       # nats | the battery's power does not speak against the fault
 LEANING = 0.6931471805599453  # nats | ln 2: the battery's power makes the fault twice as likely
 LEANING_COURSE_K = 2.0        # K    | missing heat that is enough then

@@ -175,7 +175,8 @@ class DecisionMaker(NamedTuple):
                              maker._choose_target(moment, leg, goal, route, estimate))
             goal = choice.goal(goal)
         task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
-                            inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved))
+                            inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved),
+                            inputs.suspected)
         try:
             if estimate is None:
                 found = planned_as_measured(limited, state, task)

@@ -40,14 +40,14 @@ from bev_preheat.tunables import (
     NOMINAL_HEAT_LAG_S,
     SUSPECT_SAID_S,
 )
-from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, HVCH
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Terms
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.methods import Kept
     from bev_preheat.route.segments import Route
@@ -76,7 +76,7 @@ class PlanningTask(NamedTuple):
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
     `direction`: 1 if the vehicle heats now, -1 if it cools. `terms` are those of the goal's source.
     `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that
-    do not heat; '' for none.
+    do not heat; '' for none. `suspected` are the faults of heat sources that are not reported yet, by name.
     """
 
     route: Route
@@ -88,6 +88,7 @@ class PlanningTask(NamedTuple):
     terms: Terms = OF_ROUTE
     heater_refusal: str = ''
     unserved: str = ''
+    suspected: tuple[tuple[str, SuspectedFault], ...] = ()
 
 
 class ForecastPlan(NamedTuple):
@@ -296,7 +297,8 @@ class _Planning:
         # The steps of a trip differ from its route only if long segments were divided.
         has_steps_of_route = len(plan.command_w) == len(self._route)
         return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
-                        else make_trip(self._vehicle, self._route, self.share), plan, self._estimate)
+                        else make_trip(self._vehicle, self._route, self.share), plan, self._estimate,
+                        self._task.suspected)
 
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
         """Return the Plan with status and sentence as of now, and with the battery's own energy."""
@@ -304,7 +306,8 @@ class _Planning:
         if task.heater_refusal:
             words = {**words, 'refusal': task.heater_refusal}
         return task.terms.accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
-            in_words, heater=self._estimate.heater, forecast=forecast, unserved=task.unserved, **words,
+            in_words, heater=self._estimate.heater, forecast=forecast, unserved=task.unserved,
+            suspected=task.suspected, **words,
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), self._estimate.soc)
 
@@ -332,19 +335,21 @@ class _Planning:
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
-             unserved: str = '', **told: Any) -> str:
+             unserved: str = '', suspected: tuple[tuple[str, SuspectedFault], ...] = (), **told: Any) -> str:
     """
     Return a plan's sentence with the heater's behaviour and the uncertainty, None: unknown, and its refusal.
 
-    `unserved` are sentences on other heat sources, `told` are the other arguments of planning.explanation.explain.
+    `unserved` are sentences on other heat sources, `suspected` the faults not reported yet by name, `told` are the
+    other arguments of planning.explanation.explain.
     """
     if refusal:
         told = {**UNHEATED[Heater.DEAD], **told}
     sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
         heater.heater, '').format(share=100.0 * heater.share)
-    suspected = None if heater is None or refusal else heater.suspected
-    if suspected is not None and suspected.lasts_s >= SUSPECT_SAID_S:
-        sentence += f'The heater may be {suspected.heater.value} ({100.0 * suspected.probability:.0f} %). '
+    for name, fault in () if refusal else suspected:
+        if fault.lasts_s >= SUSPECT_SAID_S:
+            sentence += (f'The {"heater" if name == HVCH else name} may be {fault.heater.value} '
+                         f'({100.0 * fault.probability:.0f} %). ')
     sentence += f'{unserved} ' if unserved else ''
     sentence += explain(plan, **told)
     if forecast is not None and plan.heating_end_s is not None:

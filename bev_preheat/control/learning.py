@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import Known
     from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle.description import Vehicle
@@ -175,6 +177,21 @@ class Learning:
             (source.name, Estimator.of(vehicle, learned, -1 if source.cools else 1))
             for source in vehicle.heat_sources))
 
+    @cached_property
+    def estimate(self) -> Estimate | None:
+        """
+        The latest Estimate, None without one; its `heater` is the HVCH's report.
+
+        As far as a fault of another source, not yet reported, explains the readings better, the battery is as that
+        source's Estimator knows it.
+        """
+        own = self.estimator.estimate
+        if own is None:
+            return None
+        suspects = [(self.estimator.odds_of(each), each.estimate) for _, each in self.others
+                    if each.estimate is not None and each.estimate.heater.heater is Heater.ANSWERS]
+        return own.mixed_with(suspects, 1.0 + self.estimator.fault_odds)
+
     @property
     def reports(self) -> dict[str, HeaterReport]:
         """The reports on all heat sources by name, as far as there are any."""
@@ -233,7 +250,7 @@ class Learning:
                 name: estimator.weak_odds for name, estimator in each.items()}, is_told))
             if is_told or sum(estimator.fault_odds for estimator in each.values()) < 1.0:
                 learning = learning._each(Estimator.compared_anew)
-        estimate = learning.estimator.estimate
+        estimate = learning.estimate
         if estimate is None:
             return learning
         if known.is_described:

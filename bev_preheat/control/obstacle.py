@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Measurement, Mission
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.hypotheses import SuspectedFault
     from bev_preheat.planning.situation import Goal
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
@@ -42,6 +43,7 @@ class AdmittedInputs(NamedTuple):
     signal without which the heater stays off. `rivals` are other nodes that command the same heater.
     `heater_refusal` is the sentence on heat that the heater refuses, `inactive` that on a managed node that may
     not heat; '' for none. `unserved` are the heat sources beside the HVCH without which plans are made.
+    `suspected` are the faults of heat sources that are not reported yet, by name.
     """
 
     vehicle: Vehicle
@@ -58,6 +60,7 @@ class AdmittedInputs(NamedTuple):
     heater_refusal: str = ''
     inactive: str = ''
     unserved: tuple[Unserved, ...] = ()
+    suspected: tuple[tuple[str, SuspectedFault], ...] = ()
 
     @property
     def heating_vehicle(self) -> Vehicle:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.timetable import PlaceReport
     from bev_preheat.estimation.before_restart import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
@@ -164,7 +164,8 @@ class State(NamedTuple):
         """The AdmittedInputs; the measurement without the signals that do not hold."""
         return self.inbox.admitted(
             self.preparation.timetable, self.measurement, self.screened.doubt,
-        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved)
+        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
+                   suspected=self._suspected)
 
     @property
     def _all_unserved(self) -> tuple[Unserved, ...]:
@@ -179,6 +180,12 @@ class State(NamedTuple):
             Unserved(name, UNSERVED_BECAUSE[report.heater].format(name, share=100.0 * report.share), False,
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
             for name, report in reports.items() if name not in refused and report.heater in UNSERVED_BECAUSE))
+
+    @property
+    def _suspected(self) -> tuple[tuple[str, SuspectedFault], ...]:
+        """The faults of heat sources that are not reported yet, by name."""
+        reports = self.learning.reports if self.settings.estimation else {}
+        return tuple((name, report.suspected) for name, report in reports.items() if report.suspected is not None)
 
     @property
     def source_answers(self) -> dict[str, HeaterAnswerReport]:
@@ -210,7 +217,7 @@ class State(NamedTuple):
     @property
     def estimate(self) -> Estimate | None:
         """The latest estimation.estimate.Estimate; None without one."""
-        return self.learning.estimator.estimate if self.settings.estimation else None
+        return self.learning.estimate if self.settings.estimation else None
 
     @property
     def temperature_c(self) -> float | None:

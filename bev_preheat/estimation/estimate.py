@@ -26,12 +26,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import HeaterReport
-from bev_preheat.numerics import array_exp, ARRAYS, mean_magnitude
+from bev_preheat.numerics import array_exp, ARRAYS, frozen, mean_magnitude
 from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.description import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import Corrections, DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -137,6 +139,18 @@ class Estimate:
         mean[TEMPERATURE] = mean[SENSOR] = temperature_c
         mean[UNDER_WAY] = 0.0
         return replace(self, mean=mean)
+
+    def mixed_with(self, others: Sequence[tuple[float, Estimate]], odds: float) -> Estimate:
+        """Return the Estimate of a mixture with (odds, Estimate) of others; `odds` are its own."""
+        if not others:
+            return self
+        weights = np.array([odds, *(own for own, _ in others)])
+        weights /= weights.sum()
+        means = np.array([self.mean, *(other.mean for _, other in others)])
+        mean = weights @ means
+        off = means - mean
+        covariance = np.tensordot(weights, [self.covariance, *(other.covariance for _, other in others)], 1)
+        return replace(self, mean=frozen(mean), covariance=frozen(covariance + (weights * off.T) @ off))
 
     @property
     def log_factors(self) -> FloatArray:

@@ -71,7 +71,7 @@ class _Suspect(NamedTuple):
     A heater that has been suspect since an instant [ns], at a temperature reading [deg C].
 
     `commanded_k` is the heat commanded since then, `uncommanded_k` the uncommanded heat that the heater could have
-    given, `explained_k` the warming of a battery whose heater answers [K].
+    given, `explained_k` the warming of a battery whose heater answers, `others_k` that by other heat sources [K].
     """
 
     since_ns: int
@@ -79,6 +79,7 @@ class _Suspect(NamedTuple):
     commanded_k: float = 0.0
     uncommanded_k: float = 0.0
     explained_k: float = 0.0
+    others_k: float = 0.0
 
 
 class Estimator(NamedTuple):
@@ -316,7 +317,9 @@ class Estimator(NamedTuple):
                 suspect = suspect._replace(
                     commanded_k=suspect.commanded_k + k_per_j * duration_s * abs(heat_w),
                     uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(
-                        0.0, abs(most_heat_w) - abs(heat_w)))
+                        0.0, abs(most_heat_w) - abs(heat_w)),
+                    others_k=suspect.others_k + (
+                        0.0 if drive is None else k_per_j * duration_s * drive.heater_power_w))
             if drive is None or seen_w is None:
                 response = response.paused()
                 suspect = _explained(suspect, belief, vehicle, duration_s, drive, heat_w)
@@ -369,7 +372,8 @@ class Estimator(NamedTuple):
             report = judge(
                 weights, before, Suspicion() if suspect is None else Suspicion(
                     (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
-                    self.direction * (reading_c - suspect.from_c), self.direction * suspect.explained_k),
+                    self.direction * (reading_c - suspect.from_c), self.direction * suspect.explained_k,
+                    self.direction * suspect.others_k),
                 self.response.support if self.knows_power else None)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(

@@ -20,7 +20,8 @@ from bev_preheat.estimation.estimate import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.numerics import array_exp
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.numerics import array_exp, ARRAYS
 from bev_preheat.tunables import (
     NOISY_FROM_W,
     POWER_NOISE,
@@ -37,7 +38,10 @@ from bev_preheat.vehicle.core_library import operation
 from bev_preheat.vehicle.variants import DriveInputs, with_coolant_in_battery
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.estimation.hypotheses import SuspectedFault
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route.segments import Route
@@ -62,12 +66,14 @@ class Forecast:
     Uncertainty of a plan's predicted arrival; computed on first use, so that no command waits for it.
 
     `deviation_k` is the standard deviation of the arrival with re-planning on the way; `as_planned_k` is that
-    of the fixed plan, the error that heating has to correct. The fields are arguments of `arrival_deviation_k`.
+    of the fixed plan, the error that heating has to correct. The fields are arguments of `arrival_deviation_k`,
+    and the faults `suspected` of heat sources, by name: the plan is that of healthy ones.
     """
 
     trip: Driven
     plan: Plan
     estimate: Estimate
+    suspected: tuple[tuple[str, SuspectedFault], ...] = ()
 
     @cached_property
     def as_planned_k(self) -> float:
@@ -77,7 +83,9 @@ class Forecast:
     @cached_property
     def deviation_k(self) -> float:
         """Standard deviation of the temperature on arrival [K]."""
-        return replanned_deviation_k(self.as_planned_k, self.trip, self.plan, self.estimate)
+        replanned_k = replanned_deviation_k(self.as_planned_k, self.trip, self.plan, self.estimate)
+        return math.hypot(replanned_k, _suspected_k(
+            self.trip, self.plan, self.suspected, self.estimate.under_way_k))
 
 
 class DrivenRoute(NamedTuple):
@@ -221,6 +229,37 @@ def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
     added_j = float(np.maximum(0.0, limit_w - plan.command_w) @ route.duration_s)
     end_s = float(plan.time_s[heated[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
     return k_per_j * added_j, k_per_j * saved_j, end_s
+
+
+def _suspected_k(trip: Driven, plan: Plan, suspected: Sequence[tuple[str, SuspectedFault]],
+                 under_way_k: float) -> float:
+    """
+    Return the root mean square [K] by which suspected faults change the arrival, beyond what heat can make up.
+
+    The heat under way [K] is that of healthy heat sources, too.
+    """
+    if not suspected:
+        return 0.0
+    car, route = trip.vehicle, trip.route
+    colder_k, warmer_k, _ = _heat_ahead(trip, plan)
+    others = {source.name: source for source in car.heat_sources}
+    square_k2 = 0.0
+    for name, fault in suspected:
+        power_w, source = plan.source_power_w.get(name, plan.hvch_battery_power_w), others.get(name)
+        if source is None:
+            most_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
+            k_per_j = _k_per_j(car)
+        else:
+            weather = route.ambient_temperature_c, plan.battery_temperature_c[:-1]
+            most_w = source.maximum_power_w.function(ARRAYS)(*weather)
+            k_per_j = _k_per_j(car) * float(np.abs(source.hvch_watts.function(ARRAYS)(*weather)).mean())
+        is_stuck = fault.heater is Heater.STUCK_ON
+        off_w = np.maximum(0.0, most_w - power_w) if is_stuck else (1.0 - fault.share) * power_w
+        made_up_k = warmer_k if is_stuck else colder_k if others else fault.share * colder_k
+        off_k = k_per_j * float(off_w @ route.duration_s) + (1.0 - fault.share) * abs(under_way_k)
+        square_k2 += fault.probability * max(0.0, off_k - (
+            0.0 if source is not None and source.cools else made_up_k))**2
+    return math.sqrt(square_k2)
 
 
 def _beyond(deviations: float) -> float:

@@ -23,6 +23,7 @@ from bev_preheat.tunables import (
     LEAST_RISE,
     NO_CONTRADICTION,
     NOMINAL_HEAT_LAG_S,
+    OTHERS_ERROR,
     REPAIR_S,
     SUSPECT_FROM,
     TAKEN_BACK_BELOW,
@@ -91,12 +92,14 @@ class SuspectedFault(NamedTuple):
     """
     A probable fault that is not reported yet, with its evidence.
 
-    Its probability (0 ... 1), the duration of the suspicion [s], the missing or uncommanded heat in that time [K],
-    and the log-likelihood ratio of the battery's power in its favour; None: power is not known.
+    Its probability and its share of the command (0 ... 1), the duration of the suspicion [s], the missing or
+    uncommanded heat in that time [K], and the log-likelihood ratio of the battery's power in its favour; None:
+    power is not known.
     """
 
     heater: Heater
     probability: float
+    share: float
     lasts_s: float
     heat_k: float
     power_nats: float | None
@@ -116,7 +119,8 @@ class Suspicion(NamedTuple):
     Duration of the suspicion [s], the heat since then, and the rise of the temperature reading [K].
 
     `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have delivered
-    without a command, `explained_k` all heat of a battery whose heater answers, each as a temperature rise [K].
+    without a command, `explained_k` all heat of a battery whose heater answers, `others_k` that of other heat
+    sources, each as a temperature rise [K].
     """
 
     lasts_s: float = 0.0
@@ -124,6 +128,7 @@ class Suspicion(NamedTuple):
     uncommanded_k: float = 0.0
     rise_k: float = 0.0
     explained_k: float = 0.0
+    others_k: float = 0.0
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
@@ -149,7 +154,7 @@ def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Susp
         return report._replace(suspected=None)
     fault, share, probability = _likeliest(weights)
     return report._replace(suspected=SuspectedFault(
-        fault, probability, suspicion.lasts_s, _course_k(fault, share, suspicion),
+        fault, probability, share, suspicion.lasts_s, _course_k(fault, share, suspicion),
         None if support is None else support(fault)))
 
 
@@ -188,8 +193,9 @@ def _has_evidence(fault: Heater, share: float, suspicion: Suspicion,
     if fault is not Heater.STUCK_ON and supported >= LEANING:
         least_k, least_s = LEANING_COURSE_K, LEANING_COURSE_S
     if fault is Heater.STUCK_ON:
-        # Unless the power shows the heater, the battery has to warm by more than driving would.
-        needless_k = 0.0 if supported >= LEANING else max(suspicion.explained_k, 0.0)
+        # The battery has to warm by more than by other sources and, unless the power shows the heater, by driving.
+        needless_k = OTHERS_ERROR * abs(suspicion.others_k) + max(
+            suspicion.others_k if supported >= LEANING else suspicion.explained_k, 0.0)
         if suspicion.rise_k - needless_k < LEAST_RISE * suspicion.uncommanded_k:
             return False
     return (_course_k(fault, share, suspicion) >= least_k and suspicion.lasts_s >= least_s

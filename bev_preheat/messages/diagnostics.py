@@ -42,6 +42,12 @@ HEATER_SENTENCES = {
     Heater.DEAD: 'the battery does not get the commanded heat; it is still commanded',
     Heater.STUCK_ON: 'the battery is heated without a command',
 }
+# Of a heat source beside the HVCH, and of a chiller.
+SOURCE_SENTENCES = {
+    **HEATER_SENTENCES, Heater.DEAD: 'the battery does not get the commanded heat; it gets no command any more'}
+CHILLER_SENTENCES = {
+    **SOURCE_SENTENCES, Heater.DEAD: 'the battery is not cooled as commanded; it gets no command any more',
+    Heater.STUCK_ON: 'the battery is cooled without a command'}
 # More ignored readings than this share are worth a warning.
 MOST_IGNORED_SHARE = 0.05
 # The reason of a reset is shown for this time.
@@ -116,13 +122,15 @@ def planner_diagnostics(node_name: str, state: State, now_ns: int,
     DepartureFiles, None without a file of departures.
     """
     name, hardware, estimate = node_name, state.vehicle.name, state.estimate
+    chillers = {source.name for source in state.vehicle.heat_sources if source.cools}
     entries = [_preheating(name, hardware, state, now_ns), _signals(name, hardware, state, now_ns)]
     if estimate is not None:
         entries += [heater_entry(name, hardware, estimate.heater),
                     _estimation(name, hardware, state, estimate, now_ns)]
     if state.heater_answer is not None:
         entries.append(_heater_status(name, hardware, state.heater_answer))
-    entries += [heater_entry(name, hardware, report, f'heat source {source}')
+    entries += [heater_entry(name, hardware, report, f'heat source {source}',
+                             CHILLER_SENTENCES if source in chillers else SOURCE_SENTENCES)
                 for source, report in state.source_reports.items()]
     entries += [_heater_status(name, hardware, answer, f'status of {source}')
                 for source, answer in state.source_answers.items()]
@@ -210,15 +218,16 @@ def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -
     return f'{when}, plugged in' if preparation_goal.is_plugged_in else when
 
 
-def heater_sentence(report: HeaterReport) -> str:
-    """Return a HeaterReport as text."""
-    sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
+def heater_sentence(report: HeaterReport, sentences: Mapping[Heater, str] = HEATER_SENTENCES) -> str:
+    """Return a HeaterReport as text, with the sentence of its kind."""
+    sentence = sentences[report.heater].format(share=100.0 * report.share)
     return f'{report.heater.value}: {sentence}'
 
 
-def heater_entry(name: str, hardware: str, report: HeaterReport, part: str = 'heater') -> DiagnosticStatus:
+def heater_entry(name: str, hardware: str, report: HeaterReport, part: str = 'heater',
+                 sentences: Mapping[Heater, str] = HEATER_SENTENCES) -> DiagnosticStatus:
     """Return the entry on the response of a heat source, with a suspected fault."""
-    sentence, suspected = heater_sentence(report), report.suspected
+    sentence, suspected = heater_sentence(report, sentences), report.suspected
     values = {
         'heater': report.heater.value,
         'probability [1]': f'{report.probability:.3f}',

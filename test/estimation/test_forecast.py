@@ -12,9 +12,10 @@ from bev_preheat.estimation.estimate import Estimate, FACTORS, HEAT_LAG, SIZE, S
 from bev_preheat.estimation.forecast import (
     arrival_deviation_k,
     arrival_sensitivities,
+    Forecast,
     replanned_deviation_k,
 )
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -106,3 +107,60 @@ def test_without_thermal_the_core_may_lack_heat_that_the_sensor_shows():
     # A quarter of the heat of the last 150 s, of steady heat.
     late_k = 0.25 * 150.0 * 0.87 * plan.command_w[-1] / vehicle.pack_heat_capacity_j_per_k
     assert math.sqrt(deviation_k**2 - described_k**2) == pytest.approx(late_k, rel=0.05)
+
+
+def suspected_k(case, fault, unlike, source='hvch'):
+    """
+    Return the part of an arrival's deviation by a suspected fault, and the same from two drives [K].
+
+    `unlike` makes the powers of the drive with the fault from those of the plan.
+    """
+    vehicle, route, state, plan = case
+    trip, estimate = make_trip(vehicle, route), estimate_with(np.zeros((SIZE, SIZE)))
+    healthy_k, doubted_k = (Forecast(trip, plan, estimate, suspects).deviation_k for suspects in (
+        (), ((source, fault),)))
+    arrivals_c = [run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c, power_w,
+                              plan.friction_brake_power_w)[1][-1]
+                  for power_w in (plan.command_w, unlike(plan.command_w, trip))]
+    driven_k = math.sqrt(fault.probability) * abs(arrivals_c[0] - arrivals_c[1])
+    return math.sqrt(doubted_k**2 - healthy_k**2), driven_k
+
+
+def summer(most_c=33.0):
+    vehicle = load_vehicle('heat_pump_car')
+    route = load_route('winter_commute', vehicle.defaults)
+    route = replace(route, ambient_temperature_c=np.full(len(route), 32.0))
+    state = BatteryState(41.0, 0.8)
+    return vehicle, route, state, plan_preheating(
+        vehicle, route, state, Goal(20.0, maximum_arrival_temperature_c=most_c))
+
+
+@pytest.mark.parametrize('case, fault, source', [
+    (lambda: planned('small_car'), SuspectedFault(Heater.DEAD, 0.9, 0.0, 100.0, 2.0, None), 'hvch'),
+    (summer, SuspectedFault(Heater.DEAD, 0.7, 0.0, 100.0, 2.0, None), 'chiller')])
+def test_heat_that_a_suspected_source_may_not_give_is_not_promised(case, fault, source):
+    added_k, driven_k = suspected_k(case(), fault, lambda power_w, _: 0.0 * power_w, source)
+    assert driven_k > 2.0
+    # Of the heat, some leaks on the way.
+    assert added_k == pytest.approx(driven_k, rel=0.1)
+
+
+def test_heat_of_a_heater_that_may_be_stuck_on_is_expected():
+    vehicle, route_name, state = TRIPS['reference']
+    route = load_route(route_name, vehicle.defaults)
+    plan = plan_preheating(vehicle, route, state, Goal(-7.9))
+    assert not plan.command_w.any()
+    added_k, driven_k = suspected_k(
+        (vehicle, route, state, plan), SuspectedFault(Heater.STUCK_ON, 0.6, 1.0, 100.0, 2.0, None),
+        lambda _, trip: trip.heater_limit_w)
+    # It leaks for an hour.
+    assert 1.0 < added_k / driven_k < 1.25
+
+
+def test_what_an_earlier_start_makes_up_for_is_not_missing():
+    # Heating begins late enough that half of the heater reaches the target, too.
+    case = planned('reference')
+    assert case[3].heating_start_s > 0.5 * case[3].arrival_time_s
+    half = SuspectedFault(Heater.DERATED, 0.9, 0.5, 100.0, 2.0, None)
+    assert suspected_k(case, half, lambda power_w, _: 0.5 * power_w)[0] == 0.0
+    assert suspected_k(case, half._replace(heater=Heater.DEAD, share=0.0), lambda power_w, _: power_w)[0] > 5.0

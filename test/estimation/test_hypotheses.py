@@ -122,3 +122,13 @@ def test_warming_by_driving_is_no_fault_unless_the_power_shows_the_heater():
     assert told('stuck_on', changed(explained, explained_k=2.0), None)
     # A battery that would have cooled has no more heat than it shows.
     assert not told('stuck_on', changed(LONG_OFF, rise_k=0.1, explained_k=-5.0), None)
+
+
+@pytest.mark.parametrize('support, others_k, needless_k', [(5.0, 4.0, 1.3 * 4.0), (0.0, 4.0, 1.0 + 0.3 * 4.0),
+                                                           (0.0, -4.0, 1.0 + 0.3 * 4.0)])
+def test_heat_by_which_other_sources_may_differ_from_their_file_is_no_fault(support, others_k, needless_k):
+    # 40 % of the heater's possible heat have to be seen beyond the others' heat, which is known within 30 %.
+    least_k = needless_k + LEAST_RISE * LONG_OFF.uncommanded_k
+    for rise_k, is_told in ((0.98 * least_k, False), (1.02 * least_k, True)):
+        assert told('stuck_on', changed(
+            LONG_OFF, rise_k=rise_k, explained_k=1.0, others_k=others_k), support) is is_told

@@ -49,12 +49,29 @@ def test_a_sensor_that_contradicts_the_standing_time_is_a_warning():
 
 @pytest.mark.parametrize('power_nats, as_likely', [(math.log(4.0), '4'), (None, 'power is not known')])
 def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
-    report = HeaterReport(Heater.ANSWERS, 0.2, 1.0, SuspectedFault(Heater.DEAD, 0.8, 70.0, 1.5, power_nats))
+    report = HeaterReport(Heater.ANSWERS, 0.2, 1.0, SuspectedFault(Heater.DEAD, 0.8, 0.0, 70.0, 1.5, power_nats))
     entry = heater_entry('planner', 'car', report)
     values = {value.key: value.value for value in entry.values}
     assert entry.level == DiagnosticStatus.OK
     assert entry.message.startswith('answers') and entry.message.endswith('; suspected: dead')
     assert values['suspected for [s]'] == '70' and values['times as likely by the power [1]'] == as_likely
+
+
+@pytest.mark.parametrize('source, kind, message', [
+    ('heat_pump', Heater.DEAD, 'dead: the battery does not get the commanded heat; it gets no command any more'),
+    ('chiller', Heater.DEAD, 'dead: the battery is not cooled as commanded; it gets no command any more'),
+    ('motor', Heater.STUCK_ON, 'stuck on: the battery is heated without a command'),
+    ('chiller', Heater.STUCK_ON, 'stuck on: the battery is cooled without a command')])
+def test_the_fault_of_a_heat_source_says_what_the_battery_gets(source, kind, message):
+    supervisor = Stepwise(load_vehicle('heat_pump_car'), Settings())
+    supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), START_NS), START_NS)
+    state, others = supervisor.state, dict(supervisor.state.learning.others)
+    others[source] = others[source]._replace(estimate=replace(
+        others[source].estimate, heater=HeaterReport(kind, 0.999, 0.0)))
+    entries = {entry.name: entry.message for entry in planner_diagnostics('planner', state._replace(
+        learning=replace(state.learning, others=tuple(others.items()))), START_NS)}
+    assert entries.pop(f'planner: heat source {source}') == message
+    assert {told for name, told in entries.items() if ': heat' in name} == {'answers: responds normally'}
 
 
 @pytest.mark.parametrize('cabin_w, warning', [
