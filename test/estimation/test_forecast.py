@@ -161,6 +161,7 @@ def test_what_an_earlier_start_makes_up_for_is_not_missing():
     # Heating begins late enough that half of the heater reaches the target, too.
     case = planned('reference')
     assert case[3].heating_start_s > 0.5 * case[3].arrival_time_s
-    half = SuspectedFault(Heater.DERATED, 0.9, 0.5, 100.0, 2.0, None)
+    half, dead = (SuspectedFault(kind, 0.9, share, 100.0, 2.0, None) for kind, share in (
+        (Heater.DERATED, 0.5), (Heater.DEAD, 0.0)))
     assert suspected_k(case, half, lambda power_w, _: 0.5 * power_w)[0] == 0.0
-    assert suspected_k(case, half._replace(heater=Heater.DEAD, share=0.0), lambda power_w, _: power_w)[0] > 5.0
+    assert suspected_k(case, dead, lambda power_w, _: power_w)[0] > 5.0

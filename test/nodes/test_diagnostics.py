@@ -11,6 +11,7 @@ from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
+from bev_preheat.control.state import State
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.messages.diagnostics import heater_entry, planner_diagnostics
 from bev_preheat.numerics import NS_PER_S
@@ -62,14 +63,12 @@ def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
     ('chiller', Heater.DEAD, 'dead: the battery is not cooled as commanded; it gets no command any more'),
     ('motor', Heater.STUCK_ON, 'stuck on: the battery is heated without a command'),
     ('chiller', Heater.STUCK_ON, 'stuck on: the battery is cooled without a command')])
-def test_the_fault_of_a_heat_source_says_what_the_battery_gets(source, kind, message):
+def test_the_fault_of_a_heat_source_says_what_the_battery_gets(monkeypatch, source, kind, message):
     supervisor = Stepwise(load_vehicle('heat_pump_car'), Settings())
     supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), START_NS), START_NS)
-    state, others = supervisor.state, dict(supervisor.state.learning.others)
-    others[source] = others[source]._replace(estimate=replace(
-        others[source].estimate, heater=HeaterReport(kind, 0.999, 0.0)))
-    entries = {entry.name: entry.message for entry in planner_diagnostics('planner', state._replace(
-        learning=replace(state.learning, others=tuple(others.items()))), START_NS)}
+    reports = {**supervisor.state.source_reports, source: HeaterReport(kind, 0.999, 0.0)}
+    monkeypatch.setattr(State, 'source_reports', reports)
+    entries = {entry.name: entry.message for entry in planner_diagnostics('planner', supervisor.state, START_NS)}
     assert entries.pop(f'planner: heat source {source}') == message
     assert {told for name, told in entries.items() if ': heat' in name} == {'answers: responds normally'}
 
