@@ -108,7 +108,7 @@ def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
 
 def test_an_optional_package_that_is_missing_is_one_line_with_its_installation(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'scipy', None)
-    assert run_program('work', lambda: import_module('scipy.special'), ends_process=False) == 2
+    assert run_program('work', lambda: import_module('scipy'), ends_process=False) == 2
     assert re.fullmatch('work: error: the Python package scipy, .* scripts/setup.bash identify installs it; .*\n',
                         capsys.readouterr().err)
 
