@@ -70,6 +70,7 @@ from bev_preheat.tunables import (
     LEAST_WEIGHT,
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
+    LOST_PLACE,
     MOST_APART_K,
     MOST_EVIDENCE,
     MOST_NATS,
@@ -253,6 +254,31 @@ class Belief:
         mean[..., PROPULSION] = 0.0
         covariance[..., PROPULSION, :] = covariance[..., :, PROPULSION] = 0.0
         covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
+        return replace(self, mean=mean, covariance=covariance)._with_lost_places_afresh()
+
+    def _with_lost_places_afresh(self) -> Belief:
+        """
+        Return the Belief whose unlikely places of the sensor begin afresh, with the car of the likeliest one.
+
+        With hardly any weight, a filter would learn a car that no reading has to confirm.
+        """
+        of_places = self.weights.sum(axis=0)
+        likeliest, lost = int(of_places.argmax()), of_places < LOST_PLACE
+        if not lost.any():
+            return self
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        logs, variances = np.broadcast_to(self.lags.logs, (len(PLACES), 2)), self.lags.variances
+        if self.path.heat_lag_s <= 0.0:
+            logs, variances = lags_of_places()
+        variances = np.broadcast_to(variances, logs.shape)
+        placing, placing_variances = described_placing(self.path)
+        for place in np.flatnonzero(lost).tolist():
+            own, spread = mean[:, place], covariance[:, place]
+            own[:], spread[:] = mean[:, likeliest], covariance[:, likeliest]
+            for index in (*LAGS, *PLACING):
+                spread[:, index, :] = spread[:, :, index] = 0.0
+            own[:, LAGS], own[:, PLACING] = logs[place], placing[place]
+            spread[:, LAGS, LAGS], spread[:, PLACING, PLACING] = variances[place], placing_variances[place]
         return replace(self, mean=mean, covariance=covariance)
 
     def of_stood_car(self) -> Belief:

@@ -23,6 +23,7 @@ from bev_preheat.estimation.estimate import (
 from bev_preheat.estimation.hypotheses import PLACES, SHARES
 from bev_preheat.estimation.prior import (
     FACTOR_BOUNDS,
+    LAGS,
     Lags,
     Learned,
     PLACING,
@@ -201,3 +202,23 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     assert gained_k[0] == pytest.approx(np.ones(len(PLACES)), abs=0.05)
     place_k = belief.mean[..., SENSOR_PLACE] * belief.mean[..., UNDER_WAY]
     assert np.abs((behind_k + place_k)[0]).max() < 0.05
+
+
+def test_a_place_that_has_lost_begins_the_next_trip_with_the_car_of_the_likeliest():
+    begun = Belief.of(VEHICLE)
+    mean, covariance, weights = begun.mean.copy(), begun.covariance.copy(), begun.weights.copy()
+    # The third place has drifted to another car, with bounds at the lags; the second one is still possible.
+    mean[:, 0, FACTORS], mean[:, 1, FACTORS], mean[:, 2, FACTORS] = 0.05, -0.05, -0.5
+    mean[:, 2, LAGS], mean[:, 2, PLACING] = 2.0, 1.9
+    covariance[:, 2] *= 0.1
+    weights *= np.array([0.9, 0.095, 0.005]) / weights.sum(axis=0)
+    after = replace(begun, mean=mean, covariance=covariance, weights=weights).of_another_route()
+    assert (after.weights == weights).all()
+    lasting = [index for index in range(FACTORS.start, FACTORS.stop) if index != PROPULSION]
+    for place, factor in enumerate((0.05, -0.05, 0.05)):
+        assert (after.mean[:, place, lasting] == factor).all()
+    own = [*LAGS, *PLACING]
+    assert (after.mean[:, 2, own] == begun.mean[:, 2, own]).all()
+    assert (after.covariance[:, 2] == after.covariance[:, 0])[:, lasting].all()
+    assert after.covariance[:, 2, own, own] == pytest.approx(begun.covariance[:, 2, own, own])
+    assert (np.linalg.eigvalsh(after.covariance) >= -1e-12).all()
