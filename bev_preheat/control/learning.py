@@ -245,7 +245,7 @@ class Learning:
         if learning.others and known.is_described:
             is_told = bool(learning.shares)
             each = {HVCH: learning.estimator, **dict(learning.others)}
-            # Switching off does not show what is stuck on.
+            # Switching a source off does not show that it is stuck on.
             learning = replace(learning, trial=learning.trial.at(measurement.stamp_ns, {
                 name: estimator.weak_odds for name, estimator in each.items()}, is_told))
             if is_told or sum(estimator.fault_odds for estimator in each.values()) < 1.0:

@@ -245,8 +245,13 @@ def _suspected_k(trip: Driven, plan: Plan, suspected: Sequence[tuple[str, Suspec
     others = {source.name: source for source in car.heat_sources}
     square_k2 = 0.0
     for name, fault in suspected:
-        power_w, source = plan.source_power_w.get(name, plan.hvch_battery_power_w), others.get(name)
+        source = others.get(name)
+        power_w = plan.source_power_w.get(
+            name, plan.hvch_battery_power_w if name == HVCH else np.zeros(len(route)))
         if source is None:
+            if name != HVCH:
+                # The plan is made without it.
+                continue
             most_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
             k_per_j = _k_per_j(car)
         else:

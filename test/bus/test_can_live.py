@@ -209,7 +209,7 @@ def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes(monkeypatch):
     bus_off = SimpleNamespace(is_error_frame=True, arbitration_id=0x40)
     frame = SimpleNamespace(is_error_frame=False, is_remote_frame=False, is_rx=True, arbitration_id=STATUS,
                             is_extended_id=False, data=b'', timestamp=0.0)
-    # Again and again: a thread that a busy computer stalls drops what has queued.
+    # Again and again: on a busy computer a stalled thread drops the queued frames.
     poll_until(lambda: arriving.put(bus_off) or link.problem.startswith('bus off: '), 'bus off')
     # No more error frames are under way.
     poll_until(arriving.empty, 'an empty queue')

@@ -165,3 +165,9 @@ def test_what_an_earlier_start_makes_up_for_is_not_missing():
         (Heater.DERATED, 0.5), (Heater.DEAD, 0.0)))
     assert suspected_k(case, half, lambda power_w, _: 0.5 * power_w)[0] == 0.0
     assert suspected_k(case, dead, lambda power_w, _: power_w)[0] > 5.0
+
+
+def test_a_source_without_which_a_plan_is_made_takes_nothing_from_it():
+    dead = SuspectedFault(Heater.DEAD, 0.9, 0.0, 100.0, 2.0, None)
+    assert suspected_k(planned('small_car'), dead, lambda power_w, _: power_w)[0] > 2.0
+    assert suspected_k(planned('small_car'), dead, lambda power_w, _: power_w, 'heat_pump')[0] == 0.0
