@@ -35,6 +35,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.core_calls import arrival_variance as native_variance
 from bev_preheat.vehicle.core_calls import vehicle_in_core
 from bev_preheat.vehicle.core_library import operation
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.variants import DriveInputs, with_coolant_in_battery
 
 if TYPE_CHECKING:
