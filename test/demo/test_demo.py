@@ -80,16 +80,6 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path, capsys):
 
 
 @pytest.mark.deep
-def test_missed_target_is_a_failure(start_demo):
-    demo = start_demo()
-    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
-    assert demo.returncode == 1, output
-    assert 'demo: failed: the battery arrived at' in output
-    assert 'below its target of 25.0 degC; at most 1 K is good' in output
-    assert 'Heating all the way is not enough' in output
-
-
-@pytest.mark.deep
 def test_a_drive_to_a_known_charger_tells_the_session(start_demo):
     demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '1000')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
@@ -131,34 +121,28 @@ def test_interruption_ends_everything(start_demo, number):
     assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
 
 
-@pytest.mark.parametrize('without_s, cause', [
-    (0.0, ''), (2.5, 'no command was valid for 2.5 s of the drive: the planner sent none')])
-def test_a_drive_with_lost_commands_is_not_good_and_tells_the_cause(without_s, cause):
+@pytest.mark.parametrize('arrival_c, without_s, is_good, sentence', [
+    (25.9, 0.0, True, '25.90 degC, 0.90 K above its target of 25.0 degC.'),
+    (24.1, 0.0, True, '24.10 degC, 0.90 K below its target of 25.0 degC.'),
+    (23.9, 0.0, False, '23.90 degC, 1.10 K below its target of 25.0 degC; at most 1 K is good. Planned at the '
+     'start: Heating all the way is not enough.'),
+    (25.0, 2.5, False, '25.00 degC, 0.00 K below its target of 25.0 degC, but no command was valid for 2.5 s of '
+     'the drive: the planner sent none.')],
+    ids=['a little too warm', 'a little too cold', 'far too cold', 'commands lost'])
+def test_a_good_drive_arrives_within_1_k_under_valid_commands(arrival_c, without_s, is_good, sentence):
     report = SimulatedDriveReport(ARRIVED, Energies(*[0.0] * len(fields(Energies))), without_s)
-    drive = SimpleNamespace(states=[(240.0, 25.01, 0.6)], target_c=25.0, report=report)
-    good, sentence = verdict(drive)
-    assert good == (without_s == 0.0)
-    assert 'the battery arrived at 25.01 degC, 0.01 K above' in sentence and cause in sentence
-
-
-def test_refused_parameter_is_told(tmp_path, capsys):
-    assert main(['--vehicle', 'bicycle', '--output', str(tmp_path / 'demo.png')]) == 2
-    assert capsys.readouterr().err.startswith(
-        "demo: error: vehicle 'bicycle' is unknown; known:")
+    drive = SimpleNamespace(states=[(240.0, arrival_c, 0.6)], target_c=25.0, report=report,
+                            first_plan=SimpleNamespace(explanation='Heating all the way is not enough.'))
+    assert verdict(drive) == (is_good, f'the battery arrived at {sentence}')
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2000000 W'),
-    (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2000000 W'),
-    (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power'),
+    (['--vehicle', 'bicycle'], "vehicle 'bicycle' is unknown; known:"),
+    (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2000000 W\n'),
+    (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power\n'),
     (['--charger-power', '5e4', '--departure-soc', '80'],
-     '--departure-soc: 80 is not allowed; it must be 0 ... 1')])
-def test_a_bad_charger_is_refused_before_the_drive(tmp_path, capsys, arguments, problem):
-    assert main([*arguments, '--output', str(tmp_path / 'demo.png')]) == 2
-    assert capsys.readouterr().err == f'demo: error: {problem}\n'
-
-
-def test_picture_that_cannot_be_drawn_is_refused_before_the_drive(capsys):
-    assert main(['--output', 'demo.bmp']) == 2
-    assert capsys.readouterr().err == \
-        'demo: error: --output: demo.bmp: must end in .png or .svg or .pdf\n'
+     '--departure-soc: 80 is not allowed; it must be 0 ... 1\n'),
+    (['--output', 'demo.bmp'], '--output: demo.bmp: must end in .png or .svg or .pdf\n')])
+def test_what_cannot_be_driven_or_drawn_is_refused_before_the_drive(tmp_path, capsys, arguments, problem):
+    assert main(['--output', str(tmp_path / 'demo.png'), *arguments]) == 2
+    assert capsys.readouterr().err.startswith(f'demo: error: {problem}')
