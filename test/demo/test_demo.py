@@ -139,6 +139,7 @@ def test_a_good_drive_arrives_within_1_k_under_valid_commands(arrival_c, without
 @pytest.mark.parametrize('arguments, problem', [
     (['--vehicle', 'bicycle'], "vehicle 'bicycle' is unknown; known:"),
     (['--charger-power', '150'], '--charger-power: 150 is not allowed; it must be 1000 ... 2000000 W\n'),
+    (['--charger-power', 'nan'], '--charger-power: nan is not allowed; it must be 1000 ... 2000000 W\n'),
     (['--departure-soc', '0.8'], '--departure-soc: needs --charger-power\n'),
     (['--charger-power', '5e4', '--departure-soc', '80'],
      '--departure-soc: 80 is not allowed; it must be 0 ... 1\n'),
