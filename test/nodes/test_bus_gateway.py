@@ -53,6 +53,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
 
         commands = bench.publisher(HvchCommand, 'hvch_command', 1)
         commands.wait_for_subscription()
+        poll_until(car.commands, 'a frame')
         assert {power_w for power_w, *_ in car.commands()} == {0.0}
         with repeating(lambda: commands.publish(command(3456.0)), 0.1):
             # In steps of 10 W, rounded down.
