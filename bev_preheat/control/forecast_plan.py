@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.inputs import OF_ROUTE
-from bev_preheat.estimation.estimate import FACTORS, HEAT_LAG, PROPULSION
+from bev_preheat.estimation.estimate import FACTORS, nominal_heat_lag_s, PROPULSION
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
@@ -140,14 +140,14 @@ def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
     lowest_c, highest_c = vehicle.battery.temperature_range_c[0], highest_start_c(vehicle)
     if vehicle.heat_path.is_direct:
         return BatteryState(
-            min(max(estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
+            min(max(estimate.planned_temperature_c + estimate.outside_k, lowest_c), highest_c), estimate.soc)
     if vehicle.heat_path.is_shell:
         excess_k = estimate.shell_excess_k
-        return BatteryState(min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
+        return BatteryState(min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
                             coolant_excess_k=min(max(excess_k, -MOST_EXCESS_K), MOST_EXCESS_K))
     return state_with_heat_under_way(
-        vehicle, min(max(estimate.temperature_c, lowest_c), highest_c), estimate.soc,
-        estimate.under_way_k)
+        vehicle, min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
+        estimate.outside_k)
 
 
 def believed_share(heater: HeaterReport) -> float:
@@ -175,7 +175,7 @@ class ForecastPlanner:
     Makes ForecastPlans for one vehicle; a value.
 
     `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
-    `lag_log` is the logarithm of the heat's lag over `nominal_heat_lag_s`.
+    `lag_log` is the logarithm of the lag of the plans' heat over `nominal_heat_lag_s`.
     `forecast` is that of the latest plan, None: unknown. `kept` has the values of plans while they hold.
     """
 
@@ -196,7 +196,7 @@ class ForecastPlanner:
     def following(self, estimate: Estimate) -> ForecastPlanner:
         """Return the planner with the factors of an Estimate, if one has moved."""
         logs = estimate.mean[FACTORS.start:PROPULSION]
-        lag_log = estimate.mean.item(HEAT_LAG)
+        lag_log = math.log(estimate.outside_lag_s / nominal_heat_lag_s(estimate.path))
         if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any() or (
                 abs(lag_log - self.lag_log) > LAG_STEP):
             return replace(self, logs=logs, factors=tuple(array_exp(logs).tolist()), lag_log=lag_log)
@@ -251,7 +251,7 @@ class _Planning:
         self._state = believed_state(vehicle, estimate)
         self.share = believed_share(estimate.heater)
         # A mix of heat sources has no lag in its model; its heat is planned to come later as a whole.
-        self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
+        self._lag_s = estimate.outside_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
         self._step_prices = task.terms.step_prices(task.route)
         self._full_power = (FullPower(vehicle, self._route, self._state, self.share, self._lag_s)

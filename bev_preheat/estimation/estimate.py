@@ -20,6 +20,7 @@ that heat with a time constant of 100 s; the steady rise [K/kW] is estimated.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 from typing import TYPE_CHECKING
 
@@ -27,7 +28,7 @@ import numpy as np
 
 from bev_preheat.estimation.hypotheses import HeaterReport
 from bev_preheat.numerics import array_exp, ARRAYS, frozen, mean_magnitude
-from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
+from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, OUTSIDE_LAG_S
 from bev_preheat.vehicle.description import DIRECT, HeatPath
 from bev_preheat.vehicle.variants import Corrections, DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
@@ -177,7 +178,7 @@ class Estimate:
 
     @property
     def under_way_k(self) -> float:
-        """Temperature rise still to come from heat that the heater has already produced [K]."""
+        """Rise of the core's temperature still to come from heat that the heater has already produced [K]."""
         return max(self.mean.item(UNDER_WAY), 0.0)
 
     @property
@@ -188,13 +189,41 @@ class Estimate:
 
     @property
     def heat_lag_s(self) -> float:
-        """Lag of the heater's heat [s]."""
+        """Lag of the heater's heat until it is in the core [s]."""
         return nominal_heat_lag_s(self.path) * math.exp(self.mean.item(HEAT_LAG))
 
+    @cached_property
+    def share_in_battery(self) -> float:
+        """
+        Share of the heat under way that is in the battery already, and not yet in its core (0 ... 1).
+
+        A described path says where its heat is: none counts. Else heater and coolant delay the heat by
+        OUTSIDE_LAG_S at most; parts of the battery that warm before the core do the rest. Heat that warms the
+        sensor before the core is in the battery.
+        """
+        if not self.path.is_direct:
+            return 0.0
+        return max(0.0, 1.0 - OUTSIDE_LAG_S / (1.0 + max(self.mean.item(SENSOR_PLACE), 0.0)) / self.heat_lag_s)
+
+    @property
+    def planned_temperature_c(self) -> float:
+        """Battery temperature of the plans [deg C]: of a shell that is described, the core's; else the mean."""
+        return self.mean.item(TEMPERATURE) + self.share_in_battery * self.under_way_k
+
+    @property
+    def outside_k(self) -> float:
+        """Rise of `planned_temperature_c` still to come from heat that the heater has already produced [K]."""
+        return (1.0 - self.share_in_battery) * self.under_way_k
+
+    @property
+    def outside_lag_s(self) -> float:
+        """Lag of the heater's heat until it raises `planned_temperature_c` [s]."""
+        return (1.0 - self.share_in_battery) * self.heat_lag_s
+
     def later_heat_s(self, deviations: float) -> float:
-        """Return by how much the heat lag grows if it is off by `deviations` standard deviations [s]."""
+        """Return by how much `outside_lag_s` grows if it is off by `deviations` standard deviations [s]."""
         deviation = math.sqrt(max(self.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
-        return self.heat_lag_s * math.expm1(deviations * deviation)
+        return self.outside_lag_s * math.expm1(deviations * deviation)
 
     @property
     def sensor_lag_s(self) -> float:

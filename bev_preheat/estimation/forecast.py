@@ -146,7 +146,7 @@ def _unseen_k(trip: Driven, plan: Plan) -> float:
 
 def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     """Return the variance [K^2] of the temperature on arrival by the lag of the heat that a Plan sends."""
-    car, lag_s = trip.vehicle, estimate.heat_lag_s
+    car, lag_s = trip.vehicle, estimate.outside_lag_s
     ages = (trip.route.total_duration_s - trip.route.time_s) / lag_s
     # Of heat of age x, in lags, (1 + x) e^-x changes with the logarithm of the lag.
     changing = (1.0 + ages) * array_exp(-ages)
@@ -185,7 +185,8 @@ def _of_one_mass(vehicle: Vehicle) -> Vehicle:
 def _arriving_covariance(trip: Driven, estimate: Estimate) -> FloatArray:
     """Return the covariance of an Estimate, with the heat under way as far as it arrives in time."""
     share = np.ones(SIZE)
-    share[UNDER_WAY] = -math.expm1(-trip.route.total_duration_s / estimate.heat_lag_s)
+    share[UNDER_WAY] = 1.0 - (1.0 - estimate.share_in_battery) * math.exp(
+        -trip.route.total_duration_s / estimate.outside_lag_s)
     covariance: FloatArray = estimate.covariance * np.outer(share, share)
     return covariance
 

@@ -14,6 +14,7 @@ from bev_preheat.estimation.estimate import (
     HEAT_CAPACITY,
     HEAT_LAG,
     PROPULSION,
+    SENSOR_PLACE,
     SIZE,
     SOC,
     TEMPERATURE,
@@ -45,7 +46,7 @@ ROUTE = make_a_route()
 
 def make_estimate(temperature_c=20.0, deviations=None, heater=ANSWERS, **mean):
     """Return an Estimate; `deviations` by element of the state, `mean` by its name in lower case."""
-    elements = {'under_way': UNDER_WAY, 'heat_lag': HEAT_LAG, 'propulsion': PROPULSION}
+    elements = {'under_way': UNDER_WAY, 'heat_lag': HEAT_LAG, 'propulsion': PROPULSION, 'place': SENSOR_PLACE}
     means, covariance = np.zeros(SIZE), np.zeros((SIZE, SIZE))
     means[TEMPERATURE], means[SOC] = temperature_c, 0.8
     for name, value in mean.items():
@@ -129,6 +130,16 @@ def test_plans_start_with_the_heat_that_is_under_way(asked, temperature_c, plann
     assert 0.87 * 40.0 * asked[-1].state.heater_power_w == pytest.approx(377376.0 * under_way_k)
 
 
+@pytest.mark.parametrize('lag_s, place, outside_s', [
+    (60.0, 0.0, 60.0), (160.0, 0.0, 80.0), (160.0, 1.0, 40.0), (160.0, 4.0, 16.0)])
+def test_plans_start_from_the_mean_with_the_heat_that_is_outside_the_battery(asked, lag_s, place, outside_s):
+    make(make_estimate(10.0, under_way=0.2, heat_lag=math.log(lag_s / 40.0), place=place))
+    state = asked[-1].state
+    assert asked[-1].vehicle.heat_path.heat_lag_s == pytest.approx(outside_s)
+    assert state.temperature_c == pytest.approx(10.2 - 0.2 * outside_s / lag_s)
+    assert 0.87 * outside_s * state.heater_power_w == pytest.approx(377376.0 * (10.2 - state.temperature_c))
+
+
 def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):
     make(make_estimate(heat_lag=math.log(2.0), propulsion=math.log(1.25)))
     assert asked[-1].vehicle.heat_path.heat_lag_s == pytest.approx(80.0)
@@ -138,14 +149,16 @@ def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):
 # The heater
 
 
-@pytest.mark.parametrize('lag_s', [100.0, 400.0, 600.0])
+@pytest.mark.parametrize('lag_s', [60.0, 100.0, 600.0])
 def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_time(lag_s):
     plan = make(make_estimate(-10.0, heat_lag=math.log(lag_s / 40.0))).plan
     promptly = make(make_estimate(-10.0, heat_lag=math.log(2.0 / 40.0))).plan
     assert plan.status is promptly.status is Status.TARGET_UNREACHABLE
     assert (plan.hvch_battery_power_w == promptly.hvch_battery_power_w).all()
-    # At the end of a constant power P, P times the lag times 1 - e^(-t / lag) is still under way.
-    late_s = lag_s * -math.expm1(-1200.0 / lag_s) - 2.0
+    # At the end of a constant power P, P times the lag times 1 - e^(-t / lag) is still under way. What is late by
+    # more than 80 s is in the battery.
+    outside_s = min(lag_s, 80.0)
+    late_s = outside_s * -math.expm1(-1200.0 / outside_s) - 2.0
     late_k = 0.87 * (7000.0 - 1500.0) * late_s / 377376.0
     # A colder battery leaks less, and makes more Joule heat.
     assert 0.85 * late_k < promptly.arrival_temperature_c - plan.arrival_temperature_c < late_k

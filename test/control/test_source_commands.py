@@ -211,7 +211,7 @@ def test_a_heat_pump_with_steps_and_least_times_arrives_like_one_without():
 
 
 def test_a_doubt_switches_it_off_at_once_and_it_rests_then():
-    drive = Drive(car_with(**PUMP), start_c=-20.0, until_s=800.0, drop_outs=((150.0, 165.0),))
+    drive = Drive(car_with(**PUMP), start_c=-24.0, until_s=800.0, drop_outs=((150.0, 165.0),))
     (since_s, end_s, reason), *_ = drive.uses
     assert reason is Status.STALE_INPUT and end_s - since_s < 200.0
     heating_s = next(at_s for at_s, command in drive.commands if at_s > end_s and command.total_w > 0.0)

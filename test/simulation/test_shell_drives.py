@@ -93,3 +93,20 @@ def test_the_core_arrives_warm_wherever_the_sensor_is(sensor, silent_s):
     arrival_c = drive.plant.temperature_c
     assert arrival_c == pytest.approx(TARGET_C, abs=1.0)
     assert supervisor.state.decision.plan.arrival_temperature_c == pytest.approx(arrival_c, abs=1.0)
+
+
+@pytest.mark.parametrize('sensor', ['core', 'shell'])
+def test_a_file_of_one_mass_heats_and_predicts_the_mean_of_shell_and_core(sensor):
+    # Slow, and with a third of the battery: on arrival the shell is still much warmer.
+    drive = ImperfectCar(
+        with_shell(REFERENCE, 0.33, 250.0, sensor), DrivePhase(route(40), Goal(TARGET_C)), START,
+        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5)), seed=3)
+    supervisor, early_c = Supervisor(REFERENCE, Settings()), []
+    for moment in moments(drive, supervisor, lambda: drive.plant.has_arrived):
+        if moment.time_s >= 2100.0:
+            early_c.append(supervisor.state.decision.plan.arrival_temperature_c)
+    core_c, shell_c = drive.plant.temperature_c, drive.plant.coolant_c
+    mean_c = 0.67 * core_c + 0.33 * shell_c
+    assert mean_c - core_c > 1.0
+    assert mean_c == pytest.approx(TARGET_C, abs=0.6)
+    assert early_c[0] == pytest.approx(mean_c, abs=0.6)
