@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from refusals import problems_in
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import load_route, save_route
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.vehicle.description import Defaults
@@ -59,11 +59,7 @@ def file_of(folder, text):
 def problems_with(tmp_path, text):
     """Return the problems of loading a file, without the leading path."""
     path = file_of(tmp_path, text)
-    with pytest.raises(InvalidInput) as caught:
-        load_route(path, DEFAULTS)
-    for problem in caught.value.problems:
-        assert problem.startswith(str(path))
-    return [problem.removeprefix(str(path)) for problem in caught.value.problems]
+    return problems_in(path, load_route, path, DEFAULTS)
 
 
 def problem_with(tmp_path, text):

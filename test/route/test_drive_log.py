@@ -5,6 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from refusals import problems_in
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.identification.recorded_route import load_drive_logs
@@ -38,12 +39,8 @@ def write(tmp_path):
     return write
 
 
-def problems_with(path, **options):
-    with pytest.raises(InvalidInput) as caught:
-        load_drive_logs([path], DEFAULTS, **options)
-    for problem in caught.value.problems:
-        assert problem.startswith(str(path))
-    return [problem.removeprefix(str(path)) for problem in caught.value.problems]
+def problems_with(path):
+    return problems_in(path, load_drive_logs, [path], DEFAULTS)
 
 
 def with_value(name, index, value):

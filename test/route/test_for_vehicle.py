@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from refusals import problems_of
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route import Route, route_for, route_source
 from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.simulation.scenario import load_scenario
@@ -47,9 +47,7 @@ def test_the_file_says_for_which_vehicle_it_was_made(tmp_path, comment):
 
 def test_two_vehicles_in_one_file_are_refused(tmp_path):
     path = file_of(tmp_path, f'# vehicle: a\n# vehicle: b\n{HEADER}\n{SEGMENT}\n')
-    with pytest.raises(InvalidInput) as caught:
-        load_file_route(path, REFERENCE.defaults)
-    assert caught.value.problems == [
+    assert problems_of(load_file_route, path, REFERENCE.defaults) == [
         f"{path}, line 2: vehicle: 'b', but 'a' in line 1; a route has the powers of one vehicle"]
 
 
@@ -90,10 +88,7 @@ def test_legs_are_found_by_name_by_file_and_from_a_folder(tmp_path, monkeypatch)
     ('legs/no/where', 'legs/no/where: no such file')])
 def test_legs_that_are_not_there(tmp_path, monkeypatch, name, problem):
     monkeypatch.chdir(tmp_path)
-    for look in (lambda: route_for(name, SMALL_CAR), lambda: route_source(name)):
-        with pytest.raises(InvalidInput) as caught:
-            look()
-        assert caught.value.problems == [problem]
+    assert problems_of(route_for, name, SMALL_CAR) == problems_of(route_source, name) == [problem]
 
 
 @pytest.fixture

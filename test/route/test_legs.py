@@ -6,9 +6,9 @@ from math import hypot
 
 import numpy as np
 import pytest
+from refusals import problems_in, problems_of
 import yaml
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults, Drivetrain, RoadLoad
@@ -57,14 +57,8 @@ def make(tmp_path):
 
 
 @pytest.fixture
-def problems_with(make):
-    def problems_with(legs, **changes):
-        with pytest.raises(InvalidInput) as caught:
-            make(legs, **changes)
-        for problem in caught.value.problems:
-            assert 'trip.yaml: ' in problem
-        return [problem.split('trip.yaml: ', 1)[1] for problem in caught.value.problems]
-    return problems_with
+def problems_with(make, tmp_path):
+    return lambda legs, **changes: problems_in(f'{tmp_path}/trip.yaml: ', make, legs, **changes)
 
 
 def energies_wh(route):
@@ -253,9 +247,7 @@ def test_bad_legs_are_named(problems_with, leg, problem):
 
 
 def test_a_car_without_a_road_load_says_what_to_add():
-    with pytest.raises(InvalidInput) as caught:
-        load_legs('reference', replace(vehicle(), road_load=None))
-    assert caught.value.problems == [
+    assert problems_of(load_legs, 'reference', replace(vehicle(), road_load=None)) == [
         f"{legs_file('reference')}: vehicle 'test car' has no road_load, so its power on a road is "
         'unknown; add it to the vehicle file, with the figures of the car, such as road_load: '
         '{mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, rolling_resistance: 0.010}']

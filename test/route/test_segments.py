@@ -7,8 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from refusals import problems_of
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, Route
 from bev_preheat.simulation.traffic import with_cycles
@@ -121,9 +121,7 @@ def columns(**changes):
 
 
 def problems_with(**changes):
-    with pytest.raises(InvalidInput) as caught:
-        make_route(columns(**changes), DEFAULTS)
-    return caught.value.problems
+    return problems_of(make_route, columns(**changes), DEFAULTS)
 
 
 @pytest.mark.parametrize('missing', [None, []])

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from refusals import problems_in
 import route_examples as examples
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.route import route_for
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.route.sources.polyline import decode_flexible
@@ -49,11 +49,8 @@ def loaded(folder, text, options=COLD, car=CAR):
 
 def refusal(folder, text, options=COLD, car=CAR):
     """Return the refusal of a text, without the path that begins each problem."""
-    with pytest.raises(InvalidInput) as caught:
-        loaded(folder, text, options, car)
-    prefix = str(folder / 'file')
-    assert all(problem.startswith(prefix) for problem in caught.value.problems), caught.value.problems
-    return '; '.join(problem.removeprefix(prefix).lstrip(':, ') for problem in caught.value.problems)
+    problems = problems_in(folder / 'file', loaded, folder, text, options, car)
+    return '; '.join(problem.lstrip(':, ') for problem in problems)
 
 
 @pytest.mark.parametrize('text', TIMED.values(), ids=TIMED)

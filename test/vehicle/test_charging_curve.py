@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
@@ -51,9 +52,8 @@ def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
     (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
     (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature')])
 def test_a_limit_that_cannot_be_is_refused_in_words(curve_of, text, problem):
-    with pytest.raises(InvalidInput) as refused:
-        curve_of(text)
-    assert f'curve.csv: {problem}' in str(refused.value)
+    (refusal,) = problems_of(curve_of, text)
+    assert refusal.endswith(f'curve.csv: {problem}')
 
 
 @pytest.mark.parametrize('soc', [0.0, 0.35, 0.5, 0.9])
@@ -89,11 +89,8 @@ def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, tempe
     (HEADER + '10,100\n50,0\n80,50\n', 'the power must be above 0 kW up to 80 %'),
     (b'\xff\xfe\x00', 'cannot be read: is not UTF-8 text')])
 def test_a_file_that_is_no_curve_is_refused_in_words(curve_of, text, problem):
-    with pytest.raises(InvalidInput) as refused:
-        curve_of(text)
-    assert len(refused.value.problems) == 1
-    assert refused.value.problems[0].startswith('--charging-curve: ')
-    assert refused.value.problems[0].endswith(f'curve.csv: {problem}')
+    (refusal,) = problems_of(curve_of, text)
+    assert refusal.startswith('--charging-curve: ') and refusal.endswith(f'curve.csv: {problem}')
 
 
 @pytest.mark.parametrize('temperatures_c, problem', [

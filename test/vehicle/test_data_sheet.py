@@ -9,10 +9,10 @@ import shlex
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from refusals import problems_of
 import yaml
 
 from bev_preheat.commands.main import main
-from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
@@ -249,9 +249,7 @@ def check_made_car(tmp_path_factory, sheet):
     ({'sources': (('auxiliary_power_kw', 'x'),)}, '--source: --auxiliary-power-kw is not given'),
 ])
 def test_a_data_sheet_that_cannot_be_is_refused_in_words(change, problem):
-    with pytest.raises(InvalidInput) as refused:
-        check_data_sheet(replace(ID4, **change))
-    assert refused.value.problems == [problem]
+    assert problems_of(check_data_sheet, replace(ID4, **change)) == [problem]
 
 
 @pytest.mark.parametrize('change', [
