@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: a pipe would block and a device would never end, so only regular files are opened."""
+"""Input files: only regular ones are opened, as a pipe would block and a device never end; the installed ones."""
 
 import os
 
@@ -44,3 +44,16 @@ def test_text_is_read_from_the_home_folder_up_to_a_size(tmp_path, monkeypatch):
     (tmp_path / 'week.yaml').write_bytes(b'\xff')
     with pytest.raises(InvalidInput, match='week.yaml: cannot be read: is not UTF-8 text'):
         read_text('~/week.yaml')
+
+
+def test_without_a_prefix_path_the_own_prefix_counts(tmp_path, monkeypatch):
+    monkeypatch.delenv('AMENT_PREFIX_PATH')
+    packages = tmp_path / 'lib/python3.12/site-packages'
+    monkeypatch.setattr(input_files, '_HERE', packages / 'bev_preheat/files/input_files.py')
+    monkeypatch.setattr(input_files, '_SOURCES', packages)
+    with pytest.raises(InvalidInput, match='the files of bev_preheat are missing'):
+        input_files.configuration_folder('vehicles')
+    marker = tmp_path / 'share/ament_index/resource_index/packages/bev_preheat'
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    assert input_files.configuration_folder('vehicles') == tmp_path / 'share/bev_preheat/config/vehicles'
