@@ -121,14 +121,28 @@ def test_missing_seconds_are_bridged_in_a_straight_line(write):
         f'{path}: speed_mps and power_w: 10 s without a valid sample, from 19 s to 29 s, are bridged',)
 
 
-def test_a_longer_gap_is_refused(write):
-    assert problems_with(write(RAMP, left_out=range(20, 30))) == [
-        ': speed_mps: 11 s without a valid sample, from 19 s to 30 s; at most 10 s are bridged']
+UNUSABLE = {
+    'a longer gap': (
+        RAMP, range(20, 30),
+        ': speed_mps: 11 s without a valid sample, from 19 s to 30 s; at most 10 s are bridged'),
+    'many gaps': (
+        RAMP, range(1, 60, 4),
+        ': speed_mps: 15 s without samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged'),
+    'backwards': (
+        {**samples(), 'time_s': samples()['time_s'][::-1]}, (),
+        ', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a log must be one '
+        'drive: split it, or name the channel of the time in a signal map'),
+    'slow': ({**samples(), 'time_s': 60.0 * samples()['time_s']}, (),
+             ': has a sample every 60 s; at most 40 s are allowed'),
+    'without signals': (
+        {name: values for name, values in samples().items() if name not in ('ambient_c', 'speed_mps')}, (),
+        ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, '
+        'power_w; name its channel in a signal map (--signals), or rename the column')}
 
 
-def test_too_many_gaps_are_refused(write):
-    assert problems_with(write(RAMP, left_out=range(1, 60, 4))) == [
-        ': speed_mps: 15 s without samples, in 15 gaps; at most 11.8 s, 20% of the log, are bridged']
+@pytest.mark.parametrize('columns, left_out, problem', UNUSABLE.values(), ids=UNUSABLE)
+def test_a_log_that_cannot_be_used_is_refused(write, columns, left_out, problem):
+    assert problems_with(write(columns, left_out=left_out)) == [problem]
 
 
 @pytest.mark.parametrize('name, value, plausible', [
@@ -172,22 +186,6 @@ def test_a_log_of_impossible_samples_is_refused(write):
         ', line 2: voltage_v: 0 is implausible (plausible: 20 ... 1500); it is dropped (and 59 more samples)']
 
 
-def test_a_log_that_runs_backwards_is_refused(write):
-    log = samples()
-    log['time_s'] = log['time_s'][::-1]
-    problem, = problems_with(write(log))
-    assert problem == (', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a '
-                       'log must be one drive: split it, or name the channel of the time in a signal map')
-
-
-def test_missing_signals_are_named_with_those_found(write):
-    log = samples()
-    del log['ambient_c'], log['speed_mps']
-    assert problems_with(write(log)) == [
-        ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, '
-        'power_w; name its channel in a signal map (--signals), or rename the column']
-
-
 @pytest.mark.parametrize('interval_s', [0.1, 2.0, 7.0, 17.0, 30.0])
 def test_any_sampling_keeps_distance_and_energy(write, interval_s):
     # Two hours of the same sines, sampled slowly; a sample holds until the next one.
@@ -210,12 +208,6 @@ def test_auxiliaries_that_are_always_zero_are_not_believed(write):
     made = load_drive_logs([path], DEFAULTS)
     assert_same_route(made.route, expected)
     assert made.remarks == (f'{path}: auxiliary_w is always 0; auxiliaries (222 W) are those of the vehicle',)
-
-
-def test_a_sample_a_minute_is_too_slow(write):
-    log = samples()
-    log['time_s'] *= 60.0
-    assert problems_with(write(log)) == [': has a sample every 60 s; at most 40 s are allowed']
 
 
 @pytest.mark.parametrize('rows, problem', [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heater, coolant, sensor, and the model's step with them: closed forms, a fine integration and half steps."""
+"""The model's step with heater, coolant, shell and core: closed forms, a fine integration and half steps."""
 
 from dataclasses import replace
 from math import exp, sqrt
@@ -12,8 +12,9 @@ import pytest
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step
+from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step, sensed_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.variants import with_shell
 
 REFERENCE = load_vehicle('reference')
 BATTERY_J_PER_K = REFERENCE.battery.heat_capacity_j_per_k
@@ -84,7 +85,7 @@ def test_all_heat_goes_into_battery_and_coolant(path, states, inputs):
     assert warmed_j == pytest.approx(arriving_w * duration_s + other_j, rel=1e-9, abs=0.01)
 
 
-def fine(path, states, inputs):
+def fine(path, states, inputs, battery_j_per_k=BATTERY_J_PER_K):
     """Return the states after a step by integrating the equations of the docstring."""
     from scipy.integrate import solve_ivp
     duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, command_w = inputs
@@ -99,12 +100,15 @@ def fine(path, states, inputs):
         r = battery.resistance.k_ohm_k / (temperature_c + battery.resistance.reference_temperature_c)
         current_a = (u - sqrt(u * u - 4.0 * r * (power_w + heater_w))) / (2.0 * r)
         ripple_w = r * variance_w2 / u**2
-        flow_w = path.coolant_conductance_w_per_k * excess_k if path.has_coolant else (EFFICIENCY * heater_w)
-        warming = (flow_w + heat_w - leakage_w_per_k * temperature_c + r * current_a**2
-                   + ripple_w) / BATTERY_J_PER_K
+        made_w = EFFICIENCY * heater_w
+        flow_w = path.coolant_conductance_w_per_k * excess_k if path.has_coolant else made_w
+        # A shell lies between the core and all that is outside of the battery.
+        outer_w = heat_w - leakage_w_per_k * (temperature_c + excess_k * path.is_shell)
+        to_shell_w, to_battery_w = (outer_w, 0.0) if path.is_shell else (0.0, outer_w)
+        warming = (flow_w + to_battery_w + r * current_a**2 + ripple_w) / battery_j_per_k
         return (-(current_a + ripple_w / u) / battery.capacity_as, warming,
                 0.0 if path.heater_lag_s == 0.0 else (command_w - heater_w) / path.heater_lag_s,
-                (EFFICIENCY * heater_w - flow_w) / path.coolant_heat_capacity_j_per_k - warming
+                (made_w + to_shell_w - flow_w) / path.coolant_heat_capacity_j_per_k - warming
                 if path.has_coolant else 0.0)
 
     end = solve_ivp(rates, (0.0, duration_s), states, rtol=1e-11, atol=1e-11).y[:, -1]
@@ -133,7 +137,7 @@ def test_halved_steps_come_closer_to_a_fine_integration(path):
         assert errors[2][state] <= 0.6 * errors[0][state] + 1e-9
 
 
-# Heater and coolant alone, and the sensor
+# Heater and coolant alone
 
 
 def advance(path, state, duration_s, command_w, other_heat_w):
@@ -155,3 +159,60 @@ def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_
     half, _, _ = advance(path, start, 0.5 * duration_s, command_w, other_w)
     halves, _, _ = advance(path, half, 0.5 * duration_s, command_w, other_w)
     assert halves == pytest.approx(whole, rel=1e-6, abs=1e-6)
+
+
+# A battery of shell and core
+
+SHARE, CONDUCTANCE = 0.3, 240.0
+
+
+def shell_car(conductance_w_per_k=CONDUCTANCE, sensor='shell', heater_lag_s=0.0):
+    return with_shell(replace(REFERENCE, heat_path=HeatPath(heater_lag_s)), SHARE, conductance_w_per_k, sensor)
+
+
+def course(vehicle, steps, duration_s, inputs, start=(0.8, 2.0, 0.0, 0.0)):
+    """Return the states after each of equal steps, from `start` on: charge, core, heater, excess of the shell."""
+    step, states = make_heated_step(vehicle, FLOATS), [start]
+    for _ in range(steps):
+        states.append(step(*states[-1], duration_s, *inputs)[:4])
+    return np.array(states)
+
+
+def test_a_steady_heat_lifts_the_shell_above_the_core():
+    command_w, outer_w = 4e3, 700.0
+    # Without current there is no Joule heat.
+    _, core_c, _, excess_k = course(shell_car(), 120, 60.0, (-command_w, 0.0, outer_w, 0.0, command_w)).T
+    warming_w = EFFICIENCY * command_w + outer_w
+    steady_k = (1.0 - SHARE) * warming_w / CONDUCTANCE
+    assert excess_k[-1] == pytest.approx(steady_k, rel=1e-6)
+    # The shell is 1 - SHARE of the excess above the mean, the core SHARE below.
+    mean_c = core_c + SHARE * excess_k
+    rises_k = [sensed_c(shell_car(sensor=place).heat_path, core_c[-1], excess_k[-1]) - mean_c[-1]
+               for place in ('shell', 'core', 'mean')]
+    assert rises_k == pytest.approx([(1.0 - SHARE) * steady_k, -SHARE * steady_k, 0.0], abs=1e-4)
+    # The approach has the time constant of both masses in series.
+    lag_s = SHARE * (1.0 - SHARE) * BATTERY_J_PER_K / CONDUCTANCE
+    assert excess_k[3] == pytest.approx(steady_k * -np.expm1(-180.0 / lag_s), rel=1e-9)
+    # All heat warms the mean.
+    assert mean_c[-1] - 2.0 == pytest.approx(warming_w * 7200.0 / BATTERY_J_PER_K, rel=1e-9)
+
+
+@pytest.mark.parametrize('heater_lag_s', [0.0, 40.0])
+def test_a_step_is_that_of_the_equations_of_both_masses(heater_lag_s):
+    inputs = 21e3, 0.0, 1.4e3 - 10.0 * 47.0, 47.0, 4.5e3
+    vehicle, start = shell_car(heater_lag_s=heater_lag_s), (0.8, -6.0, 500.0, 3.0)
+    truth = fine(vehicle.heat_path, start, (900.0, *inputs), (1.0 - SHARE) * BATTERY_J_PER_K)
+    # Joule heat and leakage are those at the start of a step: ten times shorter steps err by a tenth.
+    for steps, core_k, excess_k in ((30, 0.01, 0.06), (300, 0.001, 0.006)):
+        found = course(vehicle, steps, 900.0 / steps, inputs, start)[-1]
+        assert found[0] == pytest.approx(truth[0], abs=1e-6)
+        assert found[1] == pytest.approx(truth[1], abs=core_k)
+        assert found[3] == pytest.approx(truth[3], abs=excess_k)
+
+
+def test_with_a_good_conductance_it_is_a_battery_of_one_mass():
+    step, one = make_runge_kutta_4(make_rates(REFERENCE, FLOATS)), (0.8, 2.0)
+    for _ in range(40):
+        one = step(*one, 30.0, 19e3, 0.0, 300.0 + EFFICIENCY * 4e3, 45.0)[:2]
+    _, core_c, _, excess_k = course(shell_car(1e8), 40, 30.0, (15e3, 0.0, 300.0, 45.0, 4e3))[-1]
+    assert (core_c, excess_k) == (pytest.approx(one[1], abs=2e-3), pytest.approx(0.0, abs=1e-3))
