@@ -4,6 +4,8 @@
 import errno
 import os
 import shutil
+import subprocess
+import sys
 import time
 
 from hypothesis import given
@@ -13,6 +15,7 @@ from waiting import poll_until
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.recording import writer as module
+from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import RecordedStep
 from bev_preheat.recording.ring import check_folder, make_room, recordings_in
 from bev_preheat.recording.writer import Entry, Recording, RecordingWriter, STEP_CHANNEL
@@ -102,6 +105,45 @@ def test_a_disk_that_hangs_costs_entries_not_time(tmp_path, monkeypatch):
     assert time.monotonic() - began < 1.0
     assert writer.dropped > 800
     writer.close(0.0)
+
+
+# A planner's life without a planner: steps as fast as they come, on a disk that gets full.
+FULL = """
+import resource, sys, time
+from pathlib import Path
+from bev_preheat.recording import writer as module
+from bev_preheat.recording.records import Beginning, RecordedStep
+from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
+module.COLLECTING_S, module.REOPENED_AFTER_S = 0.01, 0.0
+head = (Entry(BEGINNING_CHANNEL, 1, Beginning(
+    '0', '/planner', '01234567', 0, 1, False, {}, '').as_dictionary()),)
+writer = RecordingWriter(Recording(Path(sys.argv[1]), 10**9, '01234567', '20260101T000000'), {}, lambda: head)
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+for step in range(2000):
+    writer.put(Entry(STEP_CHANNEL, step, RecordedStep(step)))
+    if step % 100 == 0:
+        time.sleep(0.02)
+time.sleep(0.2)
+print(writer.report)
+print(writer.dropped)
+"""
+
+
+@pytest.mark.costly
+def test_a_file_that_cannot_grow_costs_steps_and_not_the_planner(tmp_path):
+    """A real failure, in a process of its own."""
+    result = subprocess.run(
+        [sys.executable, '-c', FULL, str(tmp_path)], capture_output=True, text=True, check=True)
+    report, dropped = result.stdout.splitlines()
+    assert report == '' or ('File too large' in report and 'goes on' in report)
+    assert 0 < int(dropped) < 2000
+    # Every file is readable up to its last whole step, and gaps are reported.
+    files = recordings_in(tmp_path)
+    assert len(files) > 1
+    flight = read_flight(files[0])
+    assert flight.gaps and 'were not written' in ' '.join(flight.remarks)
+    instants = [given.step.now_ns for given in flight.given]
+    assert instants == sorted(set(instants)) and len(instants) + int(dropped) <= 2000
 
 
 def test_the_folder_is_bounded_and_only_own_files_are_deleted(tmp_path):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identified file's uncertainty: from 90 % intervals to the file and back."""
+"""The identified file: its uncertainty, from 90 % intervals and back, and the intervals beside its values."""
 
 from dataclasses import replace
 import math
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ import yaml
 
 from bev_preheat.identification.result import Estimated, ResistanceCurve
 from bev_preheat.identification.uncertainty import uncertainty_of
-from bev_preheat.identification.vehicle_file import identified_text
+from bev_preheat.identification.vehicle_file import identified_text, notes_of
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
-from bev_preheat.vehicle.description import Uncertainty
+from bev_preheat.vehicle.description import HeatPath, Uncertainty
 from bev_preheat.vehicle.loading import vehicle_of_text
 
 # 95 % quantile of the normal distribution.
@@ -79,3 +81,25 @@ def test_the_file_has_the_uncertainty_and_nothing_else_of_it(uncertainty):
         text = identified_text({**start, **before}, car, {'uncertainty': 'as identified'}, frozenset(), 'head')
         assert vehicle_of_text(text, 'mine').uncertainty == uncertainty
         assert ('# as identified' in text) is (uncertainty != Uncertainty())
+
+
+COOLANT_CAR = replace(load_vehicle('reference'), heat_path=HeatPath(0.0, 20e3, 400.0, 12.0))
+
+
+@pytest.mark.parametrize('name, key, estimate, value', [
+    ('heat_capacity', 'battery.heat_capacity_j_per_k', COOLANT_CAR.battery.heat_capacity_j_per_k + 20e3,
+     COOLANT_CAR.battery.heat_capacity_j_per_k),
+    ('drivetrain_heat', 'drivetrain.heat_recovery_efficiency', COOLANT_CAR.drivetrain.heat_share,
+     COOLANT_CAR.drivetrain.heat_recovery_efficiency),
+    ('heat_lag', 'heat_path.coolant_conductance_w_per_k', 50.0, 400.0),
+    ('sensor_lag', 'heat_path.sensor_lag_s', 12.0, 12.0),
+    ('heater_efficiency', 'hvch.efficiency', COOLANT_CAR.hvch.efficiency, COOLANT_CAR.hvch.efficiency)])
+def test_the_interval_contains_the_value_beside_it(name, key, estimate, value):
+    """An interval of 1 % about the estimate is one of about 1 % about the value of the file."""
+    item = replace(estimated(name, estimate, 0.99 * estimate, 1.01 * estimate), key=key)
+    result = SimpleNamespace(
+        estimates=(item,), vehicle=COOLANT_CAR, electrical=SimpleNamespace(used=()),
+        coverage=SimpleNamespace(resistance_from_c=None, resistance_to_c=None, soc=(0.2, 0.9)))
+    low, high = map(float, re.search(r'interval (\S+) ... (\S+)', notes_of(result)[key]).groups())
+    assert low < value < high
+    assert high - low == pytest.approx(0.02 * value, rel=0.1)
