@@ -24,29 +24,22 @@ SOCS = st.floats(-0.5, 1.5)
 TEMPERATURES_C = st.floats(-80.0, 80.0)
 
 
-def test_polynomial_voltage_by_hand():
-    voltage = PolynomialVoltage((300.0, 40.0, -10.0, 24.0)).function(FLOATS)
-    # 300 + 40/2 - 10/4 + 24/8
-    assert voltage(0.5, 17.0) == pytest.approx(320.5, rel=1e-15)
+POLYNOMIAL = PolynomialVoltage((300.0, 40.0, -10.0, 24.0))
+LOGARITHM = PolynomialVoltage((300.0, 40.0), log_soc_v=6.0)
+RESISTANCE = InverseTemperatureResistance(4.5, 50.0)
 
 
-def test_logarithm_is_added_to_the_polynomial():
-    voltage = PolynomialVoltage((300.0, 40.0), log_soc_v=6.0).function(FLOATS)
+@pytest.mark.parametrize('curve, point, expected', [
+    (POLYNOMIAL, (0.5, 17.0), 300.0 + 40.0 / 2 - 10.0 / 4 + 24.0 / 8),
     # ln(1/e) = -1
-    assert voltage(1.0 / math.e, 0.0) == pytest.approx(300.0 + 40.0 / math.e - 6.0, rel=1e-14)
-
-
-def test_resistance_falls_with_the_inverse_of_temperature():
-    resistance = InverseTemperatureResistance(4.5, 50.0).function(FLOATS)
-    # 4.5/(-20 + 50) and 4.5/(25 + 50)
-    assert (resistance(0.3, -20.0), resistance(0.3, 25.0)) == pytest.approx((0.15, 0.06), rel=1e-15)
+    (LOGARITHM, (1.0 / math.e, 0.0), 300.0 + 40.0 / math.e - 6.0),
+    (RESISTANCE, (0.3, -20.0), 4.5 / (-20.0 + 50.0)), (RESISTANCE, (0.3, 25.0), 4.5 / (25.0 + 50.0))])
+def test_formula_by_hand(curve, point, expected):
+    assert curve.function(FLOATS)(*point) == pytest.approx(expected, rel=1e-15)
 
 
 @given(soc=st.floats(0.0, 1.0), temperature_c=st.floats(-40.0, 80.0))
-@pytest.mark.parametrize('curve', [
-    pytest.param(PolynomialVoltage((300.0, 40.0, -10.0, 24.0)), id='polynomial'),
-    pytest.param(PolynomialVoltage((300.0, 40.0), log_soc_v=6.0), id='logarithm'),
-    pytest.param(InverseTemperatureResistance(4.5, 50.0), id='resistance')])
+@pytest.mark.parametrize('curve', [POLYNOMIAL, LOGARITHM, RESISTANCE], ids=['power', 'logarithm', 'resistance'])
 def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
     array = curve.function(ARRAYS)(np.array([soc]), np.array([temperature_c]))
     assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)

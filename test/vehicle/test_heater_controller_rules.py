@@ -53,6 +53,7 @@ class Heater:
 
 def test_valid_command_is_applied_until_its_lease_ends():
     heater = Heater()
+    assert heater.answer()[:3] == (0.0, 0.0, Refusal.NO_COMMAND)
     heater.command(2500.0)
     assert heater.answer() == (2500.0, 2500.0, Refusal.NOT_REFUSED, '')
     heater.wait(1.0)
@@ -66,24 +67,17 @@ def test_valid_command_is_applied_until_its_lease_ends():
     assert heater.answer() == (0.0, 0.0, Refusal.NO_COMMAND, 'the lease of the latest command has ended')
 
 
-def test_silence_from_the_start_is_off():
-    assert Heater().answer()[:3] == (0.0, 0.0, Refusal.NO_COMMAND)
-
-
-def test_late_command_has_only_the_rest_of_its_lease():
+@pytest.mark.parametrize('stamped_s, clock_s, steady_s, is_on', [
+    (-2.0, 0.49, 0.49, True), (-2.0, 0.51, 0.51, False), (0.4, 2.49, 2.49, True), (0.4, 2.51, 2.51, False),
+    (0.0, 3600.0, 0.0, False), (0.0, 0.0, 2.49, True), (0.0, 0.0, 2.5, False), (-2.0, 0.0, 0.51, False)],
+    ids=['late, in its rest', 'late', 'stamped ahead, in its lease', 'stamped ahead', 'clock set forward',
+         'clock stands, in its lease', 'clock stands', 'late, and the clock stands'])
+def test_lease_ends_by_the_earlier_of_both_clocks(stamped_s, clock_s, steady_s, is_on):
     heater = Heater()
-    heater.command(2500.0, stamp_s=START_S - 2.0)
-    heater.wait(0.49)
-    assert heater.power_w() == 2500.0
-    heater.wait(0.02)
-    assert heater.power_w() == 0.0
-
-
-def test_command_stamped_ahead_is_not_used_longer_than_its_lease():
-    heater = Heater()
-    heater.command(2500.0, stamp_s=START_S + 0.4)
-    heater.wait(2.51)
-    assert heater.power_w() == 0.0
+    heater.command(2500.0, stamp_s=START_S + stamped_s)
+    heater.clock_s += clock_s
+    heater.steady_s += steady_s
+    assert heater.answer()[1:3] == ((2500.0, Refusal.NOT_REFUSED) if is_on else (0.0, Refusal.NO_COMMAND))
 
 
 @pytest.mark.parametrize('power_w', [math.nan, math.inf, -math.inf, -1.0, 7000.1])
@@ -135,13 +129,6 @@ def test_older_command_does_not_replace_a_newer_one():
         'header.stamp: is 1.000 s before that of the command in force'))
 
 
-def test_clock_set_forward_ends_the_lease():
-    heater = Heater()
-    heater.command(2500.0)
-    heater.clock_s += 3600.0
-    assert heater.answer()[1:3] == (0.0, Refusal.NO_COMMAND)
-
-
 @pytest.mark.parametrize('back_s', [0.01, 1.0, 3600.0])
 def test_clock_set_back_ends_the_lease(back_s):
     heater = Heater()
@@ -152,13 +139,6 @@ def test_clock_set_back_ends_the_lease(back_s):
     assert heater.answer() == (0.0, 0.0, Refusal.INVALID_LEASE, f'the clock was set back by {back_s:.3f} s')
     heater.command(1000.0)
     assert heater.power_w() == 1000.0
-
-
-def test_lease_ends_while_the_clock_of_the_stamps_stands():
-    heater = Heater()
-    heater.command(2500.0)
-    heater.steady_s += 2.5
-    assert heater.power_w() == 0.0
 
 
 def test_second_commander_switches_off_until_only_one_is_left():

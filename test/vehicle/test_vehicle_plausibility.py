@@ -45,14 +45,10 @@ def plain(tmp_path):
     return load
 
 
-def test_energy_is_voltage_times_charge_within_the_range_in_use(plain):
+def test_figures_by_hand(plain):
     meaning = meaning_of(plain())
     # 360 V * 150 Ah * 0.8
     assert (meaning.energy_kwh, meaning.nominal_voltage_v) == pytest.approx((43.2, 360.0))
-
-
-def test_figures_by_hand(plain):
-    meaning = meaning_of(plain())
     fast_w_per_k = 30.0 + 0.9 * 100.0 / 3.6
     assert meaning.resistance_ohm == {-20.0: 0.21, 0.0: 0.12, 25.0: 0.06}
     # 0.06 ohm * 150 A of 360 V
