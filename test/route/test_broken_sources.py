@@ -136,8 +136,6 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('time_s,speed_kmh\n0,0\n1,90\n', 'line 3: speed_kmh: changes by 25 m/s^2; at most 12 m/s^2 are plausible'),
     ('time_s,speed_kmh\n0,0\n600,50\n', 'line 3: time_s: 600 s without a sample; at most 60 s are allowed'),
     ('time_s,speed_kmh\n0,0\n', 'has 1 sample; at least 2 are needed'),
-    ('time_s,speed\n0,0\n1,1\n', "line 1: column 'speed' has no unit: rename it to speed_mps or speed_kmh"),
-    ('time_s,speed_rpm\n0,0\n1,1\n', "line 1: column 'speed_rpm' has the unit rpm, which is not one of speed"),
     ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 is not allowed; it must be -0.4 ... 0.4; '
      'is it in percent? then name it slope_percent'),
     ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 s is not allowed'),

@@ -208,10 +208,7 @@ def test_a_german_spreadsheet(tmp_path):
     ('30;36;1 234;-7', "propulsion_power_kw: '1 234' has a thousands separator; write 1234"),
     ('30;36;-1\u202f234,5;-7', "propulsion_power_kw: '-1\\u202f234,5' has a thousands separator; "
      'write -1234,5'),
-    ('30;36;1.234.567;-7', "propulsion_power_kw: '1.234.567' has a thousands separator; write "
-     '1234567'),
-    ('30;36;1,234,567;-7', "propulsion_power_kw: '1,234,567' has a thousands separator; write "
-     '1234567'),
+    ('30;36;1.234.567;-7', "propulsion_power_kw: '1.234.567' has a thousands separator; write 1234567"),
     ('30;36;1.234;-7', "propulsion_power_kw: '1.234' can be read as 1234 or as 1.234; write no "
      'thousands separator, or a number of digits other than three behind the decimal mark'),
     ('30;36;1,500;-7', "propulsion_power_kw: '1,500' can be read as 1500 or as 1.5; write no "
