@@ -96,25 +96,17 @@ def test_frames_of_other_tools_are_refused_with_advice(tmp_path):
         read_recording(path)
 
 
+@pytest.mark.parametrize('dbc', [
+    DBC.replace('degC', '°C'), DBC.replace('BS_:\n', ''), DBC.replace('BU_: BMS\n', ''),
+    DBC.replace('BS_:\n', '').replace('BU_: BMS\n', '')],
+    ids=['unit beyond ASCII', 'no bit timing', 'no nodes', 'neither'])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-def test_the_unit_of_a_dbc_in_utf_8_is_known(tmp_path):
+def test_a_dbc_with_other_or_missing_parts_is_read(tmp_path, dbc):
     line, _, _ = FORMS['candump']
     path = tmp_path / 'frames.log'
     path.write_text('\n'.join(line(at, second) for at, second in enumerate(TIMES_S)))
-    path.with_suffix('.dbc').write_text(DBC.replace('degC', '°C'), encoding='utf-8')
-    assert read_recording(path).sources['battery_temperature_c'] == ('BMS_State.BattTempAvg [degC]',)
-
-
-@pytest.mark.parametrize('missing', [('BS_:\n',), ('BU_: BMS\n',), ('BS_:\n', 'BU_: BMS\n')])
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
-def test_a_dbc_without_nodes_is_read(tmp_path, missing):
-    line, _, _ = FORMS['candump']
-    path = tmp_path / 'frames.log'
-    path.write_text('\n'.join(line(at, second) for at, second in enumerate(TIMES_S)))
-    text = DBC
-    for each in missing:
-        text = text.replace(each, '')
-    path.with_suffix('.dbc').write_text(text)
-    assert read_recording(path).signals['soc'].value == pytest.approx(0.8)
+    path.with_suffix('.dbc').write_text(dbc, encoding='utf-8')
+    recording = read_recording(path)
+    assert recording.signals['soc'].value == pytest.approx(0.8)
+    assert recording.sources['battery_temperature_c'] == ('BMS_State.BattTempAvg [degC]',)
