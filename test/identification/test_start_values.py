@@ -39,19 +39,14 @@ BOTH, ONE, OTHER, NONE = (frozenset(names) for names in (
     ('leakage', 'drivetrain_heat'), ('leakage',), ('drivetrain_heat',), ()))
 
 
-def test_values_that_are_not_told_and_not_refuted_stay():
+@pytest.mark.parametrize('rises, staying', [
     # A chi-squared variable of two degrees of freedom is below 4.605 in 90 % of cases: -2 ln 0.1.
-    assert kept({BOTH: 2.29}) == BOTH
-
-
-def test_of_two_values_that_are_refuted_together_the_one_goes_whose_release_helps_most():
-    assert kept({BOTH: 2.32, ONE: 2.2, OTHER: 0.4}) == OTHER
-
-
-def test_both_go_if_neither_can_stay():
+    ({BOTH: 2.29}, BOTH), ({BOTH: 2.32, ONE: 2.2, OTHER: 0.4}, OTHER),
     # Of one degree of freedom: below 1.645^2 = 2.706.
-    assert kept({BOTH: 30.0, ONE: 9.0, OTHER: 1.36, NONE: 0.0}) == NONE
-    assert kept({BOTH: 30.0, ONE: 9.0, OTHER: 1.34}) == OTHER
+    ({BOTH: 30.0, ONE: 9.0, OTHER: 1.34}, OTHER), ({BOTH: 30.0, ONE: 9.0, OTHER: 1.36, NONE: 0.0}, NONE)],
+    ids=['both', 'the one that is refuted less', 'the only one that can', 'neither'])
+def test_values_that_are_not_told_stay_unless_they_are_refuted(rises, staying):
+    assert kept(rises) == staying
 
 
 def test_told_values_never_stay():
