@@ -62,6 +62,11 @@ def test_figures_by_hand(plain):
     assert meaning.discharging_power_kw[-10.0] == pytest.approx(40.0 + 90.0 * 10.0 / 45.0)
 
 
+@pytest.mark.parametrize('name', ['reference', 'small_car'])
+def test_the_cars_of_the_package_are_usual(name):
+    assert meaning_of(load_vehicle(name)).warnings == ()
+
+
 @pytest.mark.parametrize('changes, warning', [
     ({'battery__capacity_ah': 15}, 'energy: 4.32 kWh; the usual range is 5 ... 1000 (capacity_ah times the '
      'open-circuit voltage)'),
