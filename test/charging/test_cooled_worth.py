@@ -63,13 +63,6 @@ def test_no_cooling_where_it_does_not_pay():
     assert min(item.target_c for item in weak.targets) < weak.without_heating.target_c - 5.0
 
 
-def test_an_arrival_beyond_the_range_is_cooled_as_far_as_the_battery_needs():
-    hot = make_route({**COLUMNS, 'propulsion_power_rms_w': [40e3] * 60}, CAR.defaults)
-    worth = find_worth(CAR, hot, STATE, GOAL, 150e3, 0.8, PRICES)
-    assert 54.0 < worth.without_heating.arrival_temperature_c < 55.01
-    assert worth.without_heating.hvch_electric_wh > 0.0 and worth.best.target_c < 50.0
-
-
 def test_the_command_says_cooling(tmp_path, capsys):
     rows = [','.join(COLUMNS), *(','.join(map(str, row)) for row in zip(*COLUMNS.values()))]
     Path(tmp_path, 'summer.csv').write_text('\n'.join(rows), encoding='utf-8')

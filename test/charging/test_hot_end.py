@@ -223,12 +223,6 @@ def test_a_battery_that_arrives_too_warm_without_heating_is_told_so():
 # --- defaults ---
 
 
-def test_a_strong_cooling_holds_the_battery_within_its_band():
-    session = charge(hot_car(replace(CHILLER, cooling_power_w=40e3, electrical_power_w=9e3)), a_stop(),
-                     BatteryState(30.0, 0.1))
-    assert 30.0 < session.battery_temperature_c.max() < 32.5
-
-
 def test_a_cooling_that_takes_all_the_power_for_ever_is_the_problem():
     """In air that is warmer than the cooling can bring the battery below, nothing is left for it."""
     weak = hot_car(replace(CHILLER, cooling_power_w=160.0, electrical_power_w=1600.0), leakage_w_per_k=20.0)

@@ -20,11 +20,9 @@ from plain_car import (
 import pytest
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
-from bev_preheat.charging.stop import ChargingStop, stop_after
+from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath
@@ -130,12 +128,6 @@ def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, prob
     assert len(session.time_s) == 1
 
 
-def test_a_frozen_battery_is_warmed_first_where_the_car_can():
-    session = charge(REFERENCE, replace(STOP, ambient_c=-30.0), BatteryState(-30.0, 0.3))
-    assert session.problem is None
-    assert session.charging_power_w[0] < 200.0 and session.charging_power_w.max() > 50e3
-
-
 # --- after a drive, and refused inputs ---
 
 
@@ -172,15 +164,6 @@ def test_a_session_of_more_than_a_day_ends():
     assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
 
 
-def test_constant_power_without_resistance():
-    session = charge(plain_car(), STOP, BatteryState(5.0, 0.25))
-    # 350 V * 120 Ah * 0.55 at 58.5 kW
-    hours = VOLTAGE_V * CAPACITY_AH * 0.55 / SUPPLY_W
-    assert session.charging_time_s == pytest.approx(3600.0 * hours, rel=1e-7)
-    assert session.bought_energy_wh == pytest.approx(60e3 * hours, rel=1e-7)
-    assert session.battery_temperature_c == pytest.approx(np.full(len(session.time_s), 5.0))
-
-
 def test_constant_power_through_a_resistance():
     ohm = 0.2
     session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
@@ -190,30 +173,3 @@ def test_constant_power_through_a_resistance():
     assert session.battery_temperature_c[-1] == pytest.approx(
         5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
     assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)
-
-
-def test_a_power_limit_that_falls_with_the_charge():
-    # P = 80 kW (1 - s) from 0.25 to 0.8, below the charger's: ln(0.75 / 0.2) * 350 V 120 Ah / 80 kW
-    limit = Table((0.0, 1.0), (0.0,), ((-80e3,), (0.0,)))
-    session = charge(plain_car(limit=limit), replace(STOP, charger_power_w=500e3),
-                     BatteryState(5.0, 0.25))
-    assert session.charging_time_s == pytest.approx(
-        3600.0 * math.log(0.75 / 0.2) * VOLTAGE_V * CAPACITY_AH / 80e3, rel=1e-7)
-
-
-def test_heat_under_way_at_arrival_arrives_at_the_charger():
-    vehicle = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 500.0))
-    route = load_route('reference', vehicle.defaults)
-    plan = plan_preheating(vehicle, route, BatteryState(-20.0, 0.9), Goal(40.0))
-    state = plan.arrival_state
-    assert state.coolant_excess_k > 5.0
-    stop = stop_after(route, 150e3, 0.8)
-    assert charge(vehicle, stop, state).charging_time_s < charge(
-        vehicle, stop, BatteryState(state.temperature_c, state.soc)).charging_time_s - 1.0
-
-
-def test_a_battery_that_cools_at_the_charger_is_held_at_the_limit():
-    session = charge(plain_car(leakage_w_per_k=100.0, heats=True),
-                     replace(STOP, charger_power_w=20e3), BatteryState(22.7, 0.25))
-    assert session.battery_temperature_c.min() == pytest.approx(22.0, abs=1e-5)
-    assert (session.hvch_battery_power_w[session.battery_temperature_c[:-1] > 22.0001] == 0.0).all()

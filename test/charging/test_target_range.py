@@ -6,10 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.charging.stop import stop_after
-from bev_preheat.charging.target_range import by_session, by_table, read_charging_times, targets_in_range
+from bev_preheat.charging.target_range import by_table, read_charging_times, targets_in_range
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -56,13 +54,6 @@ def test_the_best_target_costs_no_more_than_the_best_start_of_a_scan(times, low_
     assert best.cost <= cheapest_start(after, low_c, high_c) + 1e-4
     assert best.charging_time_s == pytest.approx(after(BatteryState(
         best.arrival_temperature_c, best.arrival_soc)).time_s)
-
-
-def test_with_the_cars_session_and_a_wide_range_it_is_the_best_target_of_all():
-    stop = stop_after(drive(), 150e3, 0.8)
-    best = targets_in_range(CAR, drive(), STATE, GOAL, (-40.0, 60.0), by_session(CAR, stop, PRICES), PRICES)[0]
-    worth = find_worth(CAR, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
-    assert best.cost == pytest.approx(worth.best.cost, rel=1e-5)
 
 
 def test_an_arrival_below_the_range_or_the_reserve_costs_infinitely_and_a_warm_battery_is_not_heated():
