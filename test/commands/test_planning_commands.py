@@ -225,6 +225,15 @@ def test_user_error_is_one_clear_line_and_status_2(refused, command, arguments, 
     assert refused(command, *SITUATION, *arguments).startswith(beginning)
 
 
+@pytest.mark.parametrize('option, value, named', [
+    ('--charging-probability', 'nan', 'charging probability: nan'),
+    ('--charging-probability', '1.1', 'charging probability: 1.1'),
+    ('--arrival-deviation', '-1', 'arrival deviation: -1'),
+    ('--charging-known-before', 'inf', 'time before arrival: inf')])
+def test_a_bad_prospect_of_charging_is_refused_in_one_line(refused, option, value, named):
+    assert f'{named} is not allowed' in refused('plan', *SITUATION, option, value)
+
+
 @pytest.mark.parametrize('temperature', ['-7.', '-.7e1', '-7e0', '-07'])
 def test_a_temperature_below_zero_may_be_written_in_any_way(capsys, temperature):
     status = main(['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.9', '--temperature',
