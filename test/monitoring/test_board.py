@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of the page for one planner."""
+"""The state of the page for one planner, and its history."""
 
 import json
 import math
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
 from bev_preheat.control.heater import HeaterStatus
-from bev_preheat.monitoring.board import change_of
+from bev_preheat.monitoring.board import change_of, Trail
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.monitoring.source import Cursor, message
 from bev_preheat.planning.status import Status
@@ -208,3 +210,41 @@ def test_without_heating_counts_the_heat_of_each_source_in_the_air_of_the_route(
         stored_k = per_watt * power_w * seconds / vehicle.battery.heat_capacity_j_per_k
         assert math.isnan(per_watt) or unheated_c == pytest.approx(-stored_k, rel=0.03)
     assert (math.isnan(now_c), later_c is None) == (math.isnan(per_watt),) * 2
+
+
+# --- The history: bounded, recent points whole, older ones further apart ---
+
+
+def test_a_day_at_one_hertz_stays_small_and_keeps_its_latest_minutes_whole():
+    trail = Trail(most=1000)
+    for second in range(100_000):
+        trail.add((float(second), 2.0 * second))
+        assert len(trail) <= 1000
+    times = [at_s for at_s, _ in trail.since(0)]
+    assert times[-60:] == [float(second) for second in range(100_000 - 60, 100_000)]
+    # Not only the latest: hours back without a large gap, but not beyond the horizon.
+    assert 100_000 - 86400 - 200 <= times[0] < 100_000 - 80_000
+    # On a screen a gap of 6 % of the age is a few points wide.
+    assert all(after - before <= 1.0 + 0.06 * (100_000 - before) for before, after in zip(times, times[1:]))
+    assert all(value == 2.0 * at_s for at_s, value in trail.since(0))
+
+
+@given(st.lists(st.floats(0.0, 1e6, allow_nan=False), max_size=300), st.integers(4, 50))
+def test_instants_rise_and_the_size_is_bounded_whatever_comes(instants, most):
+    trail = Trail(most=most, horizon_s=1e5)
+    for at_s in instants:
+        trail.add((at_s,))
+        rows = list(trail.since(0))
+        assert rows[-1] == (at_s,) and len(rows) <= most
+        assert all(before < after for before, after in zip(rows, rows[1:]))
+
+
+@given(st.lists(st.floats(0.0, 1e4, allow_nan=False), max_size=200))
+def test_a_reader_that_heeds_the_generation_has_all(instants):
+    trail, known, generation = Trail(most=20), [], 0
+    for at_s in instants:
+        trail.add((at_s,))
+        if trail.generation != generation:
+            known, generation = [], trail.generation
+        known += trail.since(len(known))
+        assert known == list(trail.since(0))
