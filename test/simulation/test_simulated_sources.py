@@ -33,12 +33,6 @@ def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s
     return plant
 
 
-def test_without_a_lease_no_source_heats():
-    plant = driven(seconds=90.0, until_s=30.0)
-    assert plant.sources.commands_w == {}
-    assert plant.sources.energy_wh == pytest.approx({'motor': 1700.0 / 120.0, 'heat_pump': 7.5, 'chiller': 0.0})
-
-
 def test_heat_and_power_of_the_sources():
     with_sources, without = driven(), driven(replace(CAR, heat_sources=()))
     heat_j = MINUTE_S * (1700.0 * 0.75 + 900.0 * (2.0 - 0.4 * 5.0 / 25.0))

@@ -24,10 +24,6 @@ def energy_j(route):
     return float(route.propulsion_power_w @ route.duration_s)
 
 
-def test_without_events_the_drive_is_the_route():
-    assert drive_with_events(ROUTE, ()) == (ROUTE, [])
-
-
 def test_a_stop_stands_and_goes_on():
     driven, (news,) = drive_with_events(ROUTE, (Event(Kind.STOP, 90.0, duration_s=200.0),))
     assert driven.total_duration_s == pytest.approx(800.0)
@@ -50,11 +46,6 @@ def test_a_slower_pace_takes_longer_with_less_power():
     assert driven.speed_mps[slow] == pytest.approx(10.0)
     assert driven.propulsion_power_w[slow] == pytest.approx(15e3 / 4.0)
     assert driven.speed_mps[driven.segment_at(500.0)] == 20.0
-
-
-def test_a_slower_pace_to_the_very_end():
-    driven, _ = drive_with_events(ROUTE, (Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),))
-    assert driven.total_duration_s == pytest.approx(660.0)
 
 
 def test_a_detour_is_another_route_from_there_on():
