@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wheel: built, and run without ROS and without the checkout."""
+"""The wheel: built, also without the studies, and run without ROS and without the checkout."""
 
 from importlib.metadata import distribution
 import json
@@ -165,3 +165,14 @@ def test_without_a_compiler_python_plans_alone(sources, tmp_path):
     link_packages(tmp_path / 'site', ['argcomplete', 'jsonschema', 'numpy', 'PyYAML', 'rich'])
     done = run(tmp_path / 'site', '-m', 'bev_preheat', 'plan', *SITUATION)
     assert 'Heating starts in 32:02 min' in done.stdout
+
+
+@pytest.mark.parametrize('without, packages', [
+    # make build leaves the variable out.
+    ('0', ['bev_preheat', 'bev_preheat_studies']),
+    ('1', ['bev_preheat'])])
+def test_the_studies_can_be_left_out(tmp_path, without, packages):
+    subprocess.run([sys.executable, 'setup.py', '--quiet', 'egg_info', '--egg-base', str(tmp_path)], cwd=ROOT,
+                   env={**os.environ, 'BEV_PREHEAT_WITHOUT_STUDIES': without}, check=True, capture_output=True,
+                   timeout=120)
+    assert (tmp_path / 'bev_preheat.egg-info/top_level.txt').read_text().split() == packages
