@@ -11,16 +11,13 @@ from bev_preheat.estimation.belief import Belief, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.estimate import (
     FACTORS,
     HEATER,
-    JOULE_RISE,
     LOCAL,
     PROPULSION,
     SENSOR,
-    SENSOR_PLACE,
-    SOC,
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.estimation.hypotheses import PLACES, SHARES
+from bev_preheat.estimation.hypotheses import SHARES
 from bev_preheat.estimation.prior import (
     FACTOR_BOUNDS,
     LAGS,
@@ -28,7 +25,6 @@ from bev_preheat.estimation.prior import (
     Learned,
     PLACING,
 )
-from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     LOCAL_DEVIATION_K,
     LOCAL_LAG_S,
@@ -111,24 +107,6 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
 
 
-def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
-    """Under constant Joule heat the local rise approaches rise times heat, and decays without the heat."""
-    belief = changed(placed(), [(JOULE_RISE, 0.4)])
-    strong = replace(STILL, terminal_power_w=60e3)
-    for _ in range(60):
-        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, strong, 0.0, LIMIT_W)
-    battery = VEHICLE.battery
-    voltage_v = float(battery.open_circuit_voltage.function(FLOATS)(
-        belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
-    resistance_ohm = float(battery.resistance.function(FLOATS)(
-        belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
-    current_a = (voltage_v - np.sqrt(voltage_v**2 - 4.0 * resistance_ohm * 60e3)) / (2.0 * resistance_ohm)
-    assert belief.mean[0, 0, LOCAL] == pytest.approx(0.4 * resistance_ohm * current_a**2 / 1e3, rel=0.03)
-    for _ in range(60):
-        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
-    assert abs(belief.mean[0, 0, LOCAL]) < 0.01
-
-
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
     belief = placed()
     for _ in range(200):
@@ -187,21 +165,6 @@ def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_a_least_one_
         assert variances == pytest.approx(
             np.broadcast_to(np.diag(np.append(expected, 0.08)**2), variances.shape), rel=0.02)
         assert (belief.mean[..., FACTORS] == 0.0).all()
-
-
-def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
-    belief = changed(placed(), [(UNDER_WAY, 1.0)])
-    start_c = belief.mean[..., TEMPERATURE].copy()
-    for _ in range(60):
-        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
-        behind_k = belief.mean[..., TEMPERATURE] - belief.mean[..., SENSOR]
-    # Ten minutes of leakage at rest, towards ambient temperature, and a kelvin.
-    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
-    leaked_k = gamma * 600.0 * (AMBIENT_C - start_c) / VEHICLE.battery.heat_capacity_j_per_k
-    gained_k = belief.mean[..., TEMPERATURE] - start_c - leaked_k
-    assert gained_k[0] == pytest.approx(np.ones(len(PLACES)), abs=0.05)
-    place_k = belief.mean[..., SENSOR_PLACE] * belief.mean[..., UNDER_WAY]
-    assert np.abs((behind_k + place_k)[0]).max() < 0.05
 
 
 def test_a_place_that_has_lost_begins_the_next_trip_with_the_car_of_the_likeliest():

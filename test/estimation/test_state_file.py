@@ -9,30 +9,47 @@ import socket
 
 from hypothesis import given
 from hypothesis import strategies as st
-from learned_cars import an_estimate, FACTORS_SEEN, LAGS_SEEN
 import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
 from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
-from bev_preheat.estimation.prior import nothing_learned
+from bev_preheat.estimation.estimate import Estimate, FACTORS, SIZE, SOC, TEMPERATURE
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.prior import LAG_BOUNDS, LAGS, nothing_learned, prior_factor_covariance
 from bev_preheat.estimation.state_file import (
     as_entry,
     check_state_file,
+    from_entry,
     learned_from,
     load_state,
     MOST_CARS,
     save_state,
 )
+from bev_preheat.tunables import OVERNIGHT
 
 CAR, OTHER = 'a' * 64, 'b' * 64
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
 UNKNOWN = nothing_learned()
+FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4])
+LAGS_SEEN, LAG_VARIANCES_SEEN = np.array([0.6, -0.9]), np.array([0.04, 0.2])
 
 
-def learned():
-    return learned_from(an_estimate())
+def some_covariance():
+    """Return a covariance smaller than the prior's, with correlations."""
+    deviations = 0.3 * np.sqrt(np.diag(prior_factor_covariance()))
+    correlation = 0.25 * np.ones((5, 5)) + 0.75 * np.eye(5)
+    return correlation * np.outer(deviations, deviations)
+
+
+def learned(heater=Heater.ANSWERS):
+    """Return what an estimate with FACTORS_SEEN and LAGS_SEEN leaves to the next trip."""
+    mean, covariance = np.zeros(SIZE), np.eye(SIZE)
+    mean[[TEMPERATURE, SOC]], mean[FACTORS], mean[[*LAGS]] = (12.0, 0.7), FACTORS_SEEN, LAGS_SEEN
+    covariance[FACTORS, FACTORS] = some_covariance()
+    covariance[LAGS, LAGS] = LAG_VARIANCES_SEEN
+    return learned_from(Estimate(0, mean, covariance, HeaterReport(heater, 1.0, 1.0), 0.0))
 
 
 @pytest.fixture
@@ -63,6 +80,72 @@ def refusal(path):
         sentences.add(str(refused.value))
     (sentence,) = sentences
     return sentence
+
+
+# The entry of a car
+
+@pytest.fixture
+def entry():
+    """Return a stored entry after a round trip through JSON."""
+    return json.loads(json.dumps(as_entry(learned())))
+
+
+def test_the_car_is_remembered_and_a_night_makes_it_less_sure(entry):
+    restored = from_entry(entry)
+    assert restored.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert restored.covariance[:4, :4] == pytest.approx(some_covariance()[:4, :4] + OVERNIGHT**2 * np.eye(4))
+    assert restored.lags.logs == pytest.approx(LAGS_SEEN)
+    assert restored.lags.variances == pytest.approx(LAG_VARIANCES_SEEN + OVERNIGHT**2)
+
+
+@pytest.mark.parametrize('heater', [kind for kind in Heater if kind is not Heater.ANSWERS])
+def test_a_heater_that_does_not_obey_tells_nothing_of_lags(heater):
+    without_lags = learned(heater)
+    assert without_lags.lags is None
+    assert from_entry(json.loads(json.dumps(as_entry(without_lags)))).lags is None
+
+
+NO_NUMBERS = [float('nan'), float('inf'), -9.0, None, 'x', [1.0], pytest.param(
+    10**400, id='more than a float holds')]
+
+
+@pytest.mark.parametrize('key, name', [
+    *(('log_factors', name) for name in NAMES),
+    *((key, name) for key in ('log_lags', 'lag_variances') for name in ('heat', 'sensor'))])
+@pytest.mark.parametrize('value', NO_NUMBERS)
+def test_a_value_that_is_no_number_or_out_of_bounds_is_refused(entry, key, name, value):
+    entry[key][name] = value
+    with pytest.raises(InvalidInput, match=key):
+        from_entry(entry)
+
+
+@pytest.mark.parametrize('key', ['log_factors', 'log_lags', 'lag_variances'])
+@pytest.mark.parametrize('value', [None, 7, [], {}, {'heat': 0.1}], ids=str)
+def test_what_names_no_values_is_refused(entry, key, value):
+    entry[key] = value
+    with pytest.raises(InvalidInput, match=key):
+        from_entry(entry)
+
+
+@pytest.mark.parametrize('covariance', [
+    [], None, 'x', [[1e-4] * 4] * 3, [[float('nan')] * 4] * 4, (-1e-4 * np.eye(4)).tolist(),
+    (10.0 * np.eye(4)).tolist(), np.diag([1e-4] * 3, 1).tolist(),
+    (1e-6 * np.eye(4) + 1e-4 * (np.ones((4, 4)) - np.eye(4))).tolist()],
+    ids=['empty', 'none', 'text', 'shape', 'nan', 'negative', 'too large', 'not symmetric', 'not positive'])
+def test_a_covariance_that_is_none_is_refused(entry, covariance):
+    entry['covariance'] = covariance
+    with pytest.raises(InvalidInput, match='covariance'):
+        from_entry(entry)
+
+
+@pytest.mark.parametrize('at, name', [(0, 'heat'), (1, 'sensor')])
+def test_a_lag_at_its_bound_is_allowed_and_beyond_is_not(entry, at, name):
+    for bound in LAG_BOUNDS[at].tolist():
+        entry['log_lags'][name] = bound
+        assert from_entry(entry).lags.logs[at] == bound
+        entry['log_lags'][name] = 1.01 * bound
+        with pytest.raises(InvalidInput, match=f'log_lags.{name}'):
+            from_entry(entry)
 
 
 # Restored contents
