@@ -87,6 +87,12 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     assert item.problem.endswith('but fall to 0.0 % on the rest of the route; the reserve is 0 %')
 
 
+def test_a_charger_that_cannot_charge():
+    [item] = ranked([Candidate('weak', 1800.0, 1500.0, 0.5)])
+    assert item.problem.startswith('This charger cannot charge the battery that far')
+    assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
+
+
 # --- files ---
 
 
