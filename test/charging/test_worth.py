@@ -295,3 +295,9 @@ def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
     assert figures['unheated_longer_charging_s'] == (
         usual.without_heating.charging_time_s - usual.best.charging_time_s)
     assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
+
+
+def test_more_charge_than_is_asked_for_is_refused():
+    with pytest.raises(InvalidInput) as error:
+        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
+    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')
