@@ -48,6 +48,11 @@ def test_a_slower_pace_takes_longer_with_less_power():
     assert driven.speed_mps[driven.segment_at(500.0)] == 20.0
 
 
+def test_a_slower_pace_to_the_very_end():
+    driven, _ = drive_with_events(ROUTE, (Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),))
+    assert driven.total_duration_s == pytest.approx(660.0)
+
+
 def test_a_detour_is_another_route_from_there_on():
     other = route_of(5, power_w=25e3)
     driven, (news,) = drive_with_events(ROUTE, (Event(Kind.DETOUR, 90.0, 30.0, route=other),))
