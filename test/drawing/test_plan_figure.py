@@ -82,13 +82,6 @@ def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
                for line in panels['temperature'].get_lines())
 
 
-def test_with_limits_the_unheated_drive_keeps_them():
-    route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-10.0, 0.9)
-    unheated = plan_unheated(VEHICLE, route, state, Goal(25.0))
-    assert unheated.friction_brake_power_w.max() > 1e3
-    assert not unheated.hvch_battery_power_w.any()
-
-
 @pytest.mark.costly
 @pytest.mark.parametrize('reserve, text, is_seen', [
     (0.75, 'reserve 75 %', True), (0.2, 'reserve 20 % (below this range)', False)])
