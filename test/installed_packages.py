@@ -33,7 +33,7 @@ def put_example(folder, example):
 def use_folder(monkeypatch, folder):
     """Import from a folder until the end of the test, and forget its methods and modules then."""
     monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setattr(installed_methods, '_loaded', {})
+    monkeypatch.setattr(installed_methods, 'LOADED', {})
     for module in folder.glob('*.py'):
         # A test may have loaded this module from another folder.
         monkeypatch.delitem(sys.modules, module.stem, raising=False)

@@ -115,7 +115,7 @@ MADE = ('example.c', 'vectors.txt', 'vehicle.c')
 # Output of the export's Makefile.
 BUILD = 'build'
 # If the sources are read in place, the C files beside them belong to them.
-_CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[2]
 _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
 # Files for bev_find_switch, bev_find_two_switches and bev_plan_by_values; headers as they are included.
@@ -206,7 +206,7 @@ def own_sources() -> dict[str, str]:
 
 def _core_folders() -> tuple[Path, Path]:
     """Return the folders of the core's public headers and of its sources."""
-    core = _CHECKOUT / 'core'
+    core = CHECKOUT / 'core'
     if (core / 'src').is_dir():
         return core / 'include', core / 'src'
     prefix = installed_prefix(CORE)

@@ -102,11 +102,11 @@ for _each in (_Loader, _FastLoaderOfUniqueKeys):
     _each.add_constructor('tag:yaml.org,2002:timestamp', _as_text)
 
 # LibYAML crashes if values are nested about twenty thousand deep. Each level starts with such a character.
-_NESTING, _HARMLESS_NESTING = '[{-?:', 5000
+_NESTING, HARMLESS_NESTING = '[{-?:', 5000
 
 
 def _load(text: str) -> FileData:
-    if sum(map(text.count, _NESTING)) < _HARMLESS_NESTING:
+    if sum(map(text.count, _NESTING)) < HARMLESS_NESTING:
         # Errors are reported in the words of one loader.
         with suppress(yaml.YAMLError):
             return yaml.load(text, Loader=_FastLoaderOfUniqueKeys)

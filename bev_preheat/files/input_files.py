@@ -89,13 +89,13 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
 
 PACKAGE = 'bev_preheat'
 _INDEX = Path('share', 'ament_index', 'resource_index', 'packages')
-_HERE = Path(__file__).resolve()
+HERE = Path(__file__).resolve()
 
 
 def installed_prefix(package: str) -> Path | None:
     """Return the first prefix of AMENT_PREFIX_PATH, else of this file, with a package; None without one."""
     prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
-    return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
+    return next((prefix for prefix in (*prefixes, *HERE.parents) if (prefix / _INDEX / package).is_file()), None)
 
 
 def share_folder() -> Path:
@@ -108,13 +108,13 @@ def share_folder() -> Path:
 
 
 # In a source tree, its own config folder is used.
-_SOURCES = Path(__file__).resolve().parents[2]
+SOURCES = Path(__file__).resolve().parents[2]
 
 
 def configuration_folder(kind: str) -> Path:
     """Return the folder of the package's files of a kind (`vehicles`, `itineraries`)."""
-    if (_SOURCES / 'config').is_dir():
-        return _SOURCES / 'config' / kind
+    if (SOURCES / 'config').is_dir():
+        return SOURCES / 'config' / kind
     # Installed by pip they lie in the package, by colcon in the share folder.
     in_package = Path(__file__).resolve().parents[1] / 'config'
     return (in_package if in_package.is_dir() else share_folder() / 'config') / kind

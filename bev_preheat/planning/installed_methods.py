@@ -237,21 +237,21 @@ class InstalledMethod:
         return plan
 
 
-_loaded: dict[str, InstalledMethod] = {}
+LOADED: dict[str, InstalledMethod] = {}
 
 
 def use_function(function: Callable[[MethodSituation], ArrayLike]) -> str:
     """Let a function be a method in this process; return its name, which no installed method can have."""
     called = getattr(function, '__name__', type(function).__name__)
     name = f'function {called}'
-    _loaded[name] = InstalledMethod(called, 'this program', function)
+    LOADED[name] = InstalledMethod(called, 'this program', function)
     return name
 
 
 def installed_method(name: str, built_in: Collection[str]) -> InstalledMethod:
     """Return the method of a name that is not built in, loaded once; raises InvalidInput."""
-    if name in _loaded:
-        return _loaded[name]
+    if name in LOADED:
+        return LOADED[name]
     found = find_methods(built_in)
     if name in found.refused:
         raise InvalidInput(f'method: {found.refused[name]}')
@@ -267,5 +267,5 @@ def installed_method(name: str, built_in: Collection[str]) -> InstalledMethod:
     if not callable(function):
         raise InvalidInput(f'{about}: {entry.value} is {type(function).__name__}; it must be a function of a '
                            'MethodSituation')
-    _loaded[name] = InstalledMethod(name, _package_of(entry), function)
-    return _loaded[name]
+    LOADED[name] = InstalledMethod(name, _package_of(entry), function)
+    return LOADED[name]

@@ -48,7 +48,7 @@ def test_what_is_not_allowed_is_told_in_one_line(refused, option, value, message
 
 @pytest.mark.usefixtures('undrawn')
 def test_missing_sources_of_the_core_are_told(refused, monkeypatch, tmp_path):
-    monkeypatch.setattr(export, '_CHECKOUT', tmp_path)
+    monkeypatch.setattr(export, 'CHECKOUT', tmp_path)
     monkeypatch.setattr(export, 'installed_prefix', lambda name: None)
     assert refused(*EXPORT) == (
         'the sources of bev_preheat_core are missing: the package is not installed; build '

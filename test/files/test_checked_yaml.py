@@ -40,7 +40,7 @@ def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(load, t
     path = tmp_path / 'wrong.yaml'
     told = problem_of(load, path, text)
     # Read by the fast parser as far as it gets, and by the other one alone.
-    monkeypatch.setattr('bev_preheat.files.checked_yaml._HARMLESS_NESTING', 0)
+    monkeypatch.setattr('bev_preheat.files.checked_yaml.HARMLESS_NESTING', 0)
     assert problem_of(load, path, text) == told
     assert 'is not YAML' in told
 

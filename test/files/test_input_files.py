@@ -49,8 +49,8 @@ def test_text_is_read_from_the_home_folder_up_to_a_size(tmp_path, monkeypatch):
 def test_without_a_prefix_path_the_own_prefix_counts(tmp_path, monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH')
     packages = tmp_path / 'lib/python3.12/site-packages'
-    monkeypatch.setattr(input_files, '_HERE', packages / 'bev_preheat/files/input_files.py')
-    monkeypatch.setattr(input_files, '_SOURCES', packages)
+    monkeypatch.setattr(input_files, 'HERE', packages / 'bev_preheat/files/input_files.py')
+    monkeypatch.setattr(input_files, 'SOURCES', packages)
     with pytest.raises(InvalidInput, match='the files of bev_preheat are missing'):
         input_files.configuration_folder('vehicles')
     marker = tmp_path / 'share/ament_index/resource_index/packages/bev_preheat'

@@ -101,7 +101,7 @@ def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it
             raise fails[0]
         return situation.heater_limit_w
 
-    monkeypatch.setattr(installed_methods, '_loaded', {'full': InstalledMethod('full', 'package own 1.0', full)})
+    monkeypatch.setattr(installed_methods, 'LOADED', {'full': InstalledMethod('full', 'package own 1.0', full)})
     monkeypatch.setattr('bev_preheat.planning.planner.find_methods',
                         lambda built_in: installed_methods.Found({'full': None}, {}))
     assert planner.set(method='full').successful

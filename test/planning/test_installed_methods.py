@@ -58,7 +58,7 @@ def powers(monkeypatch):
     """Return the holder of the function that the method `given` calls."""
     holder = SimpleNamespace(function=None)
     given = InstalledMethod('given', 'package own-methods 1.0', lambda situation: holder.function(situation))
-    monkeypatch.setattr(installed_methods, '_loaded', {'given': given})
+    monkeypatch.setattr(installed_methods, 'LOADED', {'given': given})
     return holder
 
 
@@ -280,7 +280,7 @@ def test_whatever_powers_come_the_plan_keeps_limits_and_the_balance(
     state, goal = BatteryState(temperature_c, soc), Goal(25.0, reserve)
     installed = InstalledMethod('drawn', 'a test', lambda situation: np.resize(pattern, len(situation.route)))
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(installed_methods, '_loaded', {'drawn': installed})
+        monkeypatch.setattr(installed_methods, 'LOADED', {'drawn': installed})
         use_core(has_core)
         try:
             plan = plan_preheating(vehicle, route, state, goal, 'drawn')

@@ -97,8 +97,7 @@ def test_after_its_file_was_deleted_it_writes_another_one(tmp_path, monkeypatch)
 
 def test_a_disk_that_hangs_costs_entries_not_time(tmp_path, monkeypatch):
     monkeypatch.setattr(module, 'MOST_WAITING', 50)
-    monkeypatch.setattr(RecordingWriter, '_collect', lambda self, group: time.sleep(0.2))
-    writer = a_writer(tmp_path)
+    writer = a_writer(tmp_path, entries_of=lambda group: time.sleep(0.2) or ())
     began = time.monotonic()
     for second in range(1000):
         writer.put(Entry(STEP_CHANNEL, second, RecordedStep(second)))
