@@ -2,8 +2,8 @@
 """
 Skip the tests of optional packages that are not installed; the end of the run says how to install them.
 
-A test is marked `needs('casadi')`, runs the installed nlp_checker, or its module imports the package. `make test`,
-whose setup installs the optional packages, runs all tests.
+A test is marked `needs('casadi', 'scipy')`, runs the installed nlp_checker, or its module imports the package.
+`make test`, whose setup installs the optional packages, runs all tests.
 """
 
 from functools import cache
@@ -67,8 +67,8 @@ def pytest_pycollect_makemodule(module_path, parent):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    """Skip a test that is marked with a package that is not installed."""
-    needed = {mark.args[0] for mark in item.iter_markers('needs')}
+    """Skip a test that is marked with packages of which one is not installed."""
+    needed = {package for mark in item.iter_markers('needs') for package in mark.args}
     # The executable ends at once without it.
     if hasattr(item, 'callspec') and 'nlp_checker' in item.callspec.params.values():
         needed.add('casadi')

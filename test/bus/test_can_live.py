@@ -17,8 +17,7 @@ from bev_preheat.bus.can_source import CanLink, CanSource
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import age_of_stamp, Readings, steady_s
 
-pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial')]
+pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')]
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import Readings, steady_s
 from bev_preheat.logs.reading import read_recording
 
-pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck')]
+pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck')]
 NS = 'VERSION ""\nBU_: CAR GW\n'
 BATTERY = NS + """BO_ 256 BMS: 8 CAR
  SG_ Temp : 0|16@1- (0.01,0) [-60|100] "degC" GW

@@ -81,10 +81,7 @@ def test_identify_refuses_too_few_logs_and_an_existing_file(logs, tmp_path, caps
 
 
 @pytest.mark.costly
-@pytest.mark.needs('casadi')
-@pytest.mark.needs('matplotlib')
-@pytest.mark.needs('scipy')
-@pytest.mark.needs('jinja2')
+@pytest.mark.needs('casadi', 'matplotlib', 'scipy', 'jinja2')
 def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_path, capsys):
     output, report, figures = tmp_path / 'my.yaml', tmp_path / 'r.html', tmp_path / 'i.json'
     assert main(['identify', *logs[:3], '--vehicle', 'small_car', '--output', str(output), '--report', str(report),
@@ -108,8 +105,7 @@ def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_pat
 
 @pytest.mark.deep
 @pytest.mark.costly
-@pytest.mark.needs('casadi')
-@pytest.mark.needs('scipy')
+@pytest.mark.needs('casadi', 'scipy')
 def test_a_sensor_of_another_car_gives_no_vehicle_file(logs, tmp_path, capsys):
     paths = []
     for number, log in enumerate(logs[:3]):

@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.commands.main import main
 from bev_preheat.vehicle import load_vehicle
 
-pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi'), pytest.mark.needs('scipy')]
+pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi', 'scipy')]
 MAKE_FILES = Path(__file__).parents[2] / 'docs' / 'tutorials' / 'make_files.py'
 TRUTH = {'heat_capacity': 335e3, 'leakage': 9.0, 'heater_efficiency': 0.9, 'shell_share': 100.0 / 335.0,
          'shell_conductance': 600.0}

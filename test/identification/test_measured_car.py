@@ -24,7 +24,7 @@ FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
     Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
 LOGS = sorted(FOLDER.glob('Trip*.csv'))
 pytestmark = [
-    pytest.mark.costly, pytest.mark.needs('casadi'), pytest.mark.needs('scipy'),
+    pytest.mark.costly, pytest.mark.needs('casadi', 'scipy'),
     pytest.mark.skipif(not LOGS, reason='needs the measured winter drives of a BMW i3 (TU Munich, doi '
                                         '10.21227/6jr9-5235) in the folder BEV_PREHEAT_DRIVE_LOGS')]
 REFERENCE = load_vehicle('reference')

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 from browser import browser
 import pytest
 
-pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
-              pytest.mark.needs('jinja2')]
+pytestmark = [pytest.mark.needs('selenium', 'chromium', 'chromedriver', 'jinja2')]
 WIDE = 'a_recording_with_a_long_name_and_no_space_' * 4
 PICTURE = '<svg width="1400" height="200" viewBox="0 0 1400 200"><rect width="1400" height="200"/></svg>'
 

@@ -9,7 +9,7 @@ import pytest
 
 from bev_preheat.vehicle import load_vehicle
 
-pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi'), pytest.mark.needs('scipy')]
+pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi', 'scipy')]
 MOST_ERROR = {'heat_capacity': 0.045, 'leakage': 0.06, 'drivetrain_heat': 0.075, 'heater_efficiency': 0.045,
               'capacity': 0.01, 'resistance at -5 degC': 0.04, 'resistance at 5 degC': 0.04}
 

@@ -15,7 +15,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Leakage
 
-pytestmark = [pytest.mark.needs('casadi'), pytest.mark.needs('scipy')]
+pytestmark = [pytest.mark.needs('casadi', 'scipy')]
 REFERENCE = load_vehicle('small_car')
 VEHICLE = replace(REFERENCE, battery=replace(
     REFERENCE.battery, heat_capacity_j_per_k=2e5, leakage=Leakage(5.0, 0.5), capacity_ah=100.0,

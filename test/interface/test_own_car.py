@@ -25,8 +25,7 @@ def test_check_has_the_error_of_each_recording(recordings):
     assert found.worst_k == max(map(abs, errors_k)) == found.to_dict()['worst_k']
 
 
-@pytest.mark.needs('pandas')
-@pytest.mark.needs('matplotlib')
+@pytest.mark.needs('pandas', 'matplotlib')
 def test_a_check_has_a_frame_and_a_picture(recordings, tmp_path):
     found = bp.check(bp.load_vehicle('small_car'), recordings, replays=False)
     assert found.to_frame()['arrival_error_k'].to_dict() == found.arrival_errors_k
@@ -34,8 +33,7 @@ def test_a_check_has_a_frame_and_a_picture(recordings, tmp_path):
     assert (tmp_path / 'check.png').stat().st_size > 10_000
 
 
-@pytest.mark.needs('casadi')
-@pytest.mark.needs('scipy')
+@pytest.mark.needs('casadi', 'scipy')
 def test_identify_refuses_too_few_recordings(recordings):
     with pytest.raises(bp.InvalidInput, match='2 usable logs; at least 3 are needed'):
         bp.identify(bp.load_vehicle('small_car'), recordings)

@@ -161,8 +161,7 @@ def test_the_frame_of_a_drive(drive):
     assert spent_wh == pytest.approx(drive.heating_energy_wh, rel=0.01)
 
 
-@pytest.mark.needs('pandas')
-@pytest.mark.needs('casadi')
+@pytest.mark.needs('pandas', 'casadi')
 def test_the_frames_of_a_comparison_and_an_optimum(vehicle, route):
     compared = bp.compare(vehicle, route, STATE, methods=['paper'])
     frame = compared.to_frame()

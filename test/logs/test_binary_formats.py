@@ -46,8 +46,7 @@ SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps'
 
 @pytest.mark.parametrize('writer, name, kind', [
     ('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'), ('BLFWriter', 'a.blf', 'BLF')])
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('can', 'cantools')
 def test_can_frames(tmp_path, writer, name, kind):
     import can
     log = drive(60.0)
@@ -69,9 +68,7 @@ def test_can_frames(tmp_path, writer, name, kind):
     assert_same(read_recording(path, signals), log, ['soc'], rtol=1e-4, atol=0.006)
 
 
-@pytest.mark.needs('asammdf')
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('asammdf', 'can', 'cantools')
 def test_frames_in_mdf_are_decoded_by_the_dbc_beside(tmp_path):
     import can
     log = drive(60.0)
@@ -106,8 +103,7 @@ def test_mdf(tmp_path):
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
-@pytest.mark.needs('rosbags')
-@pytest.mark.needs('mcap')
+@pytest.mark.needs('rosbags', 'mcap')
 def test_recorded_topics(tmp_path, storage):
     """Simulated time runs twenty times as fast as the recorder's clock; the stamps count."""
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -131,8 +127,7 @@ def test_recorded_topics(tmp_path, storage):
         assert_same(recording, log, SIGNALS[:4], rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.needs('rosbags')
-@pytest.mark.needs('mcap')
+@pytest.mark.needs('rosbags', 'mcap')
 def test_the_latest_route_tells_what_the_planners_recording_does_not(tmp_path):
     from rosbags.interfaces import Nodetype
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -169,9 +164,7 @@ def test_the_latest_route_tells_what_the_planners_recording_does_not(tmp_path):
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
-@pytest.mark.needs('rosbags')
-@pytest.mark.needs('mcap')
-@pytest.mark.needs('rclpy')
+@pytest.mark.needs('rosbags', 'mcap', 'rclpy')
 def test_recorded_routes(tmp_path, storage):
     """The bytes that rclpy makes of empty sequences have a meaningless end of up to 60 bytes."""
     from array import array

@@ -36,8 +36,7 @@ def files(folder):
 
 @pytest.mark.parametrize('seed', [
     pytest.param(seed, marks=[pytest.mark.deep] * (seed >= 8)) for seed in range(30)])
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('can', 'cantools')
 def test_damaged_files_are_read_or_refused(tmp_path, seed):
     path = tmp_path / 'log.log'
     (tmp_path / 'log.dbc').write_text(DBC, encoding='utf-8')
@@ -102,8 +101,7 @@ def test_a_reader_that_crashes_waits_or_fails_ends_and_has_yielded_before(monkey
 
 
 @pytest.mark.parametrize('level', [0, -1])
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('can', 'cantools')
 def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
     import can
     path = tmp_path / 'a.blf'
@@ -129,11 +127,7 @@ def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
 
 
 @pytest.mark.parametrize('seed', range(3))
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
-@pytest.mark.needs('asammdf')
-@pytest.mark.needs('mcap')
-@pytest.mark.needs('rosbags')
+@pytest.mark.needs('can', 'cantools', 'asammdf', 'mcap', 'rosbags')
 def test_binary_files_with_lengths_of_zero_or_all_ones_end_within_seconds(tmp_path, seed):
     import asammdf
     import can

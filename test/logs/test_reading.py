@@ -266,8 +266,7 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'<?xml version="1.0"?><gpx/>', 'give it to --route'),
     (b'\x89MCAP0\r\n', 'no message can be read'), (b'MDF     4.10', 'cannot be read as MDF'),
 ])
-@pytest.mark.needs('asammdf')
-@pytest.mark.needs('rosbags')
+@pytest.mark.needs('asammdf', 'rosbags')
 def test_files_that_are_no_logs(tmp_path, contents, problem):
     path = tmp_path / 'log.mcap'
     path.write_bytes(contents)

@@ -12,8 +12,7 @@ from bev_preheat.monitoring.server import PageServer
 from bev_preheat.monitoring.source import LiveSource
 from bev_preheat.planning.status import Status
 
-pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
-              pytest.mark.needs('tornado')]
+pytestmark = [pytest.mark.needs('selenium', 'chromium', 'chromedriver', 'tornado')]
 # The page shows the last hours, and a trip from a little before its start on.
 WAITED_S = 5 * 3600
 

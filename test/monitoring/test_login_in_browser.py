@@ -14,8 +14,7 @@ from bev_preheat.monitoring.access import Access
 from bev_preheat.monitoring.server import PageServer
 from bev_preheat.monitoring.source import LiveSource
 
-pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
-              pytest.mark.needs('tornado')]
+pytestmark = [pytest.mark.needs('selenium', 'chromium', 'chromedriver', 'tornado')]
 TOKEN = secrets.token_urlsafe(24)
 
 

@@ -19,8 +19,7 @@ from waiting import poll_until
 
 from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand
 
-pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial')]
+pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')]
 
 LEASE_S, CURRENT_A = 1.5, 50.0
 # GenMsgCycleTime of the heater's frame in example_car.dbc.

@@ -14,8 +14,7 @@ from waiting import poll_until
 
 from bev_preheat.files.input_files import find_configuration
 
-pytestmark = [pytest.mark.needs('kuksa_client'), pytest.mark.needs('cantools'), pytest.mark.needs('can'),
-              pytest.mark.needs('crccheck'), pytest.mark.needs('serial')]
+pytestmark = [pytest.mark.needs('kuksa_client', 'cantools', 'can', 'crccheck', 'serial')]
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'
 MODE, IS_ACTIVE, IS_ONGOING = (f'{CONDITIONING}.{name}' for name in ('RequestedMode', 'IsActive', 'IsOngoing'))

@@ -18,8 +18,7 @@ from test_dashboard import page_of
 
 from bev_preheat_msgs.msg import PreheatPlan
 
-pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
-              pytest.mark.needs('tornado')]
+pytestmark = [pytest.mark.needs('selenium', 'chromium', 'chromedriver', 'tornado')]
 # 1 s of simulated time is 10 ms here: the lease lasts longer than usual.
 PLANNER = ('-p', 'use_sim_time:=true', '-p', 'command_lease:=20.0', '-p', 'command_period:=5.0',
            '-p', 'battery_state_timeout:=60.0', '-p', 'clock_tolerance:=10.0')

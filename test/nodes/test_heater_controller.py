@@ -194,10 +194,7 @@ def test_gates_of_the_car(rehearsal, car_with_gates):
             controlled.statuses.wait_for(lambda status: status.active_power == 5000.0)
 
 
-@pytest.mark.needs('cantools')
-@pytest.mark.needs('can')
-@pytest.mark.needs('serial')
-@pytest.mark.needs('crccheck')
+@pytest.mark.needs('cantools', 'can', 'serial', 'crccheck')
 def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, tmp_path):
     adapter = tmp_path / 'no_adapter'
     path = can_map(tmp_path, adapter)
@@ -205,9 +202,7 @@ def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, t
     rehearsal.wait_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
 
 
-@pytest.mark.needs('cantools')
-@pytest.mark.needs('can')
-@pytest.mark.needs('crccheck')
+@pytest.mark.needs('cantools', 'can', 'crccheck')
 @pytest.mark.parametrize('signals, words', [
     ('vss', "vss.yaml: live.heater_command: is missing; it names the frame with the heater's power"),
     ('leafspy', 'leafspy.yaml: has no key live'),

@@ -59,10 +59,7 @@ def car(tmp_path, monkeypatch):
 
 
 @pytest.mark.deep
-@pytest.mark.needs('cantools')
-@pytest.mark.needs('can')
-@pytest.mark.needs('crccheck')
-@pytest.mark.needs('serial')
+@pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')
 def test_your_bus_leads_to_the_first_command_of_the_heater(car, bench):
     assert COMMANDS[0] == ['python3', 'play_car.py']
     shown = re.search(r'```text\n(heater: .*?)\n```', YOUR_BUS.read_text(), re.DOTALL)[1].splitlines()
@@ -94,12 +91,7 @@ def heating_wh(vehicle):
 
 
 @pytest.mark.deep
-@pytest.mark.needs('casadi')
-@pytest.mark.needs('scipy')
-@pytest.mark.needs('jinja2')
-@pytest.mark.needs('matplotlib')
-@pytest.mark.needs('mcap')
-@pytest.mark.needs('rosbags')
+@pytest.mark.needs('casadi', 'scipy', 'jinja2', 'matplotlib', 'mcap', 'rosbags')
 def test_from_files_leads_to_a_planner_with_the_identified_car(bench, tmp_path, monkeypatch, capfd):
     run_page(FROM_FILES, tmp_path, monkeypatch, capfd)
     own_wh, data_sheet_wh = heating_wh('my_car.yaml'), heating_wh('data_sheet.yaml')

@@ -25,8 +25,7 @@ from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
-pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.deep]
+pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial'), pytest.mark.deep]
 TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
 # The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state.
 LEASE_S, STATE_TIMEOUT_S = 1.5, 2.0

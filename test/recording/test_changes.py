@@ -8,7 +8,7 @@ import pytest
 from bev_preheat.commands.main import main
 from bev_preheat.recording.changes import signal_change, UNITS
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 
 
 @pytest.mark.parametrize('words, told', [

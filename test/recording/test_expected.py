@@ -8,7 +8,7 @@ import pytest
 from bev_preheat.commands.main import main
 from bev_preheat.recording.comparison import deviations
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 # The first minutes of the drive are enough.
 PART = ('--to', '120')
 VALUES = {'number': 24.81, 'none': None, 'flag': True, 'words': ['WAITING', 'HEATING'], 'series': [1.0, 2.0, 3.5]}

@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 
-pytestmark = [pytest.mark.costly, pytest.mark.needs('mcap'), pytest.mark.needs('jinja2')]
+pytestmark = [pytest.mark.costly, pytest.mark.needs('mcap', 'jinja2')]
 
 # A part of a sentence in the report, by scenario. The heater's, signals' and inputs' own words, not the plan's.
 NAMED = {

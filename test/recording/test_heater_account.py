@@ -101,8 +101,7 @@ def test_an_arrival_is_compared_with_the_highest_temperature_allowed(arrival_c, 
     assert told in results.trips[0].sentences()[0]
 
 
-@pytest.mark.needs('mcap')
-@pytest.mark.needs('rclpy')
+@pytest.mark.needs('mcap', 'rclpy')
 def test_each_heat_source_has_an_account(tmp_path, capsys):
     outputs = record_drive(tmp_path, 40.0, 120, vehicle='heat_pump_car')
     commands = [output.command for _, output in outputs if output.command is not None]

@@ -21,7 +21,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchStatus
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 0.5, 2.0, 1.0, None))
 WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)

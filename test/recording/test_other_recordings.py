@@ -16,7 +16,7 @@ from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import definition
 from bev_preheat_msgs.msg import HeatSourceCommand
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy'), pytest.mark.costly]
 
 
 def replayed(capsys, *words):

@@ -20,7 +20,7 @@ from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 
 
 def test_it_is_reproduced_to_the_last_digit(recorded):

@@ -22,8 +22,7 @@ from bev_preheat.recording.history import History
 from bev_preheat.recording.player import Played, Player
 from bev_preheat.simulation.supervised_drive import START_NS
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
-              pytest.mark.costly]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy', 'jinja2'), pytest.mark.costly]
 BROWSER = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
 QUIET = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
          '--disable-background-networking', '--disable-component-update', '--disable-sync')

@@ -18,7 +18,7 @@ from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
 
-pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
+pytestmark = [pytest.mark.needs('mcap', 'rclpy'), pytest.mark.costly]
 
 
 @pytest.fixture(scope='module')
