@@ -60,8 +60,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize('line, head, kind', FORMS.values(), ids=FORMS)
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('can', 'cantools')
 def test_each_form_has_the_same_readings(tmp_path, line, head, kind):
     path = tmp_path / 'frames.txt'
     path.write_text(head + '\n'.join(line(at, second) for at, second in enumerate(TIMES_S)) + '\n')
@@ -78,8 +77,7 @@ def test_each_form_has_the_same_readings(tmp_path, line, head, kind):
     assert 'PackVoltage: 655.4 has all bits set' in said or 'PackVoltage: 655.35 has all bits set' in said
 
 
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+@pytest.mark.needs('can', 'cantools')
 def test_frames_without_times_are_refused_with_advice(tmp_path):
     path = tmp_path / 'frames.txt'
     path.write_text('\n'.join(f'  can0  155   [4]  {hexes(at, " ")}' for at in range(9)))
@@ -97,16 +95,17 @@ def test_frames_of_other_tools_are_refused_with_advice(tmp_path):
 
 
 @pytest.mark.parametrize('dbc', [
-    DBC.replace('degC', '°C'), DBC.replace('BS_:\n', ''), DBC.replace('BU_: BMS\n', ''),
-    DBC.replace('BS_:\n', '').replace('BU_: BMS\n', '')],
-    ids=['unit beyond ASCII', 'no bit timing', 'no nodes', 'neither'])
-@pytest.mark.needs('can')
-@pytest.mark.needs('cantools')
+    DBC.replace('degC', '°C').encode(), DBC.replace('degC', '°C').encode('cp1252'),
+    DBC.replace('BS_:\n', '').encode(), DBC.replace('BU_: BMS\n', '').encode(),
+    DBC.replace('BS_:\nBU_: BMS\n', '').encode(),
+    f'{DBC}BO_ 342 Other: 1 BMS\n SG_ Long : 0|16@1+ (1,0) [0|65535] "" BMS\n'.encode()],
+    ids=['UTF-8', 'Windows', 'no bit timing', 'no nodes', 'neither', 'another message too short'])
+@pytest.mark.needs('can', 'cantools')
 def test_a_dbc_with_other_or_missing_parts_is_read(tmp_path, dbc):
     line, _, _ = FORMS['candump']
     path = tmp_path / 'frames.log'
     path.write_text('\n'.join(line(at, second) for at, second in enumerate(TIMES_S)))
-    path.with_suffix('.dbc').write_text(dbc, encoding='utf-8')
+    path.with_suffix('.dbc').write_bytes(dbc)
     recording = read_recording(path)
     assert recording.signals['soc'].value == pytest.approx(0.8)
     assert recording.sources['battery_temperature_c'] == ('BMS_State.BattTempAvg [degC]',)
