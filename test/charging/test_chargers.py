@@ -55,6 +55,18 @@ def test_energies_and_costs_by_hand(minutes, detour_min):
         item.energy_cost + item.charging_cost + item.detour_cost + item.wait_cost)
 
 
+@pytest.mark.costly
+def test_all_are_compared_on_the_same_charge_at_the_end():
+    found = ranked([Candidate('early', 900.0, 50e3, 0.5), Candidate('late', 3000.0, 150e3, 0.5, 120.0)],
+                   REFERENCE, BatteryState(-5.0, 0.5), 0.5)
+    assert [item.problem for item in found] == [None, None]
+    for item in found:
+        # The rest depends on the battery's temperature at departure; the departure is found to 1e-4.
+        assert item.end_soc == pytest.approx(0.5, abs=2e-4)
+        assert item.worth.best.cost <= min(target.cost for target in item.worth.targets)
+    assert found[0].total_cost <= found[1].total_cost
+
+
 def test_who_is_no_candidate_comes_last_with_the_reason():
     candidates = [Candidate('out of reach', 3500.0, 50e3, 0.1), Candidate('good', 600.0, 50e3, 0.5)]
     found = ranked(candidates, state=BatteryState(20.0, 0.3))
@@ -164,3 +176,11 @@ def test_a_full_battery_that_does_not_carry_the_rest():
 def test_an_end_that_is_not_allowed(end_soc, goal):
     with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
         ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
+
+
+def test_the_price_of_waiting_decides():
+    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
+                 Candidate('far', 1800.0, 61900.0, 0.45))
+    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
+    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
+    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']
