@@ -77,6 +77,7 @@ def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, tempe
     (HEADER + '10,100\n', 'it covers 10 ... 10 %; it must cover at least 10 ... 80 %'),
     (HEADER + '10,100\n80,50,3\n', "line 3: '80,50,3' is not two numbers"),
     (HEADER + '10,nan\n80,50\n', 'nan kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
+    (HEADER + '10,inf\n80,50\n', 'inf kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
     (HEADER + 'nan,100\n80,50\n', 'nan % is not allowed; it must be 0 ... 100 %'),
     (HEADER + '10,100000\n80,50\n', '100000 kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
     (HEADER + '80,50\n10,100\n', '10 % must be above the 80 % before it'),

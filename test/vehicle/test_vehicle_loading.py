@@ -9,6 +9,7 @@ from refusals import problems_in, problems_of
 import yaml
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
@@ -279,10 +280,13 @@ def test_file_that_may_not_be_read(tmp_path, monkeypatch):
     assert problems_with(path) == ['cannot be read: Permission denied']
 
 
+KNOWN = ', '.join(sorted(path.stem for path in configuration_folder('vehicles').iterdir()))
+
+
 @pytest.mark.parametrize('name, problem', [
     ('no/such/car', 'no/such/car: no such file'), ('car.yaml', 'car.yaml: no such file'),
-    ('referense', "vehicle 'referense' is unknown; did you mean 'reference'?; known: crossover_800v, "),
-    ('zeppelin', "vehicle 'zeppelin' is unknown; known: crossover_800v, ")])
+    ('referense', f"vehicle 'referense' is unknown; did you mean 'reference'?; known: {KNOWN}; or give a file "),
+    ('zeppelin', f"vehicle 'zeppelin' is unknown; known: {KNOWN}; or give a file ")])
 def test_a_vehicle_that_is_not_there_is_named(tmp_path, monkeypatch, name, problem):
     monkeypatch.chdir(tmp_path)
     (found,) = problems_of(load_vehicle, name)
