@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 from steady_drives import NOW_NS, ns
 
-from bev_preheat.control.inputs import Leg, Mission, Progress
+from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
@@ -173,3 +173,33 @@ def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
     if late_s >= 0.0:
         assert all(after_s >= before_s - 1e-6 for before_s, after_s in zip(delays_s, delays_s[1:]))
         assert all(delay_s <= late_s + 1e-6 for delay_s in delays_s)
+
+
+# Arrival by charging, without positions
+
+# 100 s of driving, a stop of 60 s, 60 s of driving.
+TWO_LEGS = Mission('home', with_stops((a_leg([100.0], [20.0], start_ns=NOW_NS), a_leg([60.0], [20.0])), (60.0,)))
+
+
+def charged(since_s, recognised_s):
+    """Return a Driven that has charged since an instant, recognised later [s], and has arrived thereby."""
+    driven, (since_ns, recognised_ns) = Driven(TWO_LEGS), (NOW_NS + ns(at_s) for at_s in (since_s, recognised_s))
+    stood = driven.timetable.standing(since_ns, recognised_ns, recognised_ns, is_charged=True)
+    driven.timetable = stood.arrived(since_ns, False)
+    return driven
+
+
+def test_the_stop_begins_where_the_vehicle_charges_and_passes_as_planned():
+    driven = charged(70.0, 80.0)
+    assert (driven.delay_s, driven.timetable.stood_ns, driven.timetable.end) == (-30.0, 0, None)
+    # It stands on at its stop, half a minute ahead of the plan.
+    now_ns = NOW_NS + ns(110.0)
+    driven.timetable = driven.timetable.standing(NOW_NS + ns(70.0), NOW_NS + ns(80.0), now_ns, is_charged=True)
+    assert (driven.planned_s(110.0), driven.delay_s) == (140.0, -30.0)
+
+
+def test_a_charge_recognised_on_the_last_leg_ends_the_trip_though_it_began_before_that_leg():
+    driven = charged(155.0, 175.0)
+    assert driven.timetable.end.at_ns == NOW_NS + ns(155.0) and driven.timetable.end.is_observed
+    # By its own stamp the trip ends after 220 s.
+    assert driven.delay_s == 155.0 - 220.0
