@@ -85,4 +85,4 @@ class SimulatedSources:
 
 def _may(source: HeatSource, speed_mps: float) -> bool:
     """Return whether a source may heat at a speed [m/s]."""
-    return source.only_while in ('', 'standing' if abs(speed_mps) < STANDING_MPS else 'driving')
+    return source.only_while in ('', 'standing' if speed_mps < STANDING_MPS else 'driving')

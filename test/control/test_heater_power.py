@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
-from bev_preheat.control.heater import CommandHistory, HeaterAnswers, HeaterStatus
+from bev_preheat.control.heater import CommandHistory, HeaterAnswers, HeaterStatus, SourcePower
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
@@ -25,8 +25,10 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import HeatingGates
+from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import HeatingGates, HeatSource
 from bev_preheat.vehicle.heater_controller import Refusal
+from bev_preheat.vehicle.variants import DriveInputs
 
 MS = 1_000_000
 COMMANDS = st.lists(st.tuples(st.integers(1, 400), st.sampled_from([0.0, 900.0, 5300.0, 7000.0])),
@@ -79,6 +81,22 @@ def test_a_clock_that_is_set_back_voids_what_was_commanded():
     for stamp_ns in (9000 * MS, 5000 * MS):
         answers = answers.with_answer(HeaterStatus(stamp_ns, 0.0, 0.0), stamp_ns, settings)
     assert answers.status.stamp_ns == 5000 * MS
+
+
+# From 2 kW in air of -10 degC to 3 kW in air of 10 degC.
+SOURCE_W, ANY = Table((-10.0, 10.0), (0.0,), ((2000.0,), (3000.0,))), Table((0.0,), (0.0,), ((1.0,),))
+
+
+@pytest.mark.parametrize('only_while, shares_cabin_limit, speed_mps, cabin_w, expected_w', [
+    ('', False, 0.0, 800.0, 2250.0), ('', False, 20.0, 800.0, 2250.0), ('', True, 20.0, 800.0, 2250.0 - 800.0),
+    ('', True, 20.0, 4000.0, 0.0), ('driving', False, 0.0, 800.0, 0.0), ('driving', False, 20.0, 800.0, 2250.0),
+    ('standing', True, 0.0, 800.0, 2250.0 - 800.0), ('standing', False, 20.0, 800.0, 0.0)])
+def test_a_source_draws_no_more_than_air_speed_and_cabin_leave(
+        only_while, shares_cabin_limit, speed_mps, cabin_w, expected_w):
+    drive = DriveInputs(speed_mps, -5.0, 9e3, 0.0, 9e3, cabin_w, 400.0, 0.0)
+    source = HeatSource('motor', SOURCE_W, ANY, only_while, shares_cabin_limit)
+    assert SourcePower(source).limit_w(7000.0, drive, 12.0) == pytest.approx(expected_w)
+    assert SourcePower().limit_w(7000.0, drive, 12.0) == 7000.0
 
 
 VEHICLE = load_vehicle('reference')

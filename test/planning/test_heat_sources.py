@@ -199,6 +199,11 @@ def test_a_source_heats_only_when_it_may():
     assert standing_w[stands].max() == pytest.approx(2300.0) and not standing_w[~stands].any()
     left_w = 2300.0 - ROUTE.cabin_heating_power_w.max()
     assert motor_w(shares_cabin_limit=True).max() == pytest.approx(left_w)
+    # A car that heats only while it stands opens none of its sources on the way.
+    car = vehicle_with({'motor': {'maximum_power_w': 2300, 'heat_per_watt': 0.7}})
+    gated = replace(car, heating_gates=replace(car.heating_gates, only_while_standing=True))
+    gated_w = planned(gated, -25.0, stops, Goal(55.0)).source_power_w['motor']
+    assert gated_w[stands].max() == pytest.approx(2300.0) and not gated_w[~stands].any()
 
 
 def test_limits_hold_with_all_sources():

@@ -47,6 +47,14 @@ def test_heat_and_power_of_the_sources():
     assert more_wh == pytest.approx(2600.0 / 60.0 + energies.joule - without.energy_wh.joule, abs=0.01)
 
 
+@pytest.mark.parametrize('shares_cabin_limit, motor_w', [(False, 3000.0), (True, 3000.0 - 800.0)])
+def test_the_cabin_comes_first_at_a_source_that_serves_it_too(shares_cabin_limit, motor_w):
+    car = replace(CAR, heat_sources=tuple(
+        replace(source, shares_cabin_limit=shares_cabin_limit) for source in CAR.heat_sources))
+    plant = driven(car, commands_w={'motor': 9000.0})
+    assert plant.sources.energy_wh['motor'] == pytest.approx(motor_w / 60.0)
+
+
 def test_heat_of_the_sources_takes_the_way_of_the_coolant():
     late = replace(CAR, heat_path=HeatPath(0.0, 20e3, 300.0))
     plant = driven(late)
