@@ -77,6 +77,12 @@ def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging,
     assert outcome(supervisor, measured(-3.0, 50e3)) == OFF
 
 
+@pytest.mark.parametrize('minimum_soc, expected', [(0.39, CHARGING), (0.41, OFF)])
+def test_the_gates_of_the_car_hold_at_the_charger_too(minimum_soc, expected):
+    gated = replace(VEHICLE, heating_gates=replace(VEHICLE.heating_gates, minimum_soc=minimum_soc))
+    assert outcome(supervisor_at(AT_STOP_S, vehicle=gated), measured(-3.0, FAST_W, soc=0.4)) == expected
+
+
 def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
     leg = make_leg()
     leg = replace(leg, route=replace(

@@ -89,6 +89,7 @@ def test_a_nan_a_minute_ends_the_heating_after_a_while():
 
 @pytest.mark.parametrize('doubt, words', [
     (RivalsChanged('/other'), 'Another node commanded the heater'),
+    (BatteryStateUnreadable(UNREADABLE), 'battery_state was refused'),
     (RouteUnreadable(UNREADABLE), 'route_plan was refused')])
 def test_other_doubts_make_it_wait_too(doubt, words):
     car = Car()
