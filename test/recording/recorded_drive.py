@@ -37,14 +37,15 @@ class Outputs(MessageWire):
         self.outputs.append((now_ns, output))
 
 
-def record_drive(folder, target_c=TARGET_C, length_s=LENGTH_S, planner=None, vehicle='reference', **imperfections):
+def record_drive(folder, target_c=TARGET_C, length_s=LENGTH_S, planner=None, vehicle='reference', resolution_k=0.5,
+                 **imperfections):
     """Drive a part of the reference route, record it, and return the outputs of the steps."""
     scenario = load_scenario('nominal')
     scenario = replace(
         scenario, vehicle=load_vehicle(vehicle), seed=3,
         phases=(DrivePhase(scenario.first.route.before(length_s), Goal(target_c)),),
         state=BatteryState(10.0, 0.8), planner=planner or {},
-        imperfections=Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections))
+        imperfections=Imperfections(sensors=Sensors(temperature_resolution_k=resolution_k), **imperfections))
     supervisor = Supervisor(scenario.vehicle, settings_of(scenario.planner))
     wire = Outputs(supervisor, scenario, str(folder), no_warning)
     drive_observed(scenario.car(), supervisor, target_c, AFTERWARDS_S, wire=lambda _: wire)

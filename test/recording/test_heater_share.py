@@ -25,6 +25,8 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 0.5, 2.0, 1.0, None))
 WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)
+# A step of the reference route's plan, 30 s of what the cabin leaves of the heater's power, 5022 W.
+FULL_STEP_WH = 5022.0 * 30.0 / 3600.0
 
 
 def shares_of(*states, heated_from=1, seconds=1):
@@ -110,8 +112,15 @@ def test_what_if_agrees_with_a_drive_of_several_heat_sources(tmp_path, before_c,
 @pytest.mark.deep
 @pytest.mark.parametrize('target_c', [14.0, 11.0])
 def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c):
-    """With the whole command counted, the changed drive would be too cold by most of the saved heat."""
-    weak = {'heater_faults': (HeaterFault(0.0, share=0.25),)}
+    """
+    With the whole command counted, the changed drive would be too cold by most of the saved heat.
+
+    The instants of heating differ by up to a step of the plan: a kelvin is worth some 480 Wh of this heater's
+    commands, and 0.05 K move the start by a step, as the Joule heat of a colder battery does. Readings in steps
+    of half a kelvin would move it further, so these have 0.01 K. The temperature tells what the energy must be.
+    """
+    share, vehicle = 0.25, load_vehicle('reference')
+    weak = {'heater_faults': (HeaterFault(0.0, share=share),), 'resolution_k': 0.01}
     for folder, wanted_c in (('before', LONG_TARGET_C), ('after', target_c)):
         record_drive(tmp_path / folder, wanted_c, LONG_S, **weak)
     flight = read_flight(tmp_path / 'before')
@@ -120,8 +129,10 @@ def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c
     changes = Changes(signals=(SignalChange('target', 1.0, target_c - LONG_TARGET_C),))
     changed = replay_changed(flight, changes, heater=before.heater)
     whole = replay_changed(flight, changes)
-    assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
-    assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02, abs=1.0)
+    more_wh = changed.energy_wh - actual.energy_wh
+    assert abs(more_wh) < FULL_STEP_WH + 1.0
+    warmer_k = share * vehicle.hvch.efficiency * 3600.0 * more_wh / vehicle.battery.heat_capacity_j_per_k
+    assert changed.arrival.measured_c - actual.arrival.measured_c == pytest.approx(warmer_k, abs=0.03)
     assert abs(whole.energy_wh - actual.energy_wh) > 300.0
 
 
