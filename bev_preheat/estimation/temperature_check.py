@@ -17,6 +17,7 @@ from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.numerics import mean_magnitude, NS_PER_S, SATURATING_FLOATS
 from bev_preheat.tunables import (
     BELOW_AMBIENT_K,
+    COLDEST_IN_SUMMER_C,
     COMPARED_EVERY_S,
     LONGEST_GAP_S,
     SEEN_OVER_S,
@@ -69,11 +70,11 @@ class StuckTemperature(NamedTuple):
         """
         before_c, expected = self.reading_c, self.expected
         begun = self._replace(reading_c=reading_c, since_s=instant_s, expected=(_Expected(instant_s, 0.0),))
-        if ambient_c is not None and reading_c < ambient_c - BELOW_AMBIENT_K:
+        if ambient_c is not None and reading_c < min(ambient_c - BELOW_AMBIENT_K, COLDEST_IN_SUMMER_C):
             return begun._replace(doubt=(
                 f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
-                f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
-                'the field may not be set'))
+                f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible, or '
+                f'{COLDEST_IN_SUMMER_C:g} degC from a cool garage; the field may not be set'))
         if before_c is None:
             return begun._replace(doubt='')
         if abs(reading_c - before_c) > UNMOVED_K:

@@ -54,6 +54,13 @@ def test_far_below_ambient_is_no_battery():
     assert feed([-40.0] * 3, 0.0, ambient_c=None)[1] == ''
 
 
+def test_a_battery_from_a_cool_garage_is_believed_on_a_hot_day():
+    assert feed([15.0, 15.0, 16.0], 0.0, ambient_c=38.0)[1] == ''
+    # Fields that nobody sets read 0 or -40.
+    assert all('garage; the field may not be set' in feed([unset_c], 0.0, ambient_c=38.0)[1]
+               for unset_c in (0.0, -40.0))
+
+
 def test_a_first_reading_far_below_ambient_is_doubted_until_it_moves_even_if_the_ambient_is_no_longer_known():
     first = StuckTemperature().seen(0.0, -40.0, 0.5, 0.0, 0.0)
     assert '40.0 K below the ambient' in first.doubt
