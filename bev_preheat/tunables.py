@@ -31,7 +31,7 @@ STUCK_BESIDE_LAGS_K = 1.5  # K | added to the lags
 STUCK_WITHIN_S = 900.0     # s | a slower change may be an error of the model's leakage
 UNMOVED_K = 0.05           # K | half of the finest step in use
 BELOW_AMBIENT_K = 20.0     # K | no car cools its battery further below ambient
-COLDEST_IN_SUMMER_C = 5.0  # deg C | of a battery from a cool garage, however hot it is outside
+COLDEST_IN_SUMMER_C = 5.0  # °C | of a battery from a cool garage, however hot it is outside
 
 # estimation/signal_checks.py: voltage and charge are this battery's
 VOLTAGE_WITHIN = 0.2   # 1 | share of the open-circuit voltage, and R I once more; vehicle files differ from cars
