@@ -67,7 +67,7 @@ def pytest_pycollect_makemodule(module_path, parent):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    """Skip a test that is marked with packages of which one is not installed."""
+    """Skip a test that is marked with packages, if one is not installed."""
     needed = {package for mark in item.iter_markers('needs') for package in mark.args}
     # The executable ends at once without it.
     if hasattr(item, 'callspec') and 'nlp_checker' in item.callspec.params.values():

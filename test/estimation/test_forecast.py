@@ -98,7 +98,7 @@ def test_deviation_is_that_of_many_drives(name):
 
 @pytest.mark.parametrize('lag_s, left', [(40.0, 1.0), (160.0, 0.5)])
 def test_heat_that_is_in_the_battery_counts_whether_or_not_the_core_has_it(lag_s, left):
-    """Of 1 K that is either in the core or under way, a plan lacks what is still outside on arrival."""
+    """Of 1 K that is either in the core or under way, the heat that is still outside is missing on arrival."""
     vehicle, route, state, _ = planned('reference')
     covariance = np.zeros((SIZE, SIZE))
     covariance[TEMPERATURE, TEMPERATURE] = covariance[UNDER_WAY, UNDER_WAY] = 1.0
@@ -109,8 +109,8 @@ def test_heat_that_is_in_the_battery_counts_whether_or_not_the_core_has_it(lag_s
     mean[HEAT_LAG] = math.log(lag_s / 40.0)
     known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
         np.zeros((SIZE, SIZE)), covariance))
-    lacking_k = left * math.exp(-60.0 / (left * lag_s))
-    assert math.sqrt(unknown**2 - known**2) == pytest.approx(lacking_k, rel=0.02)
+    missing_k = left * math.exp(-60.0 / (left * lag_s))
+    assert math.sqrt(unknown**2 - known**2) == pytest.approx(missing_k, rel=0.02)
 
 
 def test_without_thermal_the_core_may_lack_heat_that_the_sensor_shows():

@@ -44,7 +44,7 @@ def some_covariance():
 
 
 def learned(heater=Heater.ANSWERS):
-    """Return what an estimate with FACTORS_SEEN and LAGS_SEEN leaves to the next trip."""
+    """Return the knowledge that an estimate with FACTORS_SEEN and LAGS_SEEN leaves to the next trip."""
     mean, covariance = np.zeros(SIZE), np.eye(SIZE)
     mean[[TEMPERATURE, SOC]], mean[FACTORS], mean[[*LAGS]] = (12.0, 0.7), FACTORS_SEEN, LAGS_SEEN
     covariance[FACTORS, FACTORS] = some_covariance()

@@ -56,7 +56,7 @@ def test_far_below_ambient_is_no_battery():
 
 def test_a_battery_from_a_cool_garage_is_believed_on_a_hot_day():
     assert feed([15.0, 15.0, 16.0], 0.0, ambient_c=38.0)[1] == ''
-    # Fields that nobody sets read 0 or -40.
+    # Unset fields read 0 or -40.
     assert all('garage; the field may not be set' in feed([unset_c], 0.0, ambient_c=38.0)[1]
                for unset_c in (0.0, -40.0))
 

@@ -95,7 +95,7 @@ COOLANT_CAR = replace(load_vehicle('reference'), heat_path=HeatPath(0.0, 20e3, 4
     ('sensor_lag', 'heat_path.sensor_lag_s', 12.0, 12.0),
     ('heater_efficiency', 'hvch.efficiency', COOLANT_CAR.hvch.efficiency, COOLANT_CAR.hvch.efficiency)])
 def test_the_interval_contains_the_value_beside_it(name, key, estimate, value):
-    """An interval of 1 % about the estimate is one of about 1 % about the value of the file."""
+    """An interval of 1 % about the estimate is an interval of about 1 % about the value of the file."""
     item = replace(estimated(name, estimate, 0.99 * estimate, 1.01 * estimate), key=key)
     result = SimpleNamespace(
         estimates=(item,), vehicle=COOLANT_CAR, electrical=SimpleNamespace(used=()),

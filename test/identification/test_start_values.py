@@ -44,7 +44,7 @@ BOTH, ONE, OTHER, NONE = (frozenset(names) for names in (
     ({BOTH: 2.29}, BOTH), ({BOTH: 2.32, ONE: 2.2, OTHER: 0.4}, OTHER),
     # Of one degree of freedom: below 1.645^2 = 2.706.
     ({BOTH: 30.0, ONE: 9.0, OTHER: 1.34}, OTHER), ({BOTH: 30.0, ONE: 9.0, OTHER: 1.36, NONE: 0.0}, NONE)],
-    ids=['both', 'the one that is refuted less', 'the only one that can', 'neither'])
+    ids=['both', 'the value refuted less', 'the only possible value', 'neither'])
 def test_values_that_are_not_told_stay_unless_they_are_refuted(rises, staying):
     assert kept(rises) == staying
 

@@ -78,8 +78,8 @@ def test_a_wrong_file_of_figures_is_one_line(recorded, tmp_path, capsys, content
 def test_a_changed_signal_changes_the_planner(long_folder, capsys):
     assert main(['replay', str(long_folder), '--change', 'temperature=+2', '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
-    # What the battery is not warmer on arrival for its 2 K is heat less: by the file, C dT / eta. The two drives
-    # do not arrive equally warm: each stops by an estimate from readings in steps of half a kelvin.
+    # The part of the 2 K that the battery does not keep until arrival is saved heat: by the file, C dT / eta. The
+    # drives do not arrive equally warm: each stops by an estimate from readings in steps of half a kelvin.
     from bev_preheat.vehicle import load_vehicle
     vehicle = load_vehicle('reference')
     recorded, changed = result['recorded'], result['changed']

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
 HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 0.5, 2.0, 1.0, None))
 WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)
-# A step of the reference route's plan, 30 s of what the cabin leaves of the heater's power, 5022 W.
+# A step of the reference route's plan, 30 s of the heater's power beside the cabin, 5022 W.
 FULL_STEP_WH = 5022.0 * 30.0 / 3600.0
 
 
@@ -117,7 +117,7 @@ def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c
 
     The instants of heating differ by up to a step of the plan: a kelvin is worth some 480 Wh of this heater's
     commands, and 0.05 K move the start by a step, as the Joule heat of a colder battery does. Readings in steps
-    of half a kelvin would move it further, so these have 0.01 K. The temperature tells what the energy must be.
+    of half a kelvin would move it further, so these have 0.01 K. The temperature tells the energy.
     """
     share, vehicle = 0.25, load_vehicle('reference')
     weak = {'heater_faults': (HeaterFault(0.0, share=share),), 'resolution_k': 0.01}
