@@ -155,8 +155,8 @@ def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_tim
     promptly = make(make_estimate(-10.0, heat_lag=math.log(2.0 / 40.0))).plan
     assert plan.status is promptly.status is Status.TARGET_UNREACHABLE
     assert (plan.hvch_battery_power_w == promptly.hvch_battery_power_w).all()
-    # At the end of a constant power P, P times the lag times 1 - e^(-t / lag) is still under way. Heat that is late by
-    # more than 80 s is in the battery.
+    # At the end of a constant power P, P times the lag times 1 - e^(-t / lag) is still under way. Heat that is
+    # late by more than 80 s is in the battery.
     outside_s = min(lag_s, 80.0)
     late_s = outside_s * -math.expm1(-1200.0 / outside_s) - 2.0
     late_k = 0.87 * (7000.0 - 1500.0) * late_s / 377376.0
