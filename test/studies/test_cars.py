@@ -53,6 +53,27 @@ def test_same_seed_and_number_draw_the_same_car():
     assert cars[0].readings() == cars[1].readings()
 
 
+def test_a_drawn_shell_takes_its_share_of_the_heat_capacity_and_the_arrival_is_the_mean():
+    trips = [draw_car(replace(CONDITIONS, plant='shell'), 1, number) for number in range(200)]
+    whole = np.array([draw_car(CONDITIONS, 1, number).mismatch.heat_capacity for number in range(200)]) * (
+        VEHICLE.battery.heat_capacity_j_per_k)
+    shares, shells = (np.array([getattr(trip.heat_path, name) for trip in trips])
+                      for name in ('shell_share', 'coolant_heat_capacity_j_per_k'))
+    assert shells == pytest.approx(shares * whole)
+    assert [trip.mismatch.heat_capacity for trip in trips] == pytest.approx(
+        (1.0 - shares) * whole / VEHICLE.battery.heat_capacity_j_per_k)
+    assert 80 < sum(trip.heat_path.sensor_rise == 0.0 for trip in trips) < 120
+    car = trips[0].car()
+    outcome = drive_with_planner(car, CONDITIONS.goal, EVERY_TWO_SECONDS)
+    mean_c = (1.0 - shares[0]) * car.plant.temperature_c + shares[0] * car.plant.coolant_c
+    assert mean_c > car.plant.temperature_c + 0.02
+    assert outcome.arrival_error_k == pytest.approx(mean_c - 18.0, abs=1e-6)
+    # The trip takes 8 min.
+    assert [lead_s for lead_s, _, _ in outcome.predictions] == [300.0, 120.0]
+    assert all(deviation_k > 0.0 and abs(error_k) < 4.0 * deviation_k
+               for _, error_k, deviation_k in outcome.predictions)
+
+
 @pytest.fixture(scope='module')
 def mismatches():
     return [draw_car(CONDITIONS, 1, number).mismatch for number in range(2000)]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from bev_preheat_studies.robustness.driven import (
     drive_informed,
     drive_with_planner,
     DriveOutcome,
+    LEADS_S,
     settings_of_compared,
 )
 from bev_preheat_studies.study import at_least, at_most, distribution, Requirement, text_of
@@ -36,6 +38,13 @@ LEAST_ARRIVAL_ERROR_K = -0.5
 MOST_ARRIVAL_ERROR_K = 1.0
 MOST_SWITCH_ONS = 3
 MOST_EXCESS = 0.04
+
+
+def _prediction(lead_s: float, name: str, figures: Figures) -> float | None:
+    figure: float | None = figures['predictions'][f'{lead_s:g}'][name]
+    return figure
+
+
 # Rows of the table: heading, value from a method's figures, format, factor.
 ROWS: tuple[tuple[str, Callable[[Figures], Any], str, float], ...] = (
     ('Arrival error, 5 % [K]', lambda figures: figures['arrival_error_k']['5 %'], '+.2f', 1.0),
@@ -54,6 +63,10 @@ ROWS: tuple[tuple[str, Callable[[Figures], Any], str, float], ...] = (
     ('… is found [%]', lambda figures: figures['fault']['found'], '.0f', 100.0),
     ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f', 1.0),
     ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f', 1.0),
+    *((f'{heading}, {what}', partial(_prediction, lead_s, name), form, factor) for lead_s in LEADS_S
+      for heading, what, name, form, factor in (
+          (f'Predicted {lead_s / 60.0:.0f} min before', 'mean error [K]', 'bias_k', '+.2f', 1.0),
+          ('…', 'within the stated deviation [%]', 'covered', '.0f', 100.0))),
     ('Drives with a refused input', lambda figures: figures['refused'], 'd', 1.0),
     ('Trips with an empty battery', lambda figures: figures['ran_empty'], 'd', 1.0),
 )
@@ -107,6 +120,7 @@ def summarise_drives(results: Sequence[CarResult], methods: Iterable[str]) -> Fi
             'heating_energy_wh': _mean([drive.heating_energy_wh for drive in drives]),
             'heating_excess': energy_excess(results, method, 'heating_energy_wh'),
             'battery_excess': energy_excess(results, method, 'battery_energy_wh'),
+            'predictions': {f'{lead_s:g}': _predictions(drives, lead_s) for lead_s in LEADS_S},
             'refused': sum(drive.refused for drive in drives),
             'ran_empty': sum(drive.ran_empty for drive in drives)}
         figures['requirements'] = [asdict(requirement) for requirement in requirements(figures)]
@@ -138,6 +152,14 @@ def fault_figures(times: Sequence[tuple[float | None, float | None]]) -> Figures
     found = [found_s for found_s in shown if found_s is not None]
     return {'shown': len(shown), 'found': len(found) / len(shown) if shown else None,
             'median_s': float(np.median(found)) if found else None, 'most_s': max(found, default=None)}
+
+
+def _predictions(drives: Iterable[DriveOutcome], lead_s: float) -> dict[str, float | None]:
+    """Return mean error [K] of the arrival predicted `lead_s` [s] before, and the share within its deviation."""
+    said = [(error_k, deviation_k) for drive in drives for at_s, error_k, deviation_k in drive.predictions
+            if at_s == lead_s]
+    return {'bias_k': _mean([error_k for error_k, _ in said]) if said else None,
+            'covered': _mean([abs(error_k) <= deviation_k for error_k, deviation_k in said]) if said else None}
 
 
 def _errors(drives: Iterable[DriveOutcome], informed: Iterable[DriveOutcome]) -> dict[str, float]:

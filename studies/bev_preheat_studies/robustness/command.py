@@ -90,7 +90,8 @@ def add_parser(subparsers: Subparsers) -> None:
                           help="the vehicle's heat source that fails (default: %(default)s)")
     true_car.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
                           help='effects of the true car that the model leaves out: a heater that lags, coolant '
-                          'that must be heated, a sensor that lags, a current ripple that is not measured '
+                          'that must be heated, a sensor that lags, a current ripple that is not measured; or, of '
+                          'which the file says nothing, a shell and a core with the sensor on either '
                           '(default: %(default)s)')
     true_car.add_argument('--period', type=float, default=1.0, metavar='S',
                           help='period of battery states and of commands [s] (default: %(default)s)')

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from bev_preheat.simulation.sensors import PositionReports, Sensors
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.description import HeatPath, HVCH
+from bev_preheat.vehicle.variants import with_shell
 
 # Each factor is uniform in 1 +- this.
 SPREAD = {
@@ -31,8 +33,9 @@ PROPULSION_POWER_VARIABILITY = 0.2
 TEMPERATURE_NOISE_K = 0.2
 TEMPERATURE_RESOLUTION_K = 1.0
 POSITION_NOISE_M = 5.0
-# The pace has its own random stream, so that the cars are the same with and without traffic.
+# Pace and shell have their own random streams, so that the cars are the same with and without them.
 PACE_STREAM = 1
+SHELL_STREAM = 2
 
 
 # Uniform distributions: lag of the heater [s], heat capacity [J/K] and conductance [W/K] of the coolant, lag of
@@ -41,11 +44,16 @@ HEATER_LAG_S = (0.0, 90.0)
 COOLANT_J_PER_K = (5e3, 40e3)
 COOLANT_W_PER_K = (200.0, 1000.0)
 SENSOR_LAG_S = (0.0, 120.0)
-# The parts of the heat path in each plant; 'ripple': the current's variation is not measured.
+# Share of the battery and, log-uniform, conductance [W/K] of a shell.
+SHELL_SHARE = (0.12, 0.4)
+SHELL_W_PER_K = (150.0, 1500.0)
+# The parts of the heat path in each plant; 'ripple': the current's variation is not measured; 'shell': a battery
+# of shell and core with the sensor on either.
 PLANTS: dict[str, frozenset[str]] = {
     'nominal': frozenset(), 'lag': frozenset(('lag',)), 'coolant': frozenset(('coolant',)),
     'sensor_lag': frozenset(('sensor_lag',)), 'ripple': frozenset(('ripple',)),
-    'all': frozenset(('lag', 'coolant', 'sensor_lag', 'ripple'))}
+    'all': frozenset(('lag', 'coolant', 'sensor_lag', 'ripple')),
+    'shell': frozenset(('lag', 'sensor_lag', 'shell'))}
 
 
 # Real heater faults by name: the share of its command that it delivers, or uncommanded heating.
@@ -135,11 +143,24 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
         visible_variation='ripple' not in parts), _draw_heat_path(
             random, parts, conditions.vehicle.heat_path),
         pace=_draw_pace(seed, number, conditions.traffic))
+    if 'shell' in parts:
+        car = _with_drawn_shell(car, np.random.default_rng([seed, number, SHELL_STREAM]))
     fault = FAULTS[conditions.fault]
     if fault is None:
         return car
     begins_s = float(random.uniform(*FAULT_BEGINS)) * car.route.total_duration_s
     return replace(car, heater_faults=(replace(fault, from_s=begins_s, source=conditions.fault_source),))
+
+
+def _with_drawn_shell(car: DrawnCar, random: np.random.Generator) -> DrawnCar:
+    """Return a car whose battery has the same heat capacity and leakage in two masses."""
+    share, capacity = float(random.uniform(*SHELL_SHARE)), car.mismatch.heat_capacity
+    shell = with_shell(
+        replace(car.conditions.vehicle, heat_path=car.heat_path), share, math.exp(random.uniform(
+            *np.log(SHELL_W_PER_K))), 'shell' if random.uniform() < 0.5 else 'core').heat_path
+    return replace(
+        car, mismatch=replace(car.mismatch, heat_capacity=(1.0 - share) * capacity), heat_path=replace(
+            shell, coolant_heat_capacity_j_per_k=capacity * shell.coolant_heat_capacity_j_per_k))
 
 
 def _draw_pace(seed: int, number: int, traffic: float) -> float:

@@ -36,6 +36,8 @@ COMPARED = {
 # With long periods, commands and battery states are valid for this number of periods.
 LEASE_PERIODS = 2.5
 TIMEOUT_PERIODS = 5.0
+# Times before arrival at which predictions are compared with it [s].
+LEADS_S = (1800.0, 600.0, 300.0, 120.0)
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,9 @@ class DriveOutcome:
     `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh` the HVCH's
     energy for the battery, `battery_energy_wh` the energy from the cells. `switch_ons` counts the rises of the
     command from 0 W. `verdicts` are the heater faults that the planner reported, in order; `fault_shown_s` and
-    `fault_found_after_s` are those of `fault_times`. `refused`: a battery state was refused.
+    `fault_found_after_s` are those of `fault_times`. `refused`: a battery state was refused. `predictions` holds
+    (seconds before arrival, error [K], stated standard deviation [K]) of the arrival temperature at LEADS_S; empty
+    if no deviation is stated.
     """
 
     arrival_error_k: float
@@ -58,6 +62,7 @@ class DriveOutcome:
     fault_shown_s: float | None = None
     fault_found_after_s: float | None = None
     refused: bool = False
+    predictions: tuple[tuple[float, float, float], ...] = ()
 
 
 def settings_of_compared(method: str, period_s: float) -> Settings:
@@ -77,10 +82,21 @@ def drive(car: ImperfectCar, settings: Settings, target_c: float,
 
 def drive_with_planner(car: ImperfectCar, goal: Goal, settings: Settings) -> DriveOutcome:
     """Return the DriveOutcome of a single trip under the planner with `settings`."""
-    record = drive(car, settings, goal.target_temperature_c)
+    supervisor, predicted = Supervisor(car.vehicle, settings), dict[float, tuple[float, float]]()
+
+    def listen(time_s: float, _: float) -> None:
+        decision, arrival_s = supervisor.state.decision, car.plant.route.total_duration_s
+        for lead_s in LEADS_S:
+            if lead_s not in predicted and 0.0 <= arrival_s - lead_s <= time_s and decision.plan is not None:
+                predicted[lead_s] = decision.plan.arrival_temperature_c, decision.arrival_deviation_k
+
+    record = drive_observed(car, supervisor, goal.target_temperature_c, progress=listen)
     shown_s, found_s = fault_times(record, car.imperfections.heater_faults, [(0.0, car.reports[0].ended_s)])
     return _outcome(car, goal, record.switch_ons, verdicts=heater_faults_in(record), fault_shown_s=shown_s,
-                    fault_found_after_s=found_s, refused=Status.INVALID_INPUT.name in record.statuses)
+                    fault_found_after_s=found_s, refused=Status.INVALID_INPUT.name in record.statuses,
+                    predictions=tuple((lead_s, said_c - arrival_c(car), deviation_k)
+                                      for lead_s, (said_c, deviation_k) in predicted.items()
+                                      if np.isfinite(deviation_k)))
 
 
 def heater_faults_in(record: DriveRecord) -> tuple[str, ...]:
@@ -147,9 +163,16 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     return _outcome(car, goal, switch_ons)
 
 
+def arrival_c(car: ImperfectCar) -> float:
+    """Return the battery temperature of a car [deg C]; of a shell and a core that its file lacks, the mean."""
+    plant, path = car.plant, car.plant.vehicle.heat_path
+    share = path.shell_share if path.is_shell and not car.vehicle.heat_path.is_shell else 0.0
+    return plant.temperature_c + share * (plant.coolant_c - plant.temperature_c)
+
+
 def _outcome(car: ImperfectCar, goal: Goal, switch_ons: int, **observed: object) -> DriveOutcome:
     plant = car.plant
     return DriveOutcome(
-        plant.temperature_c - goal.target_temperature_c, plant.energy_wh.hvch_electric,
+        arrival_c(car) - goal.target_temperature_c, plant.energy_wh.hvch_electric,
         plant.energy_wh.battery_total, switch_ons, plant.empty_at_s is not None,
         **observed)  # type: ignore[arg-type]
