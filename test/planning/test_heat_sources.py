@@ -22,6 +22,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle.core_library import without_core
+from bev_preheat.vehicle.description import STANDING_MPS
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_of_text
 
 REFERENCE = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text(encoding='utf-8'))
@@ -204,6 +205,30 @@ def test_a_source_heats_only_when_it_may():
     gated = replace(car, heating_gates=replace(car.heating_gates, only_while_standing=True))
     gated_w = planned(gated, -25.0, stops, Goal(55.0)).source_power_w['motor']
     assert gated_w[stands].max() == pytest.approx(2300.0) and not gated_w[~stands].any()
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize(('entries', 'gated', 'moving_w', 'standing_w'), [
+    ({}, False, 2300.0, 0.0), ({'only_while': 'standing'}, False, 0.0, 2300.0),
+    ({'only_while': ''}, False, 2300.0, 2300.0), ({'shares_cabin_limit': True}, False, 300.0, 0.0),
+    ({}, True, 0.0, 0.0), ({'only_while': 'standing'}, True, 0.0, 2300.0),
+    ({'only_while': ''}, True, 0.0, 2300.0)])
+def test_the_program_heats_with_a_source_only_when_it_may(entries, gated, moving_w, standing_w):
+    # It stands in each fourth step, else it just moves; once the cabin takes more than the source has.
+    stands, route = np.arange(16) % 4 == 0, ROUTE.segments(0, 16)
+    route = replace(
+        route.with_propulsion(np.where(stands, 0.0, 1.0)), speed_mps=np.where(stands, 0.0, STANDING_MPS),
+        cabin_heating_power_w=np.where(np.arange(16) == 6, 2500.0, 2000.0))
+    motor = {name: value for name, value in {**MOTOR, **entries}.items() if value}
+    vehicle = vehicle_with({'motor': motor}, heating_gates={'only_while_standing': gated})
+    plan = planned(vehicle, -25.0, route, Goal(55.0))
+    # It reaches as much as the plan, and no more.
+    beyond, optimum = (solve_optimum(vehicle, route, BatteryState(-25.0, 0.9), Goal(
+        plan.arrival_temperature_c + off_k)) for off_k in (0.05, -0.05))
+    assert beyond.solver_status != 'Solve_Succeeded' == optimum.solver_status
+    for heats_w in plan.source_power_w['motor'], optimum.plan.source_power_w['motor']:
+        assert heats_w[~stands].max() == pytest.approx(moving_w, abs=1.0)
+        assert heats_w[stands].max() == pytest.approx(standing_w, abs=1.0)
 
 
 def test_limits_hold_with_all_sources():
