@@ -323,7 +323,7 @@ class _Planning:
             return None
         estimate, hvch = self._estimate, self._vehicle.hvch
         revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
-        later_k = estimate.later_heat_s(1.0) * (
+        later_k = estimate.later_heat_s * (
             hvch.efficiency * hvch.maximum_power_w / self._vehicle.pack_heat_capacity_j_per_k)
         later_share = max(1.0 - self._task.heated_s / LAG_REVEALED_S, 0.0)
         deviation_k = math.hypot(math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)

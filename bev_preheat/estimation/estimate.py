@@ -220,10 +220,11 @@ class Estimate:
         """Lag of the heater's heat until it raises `planned_temperature_c` [s]."""
         return (1.0 - self.share_in_battery) * self.heat_lag_s
 
-    def later_heat_s(self, deviations: float) -> float:
-        """Return by how much `outside_lag_s` grows if it is off by `deviations` standard deviations [s]."""
+    @property
+    def later_heat_s(self) -> float:
+        """By how much `outside_lag_s` grows if it is off by a standard deviation [s]."""
         deviation = math.sqrt(max(self.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
-        return self.outside_lag_s * math.expm1(deviations * deviation)
+        return self.outside_lag_s * math.expm1(deviation)
 
     @property
     def sensor_lag_s(self) -> float:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planner calls for an estimate: corrected vehicle, uncertainty, and a heater that does not obey."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -102,12 +103,14 @@ def test_an_uncertainty_that_is_not_a_number_counts_as_the_most(asked):
     assert asked[-1].uncertainty.deviation_k == MOST_REVEALED_K
 
 
-def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
+@pytest.mark.parametrize('lag_s, outside_s', [(40.0, 40.0), (160.0, 80.0)])
+def test_heat_that_may_come_later_than_believed_is_part_of_it(asked, lag_s, outside_s):
     # A lag of 40 s may be 40 s times e^0.5. The heater warms the battery by 0.87 * 7000 W / 377376 J/K.
-    maker, estimate = ForecastPlanner(), make_estimate(deviations={HEAT_LAG: 0.5})
+    maker, estimate = ForecastPlanner(), make_estimate(
+        deviations={HEAT_LAG: 0.5}, heat_lag=math.log(lag_s / 40.0))
     maker, before = make_after(maker, estimate)
     make(estimate, maker)
-    later_k = 40.0 * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
+    later_k = outside_s * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
     assert asked[-1].uncertainty.deviation_k == pytest.approx(
         math.hypot(before.forecast.as_planned_k, later_k))
 
@@ -131,13 +134,38 @@ def test_plans_start_with_the_heat_that_is_under_way(asked, temperature_c, plann
 
 
 @pytest.mark.parametrize('lag_s, place, outside_s', [
-    (60.0, 0.0, 60.0), (160.0, 0.0, 80.0), (160.0, 1.0, 40.0), (160.0, 4.0, 16.0)])
-def test_plans_start_from_the_mean_with_the_heat_that_is_outside_the_battery(asked, lag_s, place, outside_s):
-    make(make_estimate(10.0, under_way=0.2, heat_lag=math.log(lag_s / 40.0), place=place))
-    state = asked[-1].state
+    (60.0, 0.0, 60.0), (160.0, 0.0, 80.0), (160.0, 1.0, 40.0), (160.0, 4.0, 16.0), (160.0, -0.5, 80.0)])
+@pytest.mark.parametrize('under_way_k, heat_k', [(0.2, 0.2), (-0.2, 0.0)])
+def test_plans_start_from_the_mean_with_the_heat_that_is_outside_the_battery(
+        asked, lag_s, place, outside_s, under_way_k, heat_k):
+    make(make_estimate(10.0, under_way=under_way_k, heat_lag=math.log(lag_s / 40.0), place=place))
+    state, all_c = asked[-1].state, 10.0 + heat_k
     assert asked[-1].vehicle.heat_path.heat_lag_s == pytest.approx(outside_s)
-    assert state.temperature_c == pytest.approx(10.2 - 0.2 * outside_s / lag_s)
-    assert 0.87 * outside_s * state.heater_power_w == pytest.approx(377376.0 * (10.2 - state.temperature_c))
+    assert state.temperature_c == pytest.approx(all_c - heat_k * outside_s / lag_s)
+    assert 0.87 * outside_s * state.heater_power_w == pytest.approx(377376.0 * (all_c - state.temperature_c))
+
+
+@pytest.mark.parametrize('name, temperature_c, start_c, lag_s', [
+    ('heat_pump_car', 10.0, 10.2, 80.0), ('heat_pump_car', -36.0, -35.0, 80.0),
+    # A car that cools begins up to 20 K above its range.
+    ('heat_pump_car', 76.0, 75.0, 80.0),
+    ('shell_and_core', 10.0, 10.0, 0.0), ('shell_and_core', -36.0, -35.0, 0.0),
+    ('shell_and_core', 56.0, 55.0, 0.0)])
+def test_plans_of_heat_sources_start_with_all_heat_and_those_of_a_described_shell_from_the_core(
+        asked, name, temperature_c, start_c, lag_s):
+    vehicle = load_vehicle(name)
+    estimate = make_estimate(temperature_c, under_way=0.2, heat_lag=math.log(4.0))
+    ForecastPlanner().make(vehicle, PlanningTask(ROUTE, GOAL, Settings(), 0, 0.0, 0.0),
+                           replace(estimate, path=vehicle.heat_path))
+    assert (asked[-1].state.temperature_c, asked[-1].heat_lag_s) == pytest.approx((start_c, lag_s))
+
+
+def test_plans_follow_the_lag_of_a_described_shell_by_its_conductance(asked):
+    vehicle, maker = load_vehicle('shell_and_core'), ForecastPlanner()
+    for factor in (1.0, 2.0, 4.0):
+        estimate = replace(make_estimate(heat_lag=math.log(factor)), path=vehicle.heat_path)
+        maker, _ = maker.make(vehicle, PlanningTask(ROUTE, GOAL, Settings(), 0, 0.0, 0.0), estimate)
+        assert asked[-1].vehicle.heat_path.coolant_conductance_w_per_k == pytest.approx(400.0 / factor)
 
 
 def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):

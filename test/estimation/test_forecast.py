@@ -113,6 +113,24 @@ def test_heat_that_is_in_the_battery_counts_whether_or_not_the_core_has_it(lag_s
     assert math.sqrt(unknown**2 - known**2) == pytest.approx(missing_k, rel=0.02)
 
 
+@pytest.mark.parametrize('lag_s, outside_s', [(40.0, 40.0), (160.0, 80.0)])
+def test_heat_of_the_plan_may_be_earlier_or_later_with_the_lag_outside_the_battery(lag_s, outside_s):
+    vehicle, route, state, _ = planned('reference')
+    route = route.before(300.0)
+    trip, plan = make_trip(vehicle, route), plan_preheating(vehicle, route, state, Goal(60.0))
+    assert (plan.command_w > 0.0).all()
+    mean, uncertain = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    mean[HEAT_LAG], uncertain[HEAT_LAG, HEAT_LAG] = math.log(lag_s / 40.0), 0.2**2
+    known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
+        np.zeros((SIZE, SIZE)), uncertain))
+    # Of the heat of each second, what has arrived in the time that is left.
+    ages_s = np.arange(0.5, 300.0)
+    power_w = plan.command_w[np.searchsorted(route.time_s, 300.0 - ages_s, side='right') - 1]
+    late_k, soon_k = (0.87 / 377376.0 * float(power_w @ (1.0 - np.exp(-ages_s / (outside_s * factor))))
+                      for factor in (math.exp(0.1), math.exp(-0.1)))
+    assert math.sqrt(unknown**2 - known**2) == pytest.approx(soon_k - late_k, rel=0.01)
+
+
 def test_without_thermal_the_core_may_lack_heat_that_the_sensor_shows():
     vehicle, route, state, _ = planned('reference')
     plan = plan_preheating(vehicle, route, state, Goal(60.0))
