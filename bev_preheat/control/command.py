@@ -216,7 +216,7 @@ class Commander(NamedTuple):
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         return self._replace(
-            switch=switch, reason=None, cools=False, sources=at_rest(self.sources, now_ns)), Command(
+            switch=switch, cools=False, sources=at_rest(self.sources, now_ns)), Command(
             switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boundary values, and the rules of gate and inbox: behaviour exactly at a limit, and just beyond it."""
+from dataclasses import replace
+
 import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from stepwise import Stepwise
 
+from bev_preheat.control.command import Commander
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
@@ -75,6 +79,28 @@ def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
     assert switch.power_w == 0.0
     assert switch.pause.left_s == pytest.approx(0.001)
     assert switch.asked(at(3600.0), 5e3, 5e3, 0.0, 0.0).power_w == 5e3
+
+
+@pytest.mark.parametrize('changes', [
+    {'status': Status.NO_CHARGING_PLANNED}, {'status': Status.NOT_WORTH_IT}, {'plan_start_ns': at(1.001)}],
+    ids=['no charging', 'not worth it', 'before the trip'])
+def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
+    planner = Stepwise(VEHICLE, Settings(estimation=False, minimum_on_time_s=60.0))
+    planner.accept_mission(Mission('home', (steady_leg(),)))
+    planner.accept_battery(measured(), NOW_NS)
+    state = planner.state
+    heats, changed = (state.commander.give(at(1.0), state.inputs, decision, None, -7.0)[1] for decision in (
+        state.decision, replace(state.decision, **changes)))
+    assert heats.battery_heating_power_w == pytest.approx(5500.0)
+    assert (changed.battery_heating_power_w, changed.reason) == (0.0, changes.get('status', heats.reason))
+
+
+@pytest.mark.parametrize('sentence, cause', [
+    ('Signal in doubt: current.', 'A signal was in doubt'), ('', 'The input was refused')])
+def test_a_pause_names_the_input_that_interrupted_heat(sentence, cause):
+    heating = Commander(HeaterSwitch().asked(NOW_NS, 5e3, 5e3, 0.0, 0.0))
+    paused, _ = heating.off(at(1.0), Settings(), Status.INVALID_INPUT, sentence)
+    assert paused.switch.pause.cause == cause
 
 
 # The inbox

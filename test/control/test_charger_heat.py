@@ -8,6 +8,7 @@ from steady_drives import NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.charger_heat import ChargerHeater, ChargerSituation
+from bev_preheat.control.command import Commander
 from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater
@@ -81,6 +82,14 @@ def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging,
 def test_the_gates_of_the_car_hold_at_the_charger_too(minimum_soc, expected):
     gated = replace(VEHICLE, heating_gates=replace(VEHICLE.heating_gates, minimum_soc=minimum_soc))
     assert outcome(supervisor_at(AT_STOP_S, vehicle=gated), measured(-3.0, FAST_W, soc=0.4)) == expected
+
+
+def test_what_cooled_on_the_way_heats_at_the_charger():
+    supervisor = supervisor_at(AT_STOP_S)
+    assert outcome(supervisor, measured(-3.0, FAST_W)) == CHARGING
+    state = supervisor.state
+    commander, command = Commander(cools=True).give(NOW_NS, state.inputs, state.decision, None, -3.0)
+    assert (command.battery_heating_power_w, commander.direction) == (HEAT_W, 1)
 
 
 def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
