@@ -203,9 +203,17 @@ def shown(*rows):
 
 
 @pytest.mark.parametrize('status', AT_ONCE)
-def test_what_is_not_the_plans_shows_at_once_and_goes_at_once(status):
-    rows = [(0, Status.HEATING, True), (1, status, False), (2, Status.HEATING, True)]
+@pytest.mark.parametrize('is_on', [False, True])
+def test_what_is_not_the_plans_shows_at_once_and_goes_at_once(status, is_on):
+    rows = [(0, Status.HEATING, True), (1, status, is_on), (2, Status.HEATING, True)]
     assert shown(*rows) == [Status.HEATING, status, Status.HEATING]
+
+
+@pytest.mark.parametrize('back_s', [0, 60])
+def test_another_status_of_a_plan_shows_once_it_has_held_for_ten_seconds_of_a_clock_that_may_be_set_back(back_s):
+    later = [(at_s - back_s, Status.TARGET_UNREACHABLE, True) for at_s in (105, 114.999, 115)]
+    assert shown((100, Status.HEATING, True), (105, Status.TARGET_UNREACHABLE, True), *later) == [
+        Status.HEATING] * 4 + [Status.TARGET_UNREACHABLE]
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 8.0), st.sampled_from(OF_PLAN)), min_size=2, max_size=60))
