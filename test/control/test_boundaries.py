@@ -103,6 +103,16 @@ def test_a_pause_names_the_input_that_interrupted_heat(sentence, cause):
     assert paused.switch.pause.cause == cause
 
 
+@pytest.mark.parametrize('reason, waits', [
+    (Status.WAITING, True), (Status.OUT_OF_CHARGE, True), (Status.NOT_WORTH_IT, True), (Status.DISABLED, False),
+    (Status.NO_ROUTE, False), (Status.ARRIVED, False), (Status.NO_CHARGING_PLANNED, False)])
+def test_the_least_time_off_begins_only_with_an_off_by_a_plan(reason, waits):
+    heating = Commander(HeaterSwitch().asked(NOW_NS, 5e3, 5e3, 0.0, 0.0))
+    switch = heating.off(at(1.0), Settings(), reason)[0].switch
+    assert [switch.asked(at(second), 5e3, 5e3, 0.0, 120.0).power_w for second in (2.0, 121.0)] == [
+        0.0 if waits else 5e3, 5e3]
+
+
 # The inbox
 
 

@@ -8,11 +8,14 @@ import math
 
 import numpy as np
 import pytest
+from steady_drives import NOW_NS, ns
 
 from bev_preheat.charging.stop import Charger
-from bev_preheat.control.events import SourceStatusArrived
+from bev_preheat.control.command import Commander
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived, SourceStatusArrived
 from bev_preheat.control.heater import HeaterStatus
-from bev_preheat.control.inputs import check_mission, Leg, Mission
+from bev_preheat.control.heater_switch import HeaterSwitch
+from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target import TargetSource
@@ -105,6 +108,43 @@ def test_the_noise_of_a_reading_does_not_interrupt_cooling(estimation):
     switched = [before[1].total_w == 0.0 < after[1].total_w for before, after in pairwise(commands)]
     assert sum(switched) == 1
     assert commands[-1][3].plant.temperature_c == pytest.approx(42.0, abs=0.3)
+
+
+ON = HeaterSwitch().asked(NOW_NS, 3e3, 3e3, 200.0, 200.0)
+HELD, RESTS = ON.asked(NOW_NS + ns(50.0), 0.0, 3e3, 200.0, 200.0), ON.turned_off(NOW_NS)
+
+
+def planned_at(temperature_c):
+    """Return a Supervisor that has planned at NOW_NS."""
+    supervisor = Supervisor(CAR, Settings(
+        estimation=False, minimum_on_time_s=200.0, minimum_off_time_s=200.0))
+    supervisor.step(NOW_NS, RouteArrived(Mission('', (Leg(
+        ROUTE, NOW_NS, target_temperature_c=25.0, maximum_arrival_temperature_c=42.0),))))
+    supervisor.step(NOW_NS, BatteryStateArrived(Measurement(BatteryState(temperature_c, 0.5), NOW_NS)))
+    return supervisor
+
+
+@pytest.mark.parametrize('commander, status, begin, end', [
+    (Commander(HELD, reason=Status.COOLING, cools=True), Status.NOT_NEEDED,
+     'The cooling stays on for its minimum time, 150 s more: arrival at ', ', at most 42.0 degC.'),
+    (Commander(RESTS, reason=Status.WAITING_TO_COOL), Status.COOLING,
+     'The cooling stays off for its minimum time, 150 s more. Cool', ' Sources: chiller.'),
+    # Another status has held for a moment only.
+    (Commander(ON, reason=Status.COOLING, cools=True, words='As before.'), Status.NOT_NEEDED, 'As before.', '')],
+    ids=['held', 'rests', 'moment'])
+def test_a_sentence_on_the_least_times_of_cooling_speaks_of_cooling(commander, status, begin, end):
+    state = planned_at(49.0).state
+    _, told = commander.in_words(NOW_NS + ns(50.0), state.inputs, replace(state.decision, status=status))
+    assert told.status is commander.reason
+    assert told.explanation.startswith(begin) and told.explanation.endswith(end)
+
+
+@pytest.mark.parametrize('cools, power_w', [(True, 3000.0), (False, 0.0)])
+def test_what_heats_rests_before_it_cools(cools, power_w):
+    state = planned_at(61.0).state
+    commander, command = Commander(ON, cools=cools).give(
+        NOW_NS + ns(1.0), state.inputs, state.decision, None, 61.0)
+    assert (command.power_w('chiller'), commander.direction) == (pytest.approx(power_w), -1 if cools else 0)
 
 
 @pytest.mark.parametrize('most_c, target_c', [(20.0, None), (24.9, 25.0), (56.0, 25.0)])

@@ -9,6 +9,7 @@ import pytest
 from steady_drives import NOW_NS, ns, VEHICLE
 from stepwise import Stepwise
 
+from bev_preheat.control.command import Commander
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -18,6 +19,7 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -87,11 +89,11 @@ def test_a_nan_a_minute_ends_the_heating_after_a_while():
     assert car.switch_ons_s[-1] < 300.0
 
 
-@pytest.mark.parametrize('doubt, words', [
-    (RivalsChanged('/other'), 'Another node commanded the heater'),
-    (BatteryStateUnreadable(UNREADABLE), 'battery_state was refused'),
-    (RouteUnreadable(UNREADABLE), 'route_plan was refused')])
-def test_other_doubts_make_it_wait_too(doubt, words):
+@pytest.mark.parametrize('doubt, reason, words', [
+    (RivalsChanged('/other'), Status.COMMAND_CONFLICT, 'Another node commanded the heater'),
+    (BatteryStateUnreadable(UNREADABLE), Status.INVALID_INPUT, 'battery_state was refused'),
+    (RouteUnreadable(UNREADABLE), Status.INVALID_INPUT, 'route_plan was refused')])
+def test_other_doubts_make_it_wait_too(doubt, reason, words):
     car = Car()
     car.give(1.0, car.state(1.0))
     assert car.powers_w[-1] > 0.0
@@ -99,8 +101,32 @@ def test_other_doubts_make_it_wait_too(doubt, words):
     for second in range(3, 16):
         car.give(second, RivalsChanged(''), RouteArrived(mission()), car.state(second))
         if second == 5:
-            assert car.planner.state.decision.explanation.startswith(words)
+            assert car.reason is reason and car.planner.state.decision.explanation.startswith(words)
     assert car.switch_ons_s == [1.0, pytest.approx(12.0, abs=1.1)]
+
+
+def test_what_does_not_want_heat_does_not_wait_for_the_end_of_a_pause():
+    car = Car(target_c=25.0, minutes=10)
+    for second, temperature_c, reason in (
+            (1, -10.0, Status.TARGET_UNREACHABLE), (3, -10.0, Status.INVALID_INPUT), (4, 26.0, Status.WAITING)):
+        car.temperature_c = temperature_c
+        if second == 3:
+            car.give(2.0, BatteryStateUnreadable(UNREADABLE))
+        car.give(second, car.state(second))
+        assert car.reason is reason
+
+
+def test_a_heater_that_was_switched_on_too_often_waits_to_heat():
+    car = Car()
+    car.give(1.0, car.state(1.0))
+    state, switch = car.planner.state, HeaterSwitch()
+    for number in range(MOST_SWITCH_ONS):
+        for wanted_w, after_s in (5e3, 0.0), (0.0, 90.0):
+            switch = switch.asked(NOW_NS + ns(180.0 * number + after_s - 3590.0), wanted_w, 5e3, 0.0, 0.0)
+    _, command = Commander(switch, Status.STALE_INPUT).give(
+        NOW_NS + ns(2.0), state.inputs, state.decision, None, -10.0)
+    assert state.decision.status is Status.TARGET_UNREACHABLE
+    assert (command.battery_heating_power_w, command.reason) == (0.0, Status.WAITING)
 
 
 @pytest.mark.parametrize('every_s, timeout_s, doubted', [
