@@ -114,12 +114,12 @@ ON = HeaterSwitch().asked(NOW_NS, 3e3, 3e3, 200.0, 200.0)
 HELD, RESTS = ON.asked(NOW_NS + ns(50.0), 0.0, 3e3, 200.0, 200.0), ON.turned_off(NOW_NS)
 
 
-def planned_at(temperature_c):
+def planned_at(temperature_c, most_c=42.0, car=CAR):
     """Return a Supervisor that has planned at NOW_NS."""
-    supervisor = Supervisor(CAR, Settings(
+    supervisor = Supervisor(car, Settings(
         estimation=False, minimum_on_time_s=200.0, minimum_off_time_s=200.0))
     supervisor.step(NOW_NS, RouteArrived(Mission('', (Leg(
-        ROUTE, NOW_NS, target_temperature_c=25.0, maximum_arrival_temperature_c=42.0),))))
+        ROUTE, NOW_NS, target_temperature_c=25.0, maximum_arrival_temperature_c=most_c),))))
     supervisor.step(NOW_NS, BatteryStateArrived(Measurement(BatteryState(temperature_c, 0.5), NOW_NS)))
     return supervisor
 
@@ -145,6 +145,21 @@ def test_what_heats_rests_before_it_cools(cools, power_w):
     commander, command = Commander(ON, cools=cools).give(
         NOW_NS + ns(1.0), state.inputs, state.decision, None, 61.0)
     assert (command.power_w('chiller'), commander.direction) == (pytest.approx(power_w), -1 if cools else 0)
+
+
+@pytest.mark.parametrize('chiller, temperature_c, most_c, planned, power_w, reason', [
+    (RESTS, 61.0, math.inf, Status.COOLING, 0.0, Status.WAITING_TO_COOL),
+    (ON, 49.0, 42.0, Status.WAITING_TO_COOL, 3000.0, Status.COOLING)], ids=['rests', 'runs'])
+def test_the_least_times_of_a_chiller_outlast_the_plan(chiller, temperature_c, most_c, planned, power_w, reason):
+    car = replace(CAR, heat_sources=tuple(
+        replace(source, minimum_on_time_s=300.0, minimum_off_time_s=180.0) if source.cools else source
+        for source in CAR.heat_sources))
+    state = planned_at(temperature_c, most_c, car).state
+    assert state.decision.status is planned
+    _, command = Commander(sources=(('chiller', chiller),)).give(
+        NOW_NS + ns(1.0), state.inputs, state.decision, None, temperature_c)
+    assert (command.total_w, command.power_w('chiller'), command.reason) == (
+        pytest.approx(power_w), command.total_w, reason)
 
 
 @pytest.mark.parametrize('most_c, target_c', [(20.0, None), (24.9, 25.0), (56.0, 25.0)])
