@@ -2,6 +2,7 @@
 """Boundary values, and the rules of gate and inbox: behaviour exactly at a limit, and just beyond it."""
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
@@ -111,6 +112,20 @@ def test_the_least_time_off_begins_only_with_an_off_by_a_plan(reason, waits):
     switch = heating.off(at(1.0), Settings(), reason)[0].switch
     assert [switch.asked(at(second), 5e3, 5e3, 0.0, 120.0).power_w for second in (2.0, 121.0)] == [
         0.0 if waits else 5e3, 5e3]
+
+
+@pytest.mark.parametrize('share', [0.54, 0.81, 1.0])
+def test_a_power_that_rounds_to_less_than_a_step_is_the_step(share):
+    assert share == 1.0 or share * 4000.0 / share < 4000.0
+    planner = Stepwise(replace(VEHICLE, heating_gates=replace(
+        VEHICLE.heating_gates, power_steps_w=(1500.0, 4000.0))), Settings(estimation=False))
+    planner.accept_mission(Mission('home', (steady_leg(),)))
+    planner.accept_battery(measured(), NOW_NS)
+    state = planner.state
+    plan = replace(state.decision.plan, hvch_battery_power_w=np.full(40, share * 4000.0))
+    _, command = state.commander.give(
+        NOW_NS, state.inputs, replace(state.decision, plan=plan, command_share=share), None, -7.0)
+    assert command.battery_heating_power_w == 4000.0
 
 
 # The inbox
