@@ -65,8 +65,7 @@ class HeatDivision:
         mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * hvch_w)
         self._merit, self._by_merit = mix.at(0, temperature_c), mix.by_merit(temperature_c)
         # Of its command that a source delivers; 0 of the HVCH: it is only asked on.
-        self._shares = {HVCH: share or 1.0, **{
-            each.name: each.share for each in inputs.unserved if each.share > 0.0}}
+        self._shares = {HVCH: share or 1.0, **{each.name: each.share for each in inputs.unserved}}
         # A source that refuses is asked on: it draws nothing until it serves again.
         whole = mix_in_segment(inputs.vehicle, leg.route, segment, hvch_w).by_merit(temperature_c)
         refusing = {each.name for each in inputs.unserved if each.is_refused} | ({HVCH} if share == 0.0 else set())

@@ -15,6 +15,7 @@ import pytest
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
 from bev_preheat.control.heat_division import HeatDivision
 from bev_preheat.control.heater import HeaterStatus
+from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.learning import NO_TRIAL
 from bev_preheat.control.obstacle import Unserved
 from bev_preheat.control.settings import Settings
@@ -260,6 +261,19 @@ def test_a_derated_source_is_commanded_in_its_own_steps():
     drive = Drive(car_with(hvch_w=2000.0, **PUMP), start_c=-18.0, until_s=1800.0, faults=faults)
     assert drive.shares['heat_pump'] == pytest.approx(0.6, abs=0.15)
     assert drive.powers_w <= {0.0, *STEPS_W}
+
+
+@pytest.mark.parametrize('heat_w, pump_w', [(0.0, 1000.0), (1500.0, 1000.0), (3750.0, 2500.0)])
+def test_a_derated_source_that_must_run_keeps_its_least_step(heat_w, pump_w):
+    """Of the pump's 1000 W, 600 W become the heat of 1500 W of the HVCH."""
+    _, _, supervisor, _ = deque(driven(2.0), maxlen=1)[0]
+    state = supervisor.state
+    running = HeaterSwitch().asked(state.now_ns, 2500.0, 2500.0, 300.0, 180.0)
+    division = HeatDivision(state.now_ns, state.inputs._replace(
+        vehicle=car_with(**PUMP), unserved=(Unserved('heat_pump', '', False, 0.6),)), state.decision, -10.0, (
+            ('heat_pump', running),))
+    assert division.held_w == pytest.approx(1500.0)
+    assert division.divided(heat_w)[:2] == (0.0, (('heat_pump', pump_w),))
 
 
 def test_the_hvch_has_steps_beside_other_sources():
