@@ -92,7 +92,7 @@ CLIPPED_DEVIATIONS = 2.5         # sd   | readings further off are clipped here:
 MOST_EVIDENCE = 1.0              # nats | of one reading against a hypothesis: one outlier does not decide
 LEAST_VARIANCE = 1e-12           # K2   | rounding may make a variance slightly negative
 LEAST_WEIGHT = 1e-12             # 1    | of a hypothesis, so that it can recover
-LOST_PLACE = 0.01                # 1    | … of a place of the sensor, below which it begins each trip afresh
+LOST_PLACE = 0.2                 # 1    | … of a place of the sensor, below which it begins each trip afresh
 
 # estimation/estimator.py, readings.py: readings that count
 LEAST_INTERVAL_S = 0.95       # s  | faster readings are correlated: one a second, less jitter

@@ -174,7 +174,7 @@ def test_a_place_that_has_lost_begins_the_next_trip_with_the_car_of_the_likelies
     mean[:, 0, FACTORS], mean[:, 1, FACTORS], mean[:, 2, FACTORS] = 0.05, -0.05, -0.5
     mean[:, 2, LAGS], mean[:, 2, PLACING] = 2.0, 1.9
     covariance[:, 2] *= 0.1
-    weights *= np.array([0.9, 0.095, 0.005]) / weights.sum(axis=0)
+    weights *= np.array([0.65, 0.25, 0.1]) / weights.sum(axis=0)
     after = replace(begun, mean=mean, covariance=covariance, weights=weights).of_another_route()
     assert (after.weights == weights).all()
     lasting = [index for index in range(FACTORS.start, FACTORS.stop) if index != PROPULSION]
