@@ -96,8 +96,12 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
-                          notes: dict[str, None]) -> Schedule:
-    """Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`."""
+                          notes: dict[str, None], heater_share: float = 1.0) -> Schedule:
+    """
+    Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`.
+
+    `heater_share` (0 ... 1) is the share of its power that the heater gives.
+    """
     gates = trip.vehicle.heating_gates
     open_trip, closed = trip, np.zeros(len(trip.route), dtype=bool)
     schedule = plan(trip)
@@ -108,7 +112,7 @@ def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip]
         closed |= against
         trip = open_trip.changed(heater_limit_w=np.where(closed, 0.0, open_trip.heater_limit_w))
         schedule = plan(trip)
-    power_w = _in_steps(gates, trip, schedule)
+    power_w = _in_steps(gates, trip, schedule, heater_share)
     if np.abs(power_w - schedule.heater_power_w).max() > ROUNDING_W:
         notes[_sentence_on_steps(gates)] = None
         schedule = drive_as_planned(trip, state, power_w)
@@ -141,17 +145,18 @@ def _against_gates(gates: HeatingGates, schedule: Schedule, notes: dict[str, Non
     return low | hot
 
 
-def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule) -> FloatArray:
+def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule, heater_share: float) -> FloatArray:
     """Return the power [W] (N,) of a Schedule while the heater is on in each step, in the heater's own steps."""
     power_w = schedule.heater_power_w
-    if not gates.power_steps_w or trip.vehicle.heat_sources:
+    if not gates.power_steps_w or trip.vehicle.heat_sources or heater_share == 0.0:
         return power_w
     start_s, end_s = trip.time_s[:-1], trip.time_s[1:]
     first_s = -np.inf if schedule.heating_start_s is None else schedule.heating_start_s
     last_s = np.inf if schedule.heating_end_s is None else schedule.heating_end_s
     on_share = np.clip((np.minimum(end_s, last_s) - np.maximum(start_s, first_s)) / (end_s - start_s), 1e-9, 1.0)
-    stepped_w: FloatArray = steps_below_w(
-        gates.power_steps_w, power_w / on_share + ROUNDING_W) * on_share
+    # The steps are those of the command.
+    given = heater_share * on_share
+    stepped_w: FloatArray = steps_below_w(gates.power_steps_w, power_w / given + ROUNDING_W) * given
     return np.minimum(stepped_w, power_w)
 
 

@@ -260,7 +260,7 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
     def plan_on(gated: Trip) -> Schedule:
         return first if gated is trip else _schedule_trip(case, gated, way, options)
 
-    schedule = schedule_within_gates(trip, case.state, plan_on, notes)
+    schedule = schedule_within_gates(trip, case.state, plan_on, notes, case.heater_share)
     if schedule.heating_start_s is not None or schedule.temperature_c[-1] < case.goal.target_temperature_c:
         notes.update(dict.fromkeys(notes_on_route(trip)))
     return schedule, outcome if schedule is first else None

@@ -78,6 +78,16 @@ def test_powers_are_those_of_the_heater(method):
     assert 'The heater has steps of power (1500, 4000, 7000 W).' in plan.explanation
 
 
+@pytest.mark.parametrize('share', [0.9, 0.5, 0.3, 0.0])
+def test_of_the_steps_of_a_derated_heater_its_share_arrives(share):
+    """A step of 4000 W is commanded; a share of 30 % gives less than the lowest step, and heats all the same."""
+    car = replace(VEHICLE, heating_gates=HeatingGates(power_steps_w=(1500.0, 4000.0, 7000.0)))
+    plan = plan_preheating(car, ROUTE, STATE, Goal(50.0), heater_share=share)
+    assert plan.status is Status.TARGET_UNREACHABLE
+    powers_w = {round(plan.power_at_w(time_s), 3) for time_s in np.arange(0.0, plan.arrival_time_s, 7.0)}
+    assert powers_w == {round(share * 4000.0, 3)}
+
+
 @pytest.mark.parametrize('gates, at, refusal', [
     (HeatingGates(minimum_soc=0.2), (0.199, 0.0, 0.0), Refusal.LOW_CHARGE),
     (HeatingGates(minimum_soc=0.2), (math.nan, 0.0, 0.0), Refusal.LOW_CHARGE),
