@@ -145,7 +145,7 @@ class Knowledge(NamedTuple):
         drive = driven_at(vehicle, kept if active is timetable else active, stamp_ns)
         heat_w = powers.heat_w(stamp_ns, powers.temperature_c if drive is None else drive.ambient_temperature_c)
         temperature = self.temperature.seen(
-            seen, drive if is_one_battery else None, command_w, heat_w, vehicle)
+            seen, drive if is_one_battery else None, command_w, heat_w, vehicle, report.is_at_rest)
         doubts = doubts.noted(TEMPERATURE, temperature.stuck.doubt, stamp_ns)
         is_described = (
             drive is not None and not report.is_at_rest and not report.suspicion and not doubts.needed)

@@ -119,11 +119,12 @@ class TemperatureCheck(NamedTuple):
         return self._replace(stuck=self.stuck.without_instants(), stamp_ns=None)
 
     def seen(self, measurement: MeasuredState, drive: DriveInputs | None, command_w: float, heat_w: float,
-             vehicle: Vehicle) -> TemperatureCheck:
+             vehicle: Vehicle, is_at_rest: bool = False) -> TemperatureCheck:
         """
         Return the check after a MeasuredState in a drive under a command [W]; None: the drive is unknown.
 
-        `heat_w` is the heat of the commanded power as HVCH power [W], below 0 if it cools.
+        `heat_w` is the heat of the commanded power as HVCH power [W], below 0 if it cools. A battery that
+        `is_at_rest` charges or stands beside the drive: its power is that of no drivetrain.
         """
         state, now_ns, power_w = measurement.state, measurement.stamp_ns, measurement.power_w
         steps = self.steps.seen(state.temperature_c)
@@ -142,6 +143,10 @@ class TemperatureCheck(NamedTuple):
         # The heater takes no more than the battery's power shows.
         heater_w = 0.0 if power_w is None or commanded_w <= 0.0 else (
             mean_heat_w * min(max(seen_w, 0.0) / commanded_w, 1.0))
+        if is_at_rest:
+            others_w = drive.auxiliary_power_w if power_w is None else power_w - heater_w - drive.cabin_heating_power_w
+            drive = replace(drive, speed_mps=0.0, propulsion_power_w=0.0, power_variance_w2=0.0,
+                            propulsion_power_magnitude_w=0.0, auxiliary_power_w=others_w)
         rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 5, replace(
             drive, heater_power_w=heater_w, terminal_power_w=power_w,
             power_variance_w2=0.0 if power_w is not None else drive.power_variance_w2))

@@ -358,3 +358,18 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
              for reserve in (0.0, 0.31, 0.98)]
     # Without a request the reserve is 0; a reserve above 1 cannot be met.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
+
+
+@pytest.mark.parametrize('charges', [True, False])
+def test_a_battery_that_charges_beside_the_route_is_not_expected_to_warm_as_if_it_were_driven(charges):
+    """In 10 min 60 kW give 4.8 kW of drivetrain heat, 7 K; charging at 34 kW gives 0.5 kW of Joule heat, 0.8 K."""
+    supervisor, soc, doubted = Stepwise(VEHICLE, Settings()), 0.7, set()
+    supervisor.accept_mission(make_mission(propulsion_power_w=[60e3]))
+    for second in range(0, 900, 2):
+        power_w, voltage_v = -34e3 if charges and second >= 60 else 62e3, 365.0 + 75.0 * soc + 15.0 * soc**3
+        current_a, now_ns = power_w / voltage_v, NOW_NS + ns(second)
+        soc -= 2.0 * current_a / 720e3
+        supervisor.accept_battery(Measurement(
+            BatteryState(7.0, soc), now_ns, voltage_v - 0.083 * current_a, current_a), now_ns)
+        doubted |= {verdict.signal for verdict in supervisor.state.signal_verdicts}
+    assert ('battery_temperature' in doubted) == (not charges)
