@@ -144,7 +144,8 @@ class TemperatureCheck(NamedTuple):
         heater_w = 0.0 if power_w is None or commanded_w <= 0.0 else (
             mean_heat_w * min(max(seen_w, 0.0) / commanded_w, 1.0))
         if is_at_rest:
-            others_w = drive.auxiliary_power_w if power_w is None else power_w - heater_w - drive.cabin_heating_power_w
+            others_w = drive.auxiliary_power_w if power_w is None else (
+                power_w - heater_w - drive.cabin_heating_power_w)
             drive = replace(drive, speed_mps=0.0, propulsion_power_w=0.0, power_variance_w2=0.0,
                             propulsion_power_magnitude_w=0.0, auxiliary_power_w=others_w)
         rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 5, replace(
