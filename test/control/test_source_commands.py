@@ -153,14 +153,14 @@ def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
     assert trial.at(700 * 10**9, odds, is_told=True).name == ''
 
 
-# In air of -5 degC a watt of the pump is 2.25 W of heat, one of the motor 0.75 W, one of the HVCH 0.9 W: in the
+# In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the
 # HVCH's watts the pump's 2500 W are 6250 W, and the motor's 3000 W are 2500 W; the cabin leaves the HVCH 6000 W.
 @pytest.mark.parametrize('hvch_share, pump, limit_w, heat_w, hvch_w, pump_w', [
     (1.0, None, 14750.0, 8250.0, 2000.0, 2500.0),
-    # What delivers a share of its command is commanded more, at most what it has.
+    # A source that delivers a share of its command is commanded more, at most its limit.
     (0.5, None, 11750.0, 8250.0, 4000.0, 2500.0), (0.5, None, 11750.0, 9250.0, 6000.0, 2500.0),
     (1.0, (False, 0.6), 12250.0, 1500.0, 0.0, 1000.0), (1.0, (False, 0.6), 12250.0, 5750.0, 2000.0, 2500.0),
-    # A silent HVCH and what refuses are asked on; what is dead is not.
+    # A silent HVCH and sources that refuse are asked on; dead ones are not.
     (0.0, None, 8750.0, 5000.0, 6000.0, 2000.0), (1.0, (True, 0.0), 8500.0, 2000.0, 2000.0, 2500.0),
     (1.0, (False, 0.0), 8500.0, 2000.0, 2000.0, 0.0)])
 def test_the_others_make_up_for_what_a_source_lacks(hvch_share, pump, limit_w, heat_w, hvch_w, pump_w):

@@ -123,7 +123,7 @@ def test_heat_of_the_plan_may_be_earlier_or_later_with_the_lag_outside_the_batte
     mean[HEAT_LAG], uncertain[HEAT_LAG, HEAT_LAG] = math.log(lag_s / 40.0), 0.2**2
     known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
         np.zeros((SIZE, SIZE)), uncertain))
-    # Of the heat of each second, what has arrived in the time that is left.
+    # Of the heat of each second, the part that has arrived in the time left.
     ages_s = np.arange(0.5, 300.0)
     power_w = plan.command_w[np.searchsorted(route.time_s, 300.0 - ages_s, side='right') - 1]
     late_k, soon_k = (0.87 / 377376.0 * float(power_w @ (1.0 - np.exp(-ages_s / (outside_s * factor))))

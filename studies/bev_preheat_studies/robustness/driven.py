@@ -164,7 +164,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
 
 
 def arrival_c(car: ImperfectCar) -> float:
-    """Return the battery temperature of a car [deg C]; of a shell and a core that its file lacks, the mean."""
+    """Return the battery temperature of a car [deg C]; of a shell and a core that its file omits, the mean."""
     plant, path = car.plant, car.plant.vehicle.heat_path
     share = path.shell_share if path.is_shell and not car.vehicle.heat_path.is_shell else 0.0
     return plant.temperature_c + share * (plant.coolant_c - plant.temperature_c)
