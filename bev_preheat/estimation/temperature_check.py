@@ -130,6 +130,9 @@ class TemperatureCheck(NamedTuple):
         steps = self.steps.seen(state.temperature_c)
         if drive is None:
             return self._replace(stuck=self.stuck.without_instants(), steps=steps, stamp_ns=now_ns)
+        if is_at_rest:
+            drive = replace(drive, speed_mps=0.0, propulsion_power_w=0.0, power_variance_w2=0.0,
+                            propulsion_power_magnitude_w=0.0)
         seen_w, commanded_w, mean_heat_w = self.seen_w, self.commanded_w, self.heat_w
         if power_w is not None:
             elapsed_s = 0.0 if self.stamp_ns is None else (now_ns - self.stamp_ns) / NS_PER_S
@@ -143,11 +146,9 @@ class TemperatureCheck(NamedTuple):
         # The heater takes no more than the battery's power shows.
         heater_w = 0.0 if power_w is None or commanded_w <= 0.0 else (
             mean_heat_w * min(max(seen_w, 0.0) / commanded_w, 1.0))
-        if is_at_rest:
-            others_w = drive.auxiliary_power_w if power_w is None else (
-                power_w - heater_w - drive.cabin_heating_power_w)
-            drive = replace(drive, speed_mps=0.0, propulsion_power_w=0.0, power_variance_w2=0.0,
-                            propulsion_power_magnitude_w=0.0, auxiliary_power_w=others_w)
+        if is_at_rest and power_w is not None:
+            # The model takes power without a consumer for propulsion.
+            drive = replace(drive, auxiliary_power_w=power_w - heater_w - drive.cabin_heating_power_w)
         rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 5, replace(
             drive, heater_power_w=heater_w, terminal_power_w=power_w,
             power_variance_w2=0.0 if power_w is not None else drive.power_variance_w2))

@@ -222,7 +222,7 @@ def test_the_program_heats_with_a_source_only_when_it_may(entries, gated, moving
     motor = {name: value for name, value in {**MOTOR, **entries}.items() if value}
     vehicle = vehicle_with({'motor': motor}, heating_gates={'only_while_standing': gated})
     plan = planned(vehicle, -25.0, route, Goal(55.0))
-    # It reaches as much as the plan, and no more.
+    # The program reaches the plan's arrival temperature, and none higher.
     beyond, optimum = (solve_optimum(vehicle, route, BatteryState(-25.0, 0.9), Goal(
         plan.arrival_temperature_c + off_k)) for off_k in (0.05, -0.05))
     assert beyond.solver_status != 'Solve_Succeeded' == optimum.solver_status

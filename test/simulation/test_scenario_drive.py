@@ -47,7 +47,7 @@ def found(arrival_c=25.3, seen_heater='answers', **expected):
     ({'never': ('INTERNAL_ERROR',)}, True), ({'never': ('STALE_INPUT',)}, False),
     ({'off_during': ((30.0, 40.0),)}, True), ({'off_during': ((30.0, 40.1),)}, False),
     ({'heats_during': ((0.0, 11.0),)}, True), ({'heats_during': ((0.0, 10.0),)}, False),
-    # Where nothing was commanded, nothing is good.
+    # After the last command no expectation on heat holds.
     ({'off_during': ((60.0, 70.0),)}, False), ({'heats_during': ((60.0, 70.0),)}, False),
     ({'heater': 'answers'}, True), ({'heater': 'dead'}, False),
     ({'never_heater_verdict': True}, False),
