@@ -63,10 +63,10 @@ ROWS: tuple[tuple[str, Callable[[Figures], Any], str, float], ...] = (
     ('… is found [%]', lambda figures: figures['fault']['found'], '.0f', 100.0),
     ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f', 1.0),
     ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f', 1.0),
-    *((f'{heading}, {what}', partial(_prediction, lead_s, name), form, factor) for lead_s in LEADS_S
-      for heading, what, name, form, factor in (
-          (f'Predicted {lead_s / 60.0:.0f} min before', 'mean error [K]', 'bias_k', '+.2f', 1.0),
-          ('…', 'within the stated deviation [%]', 'covered', '.0f', 100.0))),
+    *(row for lead_s in LEADS_S for row in (
+        (f'Arrival predicted {lead_s / 60.0:.0f} min before, mean error [K]', partial(_prediction, lead_s, 'bias_k'),
+         '+.2f', 1.0),
+        ('… within the stated deviation [%]', partial(_prediction, lead_s, 'covered'), '.0f', 100.0))),
     ('Drives with a refused input', lambda figures: figures['refused'], 'd', 1.0),
     ('Trips with an empty battery', lambda figures: figures['ran_empty'], 'd', 1.0),
 )
