@@ -64,8 +64,8 @@ ROWS: tuple[tuple[str, Callable[[Figures], Any], str, float], ...] = (
     ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f', 1.0),
     ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f', 1.0),
     *(row for lead_s in LEADS_S for row in (
-        (f'Arrival predicted {lead_s / 60.0:.0f} min before, mean error [K]', partial(_prediction, lead_s, 'bias_k'),
-         '+.2f', 1.0),
+        (f'Arrival predicted {lead_s / 60.0:.0f} min before, mean error [K]',
+         partial(_prediction, lead_s, 'bias_k'), '+.2f', 1.0),
         ('… within the stated deviation [%]', partial(_prediction, lead_s, 'covered'), '.0f', 100.0))),
     ('Drives with a refused input', lambda figures: figures['refused'], 'd', 1.0),
     ('Trips with an empty battery', lambda figures: figures['ran_empty'], 'd', 1.0),
