@@ -166,25 +166,25 @@ class BusGatewayNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on bus, signals and requests; log their problems."""
-        now_s, name, source, battery = self._now_s(), self.get_fully_qualified_name(), self._source, self._battery
+        now_s, source, battery = self._now_s(), self._source, self._battery
         lacking = [f'battery_state is not published: {sentence}' for sentence in self._lacking[:1]]
         lacking += self._lacking[1:]
         doubts = list(source.doubts(now_s).values())
-        problems = [f'{source.name}: {source.problem}'] if source.problem else []
-        for sentence in problems or [*lacking, *doubts]:
+        problem = f'{source.name}: {source.problem}' if source.problem else ''
+        for sentence in [problem] if problem else [*lacking, *doubts]:
             self.tell(sentence)
         figures = {'published battery states': str(self._published)}
         if battery is not None:
             figures['age of the oldest signal [s]'] = f'{now_s - battery.instant_s:.2f}'
         entries = [
-            judged(name, 'bus', self.hardware, problems, [], f'{source.name}: works', source.figures())
-            if not self._heaters else next(iter(self._heaters.values())).entry(name, self.hardware),
-            judged(name, 'signals', self.hardware, lacking,
-                   [*doubts, *(() if battery is None else battery.missing)], 'all signals are valid', figures)]
-        entries += [execution.entry('heater command' if each == HVCH else f'command to {each}', self.hardware)
+            judged('bus', [problem], [], f'{source.name}: works', source.figures())
+            if not self._heaters else next(iter(self._heaters.values())).entry(),
+            judged('signals', lacking, [*doubts, *(() if battery is None else battery.missing)],
+                   'all signals are valid', figures)]
+        entries += [execution.entry('heater command' if each == HVCH else f'command to {each}')
                     for each, execution in self._executions.items()]
         if self._conditioning is not None:
-            entries.append(self._conditioning.entry(name, self.hardware))
+            entries.append(self._conditioning.entry())
         return entries
 
     # End

@@ -15,7 +15,7 @@ from sensor_msgs.msg import Temperature
 from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import version
-from bev_preheat.messages.diagnostics import entry, OK, WARN
+from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
@@ -112,16 +112,6 @@ class FlightRecorder:
     def problem(self) -> str:
         """The sentence on what keeps it from recording; '' if nothing does."""
         return self._failure or ('' if self._writer is None else self._writer.report)
-
-    @property
-    def path(self) -> str:
-        """The latest file; '' without one."""
-        return '' if self._writer is None else self._writer.path
-
-    @property
-    def dropped(self) -> int:
-        """The number of steps that were not written."""
-        return 0 if self._writer is None else self._writer.dropped
 
     def attach(self, folder: str, megabytes: float, setup: Setup, state: State, now_ns: int,
                route: RoutePlan | None = None) -> None:
@@ -223,14 +213,13 @@ class FlightRecorder:
                 self._planner.inform('flight_recorder: recording again.')
             self._told = problem
 
-    def entry(self, name: str, hardware: str) -> DiagnosticStatus | None:
-        """Return the DiagnosticStatus `NODE: flight recorder`: WARN if it cannot record; None if it is off."""
+    def entry(self) -> DiagnosticStatus | None:
+        """Return the entry `flight recorder` of the diagnostics: WARN if it cannot record; None if it is off."""
         if not self._where[0]:
             return None
-        lost = f'{self.dropped} steps were not written' if self.dropped else ''
-        problem = self.problem or lost
-        return entry(name, 'flight recorder', hardware, WARN if problem else OK, problem or 'recording',
-                     {'file': self.path, 'lost steps': str(self.dropped)})
+        path, dropped = ('', 0) if self._writer is None else (self._writer.path, self._writer.dropped)
+        problem = self.problem or (f'{dropped} steps were not written' if dropped else '')
+        return judged('flight recorder', [], [problem], 'recording', {'file': path, 'lost steps': str(dropped)})
 
     def catch_up(self) -> None:
         """Wait until the steps so far are written: for a drive that is faster than the disk."""

@@ -168,9 +168,9 @@ class HeaterControllerNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on command and bus; log a new problem of the bus, also before the first command."""
-        entries = [self._execution.entry('command', self.hardware)]
+        entries = [self._execution.entry('command')]
         if self._can is not None:
-            entries.append(self._can.entry(self.get_fully_qualified_name(), self.hardware))
+            entries.append(self._can.entry())
             problem = self._can.bus_problem
             if problem and not self._bus_problem:
                 self.tell(problem)

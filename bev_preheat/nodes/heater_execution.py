@@ -194,11 +194,11 @@ class HeaterExecution:
             HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns, name=self._name))
         self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
-    def entry(self, part: str, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: part` on the command."""
+    def entry(self, part: str) -> DiagnosticStatus:
+        """Return the entry of the diagnostics on the command, by its name there."""
         answer, measured_w = self.answer, self._measured_w
         return entry(
-            self._node.get_fully_qualified_name(), part, hardware, LEVELS.get(answer.refusal, OK),
+            part, LEVELS.get(answer.refusal, OK),
             f'{answer.refusal.name}: {answer.sentence}' if answer.sentence else 'the command is served',
             {'requested power [W]': f'{answer.requested_w:.1f}', 'active power [W]': f'{answer.active_w:.1f}',
              'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}'})
@@ -251,11 +251,10 @@ class CanHeater:
         """Close the bus."""
         self._source.close()
 
-    def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: bus`."""
-        problem = self.bus_problem or self._unsent
-        return judged(node_name, 'bus', hardware, [problem] if problem else [],
-                      list(self._source.doubts(self._clock_s()).values()), f'{self._source.name}: works',
+    def entry(self) -> DiagnosticStatus:
+        """Return the entry `bus` of the diagnostics."""
+        return judged('bus', [self.bus_problem or self._unsent],
+                      self._source.doubts(self._clock_s()).values(), f'{self._source.name}: works',
                       {**self._source.figures(), 'sent frames': str(self._sent)})
 
 

@@ -280,8 +280,7 @@ class NlpCheckerNode(InboxNode):
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
-        return [entry(self.get_fully_qualified_name(), 'optimality check', self.hardware,
-                      WARN if problems else OK, ' '.join(problems) or 'OK', values)]
+        return [entry('optimality check', WARN if problems else OK, ' '.join(problems) or 'OK', values)]
 
     # Parameters
 

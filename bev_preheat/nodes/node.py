@@ -146,13 +146,13 @@ class ProgramNode(LifecycleNodeMixin, Node):
         self.publish_diagnostics()
 
     def entries(self) -> list[DiagnosticStatus]:
-        """Return the node's own entries of the diagnostics, besides that of its setup."""
+        """Return the node's own entries of the diagnostics by part, besides that of its setup."""
         return []
 
     def publish_diagnostics(self) -> None:
         """Publish the diagnostics."""
         self._diagnostics_publisher.publish(diagnostics(
-            self.now_ns(), [*self.entries(), self.setup.entry(self.hardware)]))
+            self.get_fully_qualified_name(), self.hardware, self.now_ns(), [*self.entries(), self.setup.entry()]))
 
     # Parameters
 

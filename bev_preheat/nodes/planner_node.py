@@ -219,11 +219,10 @@ class PlannerNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on preheating, signals, heater, estimation, files and recording."""
-        name, state, now_ns = self.get_fully_qualified_name(), self._supervisor.state, self.now_ns()
-        recording = self._recorder.entry(name, self.hardware)
-        return [*planner_diagnostics(
-            name, state, now_ns, self._state_keeper.report(), self._departures.report()),
-            *([] if recording is None else [recording])]
+        now_ns = self.now_ns()
+        of_files = (self._state_keeper.entry(), self._departures.entry(now_ns), self._recorder.entry())
+        return [*planner_diagnostics(self._supervisor.state, now_ns),
+                *(entry for entry in of_files if entry is not None)]
 
     def _report(self, now_ns: int) -> None:
         self._prepare.publish_feedback(now_ns)

@@ -255,8 +255,7 @@ class RoutePublisherNode(ProgramNode):
                    'refused messages': str(self._refused)}
         if match.stamp_ns:
             values['age [s]'] = f'{(now_ns - match.stamp_ns) / NS_PER_S:.1f}'
-        return [entry(self.get_fully_qualified_name(), 'position', self.hardware,
-                      OK if is_good and not self._refusal else WARN,
+        return [entry('position', OK if is_good and not self._refusal else WARN,
                       '; '.join(filter(None, [f'{match.cause.value}: {match.sentence}', self._refusal])), values)]
 
     def _current_match(self, now_ns: int) -> Match:

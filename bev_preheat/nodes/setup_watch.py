@@ -134,10 +134,9 @@ class SetupWatch:
         """Whether simulated time is set and has not begun."""
         return CLOCK_STANDS in self.problems
 
-    def entry(self, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: setup`."""
-        return judged(self._node.get_fully_qualified_name(), 'setup', hardware, [self.error] if self.error else [],
-                      self.problems, 'parameters, clock and topics fit')
+    def entry(self) -> DiagnosticStatus:
+        """Return the entry `setup` of the diagnostics."""
+        return judged('setup', [self.error], self.problems, 'parameters, clock and topics fit')
 
     def clock_hint(self, stamp: Time, now_ns: int) -> str:
         """Return a hint about wrong clocks for a message's stamp at an instant [ns]; '' if they agree."""

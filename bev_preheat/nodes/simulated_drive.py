@@ -42,7 +42,7 @@ class SimulatedDriveReport:
     ends: tuple[PhaseEnd, ...] = ()
 
 
-def trip_diagnostics(node_name: str, car: ImperfectCar) -> DiagnosticStatus:
+def trip_diagnostics(car: ImperfectCar) -> DiagnosticStatus:
     """Return the entry with the true state so far, and the end of each phase."""
     plant = car.plant
     if plant.empty_at_s is not None:
@@ -62,8 +62,7 @@ def trip_diagnostics(node_name: str, car: ImperfectCar) -> DiagnosticStatus:
         **{f'phase {number}: {key}': getattr(report, name)
            for number, report in enumerate(car.reports, start=1) for name, key in PHASE_KEYS.items()},
     }
-    return entry(node_name, TRIP, plant.vehicle.name, level, text,
-                 {key: f'{value:.4f}' for key, value in values.items()})
+    return entry(TRIP, level, text, {key: f'{value:.4f}' for key, value in values.items()})
 
 
 def outcome_from_diagnostics(message: DiagnosticArray) -> SimulatedDriveReport | None:

@@ -377,7 +377,7 @@ class VehicleSimulatorNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entry on the drive."""
-        return [trip_diagnostics(self.get_fully_qualified_name(), self._car)]
+        return [trip_diagnostics(self._car)]
 
     def now_ns(self) -> int:
         """Return the instant of the drive [ns]; 0 before it begins."""
