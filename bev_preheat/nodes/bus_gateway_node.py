@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from queue import SimpleQueue
-import sys
 from typing import Any, TYPE_CHECKING
 
 from sensor_msgs.msg import BatteryState
@@ -24,7 +23,7 @@ from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.heater_execution import CanHeater, HeaterExecution
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.description import HVCH
@@ -198,8 +197,3 @@ class BusGatewayNode(ProgramNode):
         if self._conditioning is not None:
             self._conditioning.end()
         self._source.close()
-
-
-def main() -> None:
-    """Run the gateway until a signal ends it."""
-    sys.exit(run_node(BusGatewayNode, PROGRAM))

@@ -16,7 +16,6 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
@@ -26,6 +25,7 @@ from bev_preheat.nodes.heater_execution import HeaterExecution, open_can_heater
 from bev_preheat.nodes.node import LIFECYCLE, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.topics import BEST_EFFORT
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HVCH
@@ -83,12 +83,11 @@ class GateInputs:
         self._measured_at_s = self._speed_at_s = -math.inf
         self._speed_mps = math.nan
         self.topics: list[str] = []
-        best_effort = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         if gates.looks_at_battery:
-            node.create_subscription(BatteryState, 'battery_state', self.on_battery_state, best_effort)
+            node.create_subscription(BatteryState, 'battery_state', self.on_battery_state, BEST_EFFORT)
             self.topics.append('battery_state')
         if gates.only_while_standing:
-            node.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
+            node.create_subscription(Float64, 'vehicle_speed', self._on_speed, BEST_EFFORT)
             self.topics.append('vehicle_speed')
 
     def on_battery_state(self, message: BatteryState) -> None:

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 from collections import deque
-import sys
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from bev_preheat.control.decision import WITHOUT_ROUTE
@@ -25,7 +23,8 @@ from bev_preheat.nodes.optimality_report import (
     says_the_same,
 )
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.process import NodeProgram
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
@@ -99,10 +98,8 @@ class NlpCheckerNode(InboxNode):
         self._route_id: str | None = None
         self._counts = {'reports': 0, 'failures': 0, 'superseded': 0}
 
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._report_publisher = self.create_publisher(
-            OptimalityReport, 'optimality_report', latched)
-        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, latched)
+        self._report_publisher = self.create_publisher(OptimalityReport, 'optimality_report', LATCHED)
+        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, LATCHED)
         self.create_service(Trigger, '~/check', self._on_check)
         self.follow_parameters()
         # The solver works in real time, independent of the node's clock.
@@ -314,8 +311,3 @@ class NlpCheckerNode(InboxNode):
         """End the solver's process, too."""
         self._solver.close()
         super().destroy_node()
-
-
-def main() -> None:
-    """Run the checker until a signal ends it."""
-    sys.exit(run_node(NlpCheckerNode, PROGRAM))

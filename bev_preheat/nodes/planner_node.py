@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool
@@ -31,10 +30,10 @@ from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.planner_log import PlannerLog
 from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
-from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram
 from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
-from bev_preheat.nodes.topics import CommandPublisher, RouteListener
+from bev_preheat.nodes.topics import CommandPublisher, LATCHED, RouteListener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
@@ -99,16 +97,15 @@ class PlannerNode(ProgramNode):
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
 
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = CommandPublisher(
             self, lambda: round(self._supervisor.state.settings.command_lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
-        self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
+        self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', LATCHED)
         for topic, each in INPUTS.items():
             if topic != ROUTE_PLAN:
                 self.create_subscription(each.message_type, topic, partial(self._on_input, topic), QoSProfile(
-                    depth=each.depth, reliability=qos_profile_sensor_data.reliability))
+                    depth=each.depth, reliability=ReliabilityPolicy.BEST_EFFORT))
         RouteListener(self, partial(self._on_input, ROUTE_PLAN), self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._departures = DepartureKeeper(
@@ -397,8 +394,3 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
     decision, command = output.decision, output.command
     return (decision is not None and decision.plan is not None) or (
         command is not None and command.total_w > 0.0)
-
-
-def main(loading_node: Node | None = None) -> None:
-    """Run the planner until a signal ends it; `loading_node` comes from `process.join_graph`."""
-    sys.exit(run_node(PlannerNode, PROGRAM, loading_node))

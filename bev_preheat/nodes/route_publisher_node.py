@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
@@ -20,8 +19,9 @@ from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C,
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.node import guarded, ProgramNode, without_figures
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
@@ -104,8 +104,7 @@ class RoutePublisherNode(ProgramNode):
         self._awaits_departure = False
         self._published_ns = 0
 
-        self._route_publisher = self.create_publisher(
-            RoutePlan, 'route_plan', QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._route_publisher = self.create_publisher(RoutePlan, 'route_plan', LATCHED)
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
         self.create_subscription(NavSatFix, 'fix', self._on_fix, qos_profile_sensor_data)
         self.create_subscription(Float64, 'odometer', self._on_odometer, qos_profile_sensor_data)
@@ -289,8 +288,3 @@ class RoutePublisherNode(ProgramNode):
         else:
             # The same road with another goal: the place stays.
             self._publish_route(self._start_ns)
-
-
-def main() -> None:
-    """Run the publisher until a signal ends it."""
-    sys.exit(run_node(RoutePublisherNode, PROGRAM))

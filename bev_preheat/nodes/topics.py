@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     Message = Any
 
 
-# Matches reliable and best-effort publishers.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Match reliable and best-effort publishers.
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 PUBLICATIONS_KEPT = 256
 # DDS stores the instant of a publication in units of 2^-32 s.
@@ -193,9 +195,7 @@ def _read(serialized: bytes, message_type: type[Message]) -> Message:
 
 
 TOPIC = 'route_plan'
-LATCHED_ROUTE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=1)
-BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Seven arrays of numbers of 8 bytes, and room for the rest: identification, stops.
 LARGEST_ROUTE_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
 # A latched sample arrives again with every new subscription.
@@ -217,7 +217,7 @@ class RouteListener:
         """Subscribe."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
-        for profile in (LATCHED_ROUTE, RELIABLE):
+        for profile in (LATCHED, RELIABLE):
             self._subscribe(profile)
         # In real time: publishers come and go independently of the node's clock.
         self._timer = node.look_regularly(PUBLISHER_PERIOD_S, TOPIC, self._look)

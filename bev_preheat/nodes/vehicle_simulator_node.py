@@ -5,13 +5,11 @@ from __future__ import annotations
 
 from functools import partial
 import math
-import sys
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.errors import InvalidInput
@@ -22,10 +20,11 @@ from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
 from bev_preheat.nodes.simulated_drive import trip_diagnostics
 from bev_preheat.nodes.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.nodes.vehicle_simulator_parameters import departure, PROGRAM
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -103,9 +102,7 @@ class VehicleSimulatorNode(ProgramNode):
         self._answered_s = -math.inf
 
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
-        self._route_publisher = self.create_publisher(
-            RoutePlan, 'route_plan',
-            QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._route_publisher = self.create_publisher(RoutePlan, 'route_plan', LATCHED)
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
         self._status_publisher = (
             self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
@@ -421,8 +418,3 @@ class VehicleSimulatorNode(ProgramNode):
     def last_words(self) -> None:
         """Wait up to 1 s until the listeners have received the last diagnostics."""
         self._diagnostics_publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-
-def main() -> None:
-    """Run the simulated vehicle until a signal ends it, or it arrives with exit_on_arrival."""
-    sys.exit(run_node(VehicleSimulatorNode, PROGRAM))
