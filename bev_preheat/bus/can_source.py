@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 import logging
@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER, reading_of
 from bev_preheat.bus.heater_frame import HeaterFrame
-from bev_preheat.bus.live_map import HeaterStatusRule, REPLAY
+from bev_preheat.bus.live_map import REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.logs.can_frames import recorded_frames
@@ -210,8 +210,6 @@ TEMPERATURE = 'battery_temperature_c'
 class CanSource(LiveSource):
     """A CAN bus, or several. `frames` are the HeaterFrames of the heat sources that the map commands, by name."""
 
-    _links: Sequence[CanLink]
-
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
                  vehicle_powers_w: Mapping[str, float] | None = None) -> None:
         """
@@ -243,6 +241,16 @@ class CanSource(LiveSource):
             return self._links[0].problem
         return '; '.join(f'{link.name}: {link.problem}' for link in self._links if link.problem)
 
+    def start(self) -> None:
+        """Receive, in a thread for each bus; one that cannot be opened is tried again."""
+        for link in self._links:
+            link.start()
+
+    def close(self) -> None:
+        """End the threads and close the buses."""
+        for link in self._links:
+            link.close()
+
     def heaters_problem(self, heater: str) -> str:
         """Return '' while the bus of a heat source's command works, else a sentence that names it."""
         link = self._link_of[heater]
@@ -258,7 +266,7 @@ class CanSource(LiveSource):
 
     def heater_status(self, now_s: float, heater: str = HVCH) -> tuple[float | None, str]:
         """Return a heat source's measured power [W] (None: unknown), and a sentence on a fault or silence."""
-        rule = self._map.heaters[heater].status or HeaterStatusRule()
+        rule = self._map.heaters[heater].status
         measured_w, fault, follows = None, '', self.frames[heater].follows
         if follows is not None and self._followed_c(now_s, heater) is None:
             fault = (f'no valid {follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '

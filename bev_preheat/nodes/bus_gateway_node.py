@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from bev_preheat.bus.source import LiveBattery, LiveSource
+    from bev_preheat.bus.source import LiveBattery
 
 PARAMETERS = (
     Parameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.',
@@ -102,7 +102,7 @@ class BusGatewayNode(ProgramNode):
         self._source.start()
         self.get_logger().info(f'Signal map {self.hardware}: {self._source.name}')
 
-    def _connected(self, values: Mapping[str, Any]) -> LiveSource:
+    def _connected(self, values: Mapping[str, Any]) -> CanSource | VssSource:
         """Return the source; make the way back to the bus, too."""
         if self._map.vss is None:
             source = CanSource(self._map, self._now_s)

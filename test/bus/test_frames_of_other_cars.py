@@ -13,6 +13,7 @@ from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import Readings, steady_s
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.vehicle.description import HVCH
 
 pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck')]
 NS = 'VERSION ""\nBU_: CAR GW\n'
@@ -51,7 +52,7 @@ def written_map(folder, live='', dbc=BATTERY + HEATER, signals=''):
 def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER):
     live_map = load_live_map(written_map(
         folder, f'  heater_command: {{message: Heater, counter: Count, {command}}}', dbc))
-    return HeaterFrame(live_map.heater_command, BusMessages(live_map).by_name, str(live_map.signals.path),
+    return HeaterFrame(live_map.heaters[HVCH].command, BusMessages(live_map).by_name, str(live_map.signals.path),
                        vehicle_power_w)
 
 
@@ -170,7 +171,8 @@ def receiver(folder, dbc, protection, counter='counter: Count, '):
         text = text.replace(before, after)
     path = written_map(folder, f'  required: [battery_temperature_c]\n  messages: {{BMS: {{{counter}checksum: '
                                f'{{signal: Crc, {protection}}}}}}}', text)
-    return CanDecoder(load_live_map(path))
+    live_map = load_live_map(path)
+    return CanDecoder(live_map, BusMessages(live_map), {})
 
 
 @pytest.mark.parametrize('dbc, protection, counts, _', VECTORS, ids=IDS)
