@@ -264,17 +264,17 @@ class CanSource(LiveSource):
                 'reconnects': str(sum(max(link.reconnects, 0) for link in self._links)),
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
 
-    def heater_status(self, now_s: float, heater: str = HVCH) -> tuple[float | None, str]:
+    def heater_status(self, heater: str = HVCH) -> tuple[float | None, str]:
         """Return a heat source's measured power [W] (None: unknown), and a sentence on a fault or silence."""
         rule = self._map.heaters[heater].status
         measured_w, fault, follows = None, '', self.frames[heater].follows
-        if follows is not None and self._followed_c(now_s, heater) is None:
+        if follows is not None and self._followed_c(heater) is None:
             fault = (f'no valid {follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '
                      'follows')
         for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
             if channel is None:
                 continue
-            value = self._valid(reading_of(signal, heater), channel, rule.valid_for_s, now_s)
+            value = self._valid(reading_of(signal, heater), channel, rule.valid_for_s)
             if value is None:
                 fault = f'no valid {channel} for {rule.valid_for_s:g} s'
             elif signal == HEATER_POWER:
@@ -283,21 +283,21 @@ class CanSource(LiveSource):
                 fault = f'{channel}: {self._decoder.value_in_words(channel, value)}'
         return measured_w, fault
 
-    def _valid(self, signal: str, channel: str, valid_for_s: float, now_s: float) -> float | None:
-        reading = self._readings.latest(signal, channel)
+    def _valid(self, signal: str, channel: str, valid_for_s: float) -> float | None:
+        reading, now_s = self._readings.latest(signal, channel), self._clock_s()
         return reading.value if reading is not None and 0.0 <= now_s - reading.instant_s <= valid_for_s else None
 
     def send_power(self, power_w: float, heater: str = HVCH) -> str:
         """Send the next frame of a heat source's command [W]; return '' or why it was not sent."""
         frame = self.frames[heater]
-        data = frame.next(power_w, self._followed_c(self._clock_s(), heater))
+        data = frame.next(power_w, self._followed_c(heater))
         return self._link_of[heater].send(frame.identifier, frame.is_extended, data, frame.is_fd)
 
-    def _followed_c(self, now_s: float, heater: str) -> float | None:
-        """Return the valid temperature that a set-point follows [deg C] at an instant [s], None without one."""
+    def _followed_c(self, heater: str) -> float | None:
+        """Return the valid temperature that a set-point follows [deg C], None without one."""
         follows = self.frames[heater].follows
         return None if follows is None else self._valid(
-            reading_of(FOLLOWED, heater), follows, self._map.valid_for_s[TEMPERATURE], now_s)
+            reading_of(FOLLOWED, heater), follows, self._map.valid_for_s[TEMPERATURE])
 
     def on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
         """Take a frame of a bus in that arrived some seconds ago."""

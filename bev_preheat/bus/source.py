@@ -86,7 +86,6 @@ class Readings:
     """The latest valid reading and doubt of each (signal, channel), at instants [s]; thread-safe."""
 
     def __init__(self) -> None:
-        """Start without any."""
         self._lock = Lock()
         self._latest: dict[tuple[str, str], Reading] = {}
         self._doubts: dict[str, tuple[float, str]] = {}
@@ -324,9 +323,9 @@ class LiveSource:
     def _view(self, now_s: float) -> View:
         return View(self._map, self._channels, self._readings, now_s, self._confirmed_s)
 
-    def doubts(self, now_s: float) -> dict[str, str]:
+    def doubts(self) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
-        return self._readings.doubts(now_s)
+        return self._readings.doubts(self._clock_s())
 
     def forget(self) -> None:
         """Drop all readings, because the clock fell back."""

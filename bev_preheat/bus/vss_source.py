@@ -85,9 +85,9 @@ class VssSource(LiveSource):
             self._outgoing.update(values)
         self._wake.set()
 
-    def doubts(self, now_s: float) -> dict[str, str]:
+    def doubts(self) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause, and on values that are not published."""
-        return {**super().doubts(now_s), **({'publish': self._unpublished} if self._unpublished else {})}
+        return {**super().doubts(), **({'publish': self._unpublished} if self._unpublished else {})}
 
     def figures(self) -> dict[str, str]:
         """Return figures for the diagnostics."""

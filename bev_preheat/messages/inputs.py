@@ -82,7 +82,6 @@ class RouteIntake:
     """Reads RoutePlans as events, and keeps them: a route is read again for other parameters."""
 
     def __init__(self) -> None:
-        """Start without a message."""
         self._messages: dict[Mission, RoutePlan] = {}
 
     def message_of(self, mission: Mission | None) -> RoutePlan | None:

@@ -72,7 +72,6 @@ class BusGatewayNode(ProgramNode):
     """Publishes the battery at a steady rate while its signals are valid, and nothing otherwise."""
 
     def __init__(self) -> None:
-        """Declare the parameters and open the bus; raises InvalidInput if the map does not fit."""
         super().__init__(PROGRAM)
         if not self.values['signals']:
             raise InvalidInput('signals: is not given; name a signal map with a part live (signals:=my_car.yaml)')
@@ -107,7 +106,7 @@ class BusGatewayNode(ProgramNode):
         if self._map.vss is None:
             source = CanSource(self._map, self._now_s)
             for name in source.frames if values['execute_commands'] else ():
-                heater = self._heaters[name] = CanHeater(source, self._now_s, name)
+                heater = self._heaters[name] = CanHeater(source, name)
                 execution = self._executions[name] = HeaterExecution(
                     self, HeaterLimits(heater.maximum_w, longest_lease_s=values['longest_lease']),
                     heater, heater.obstacle, self.tell, name=name)
@@ -168,7 +167,7 @@ class BusGatewayNode(ProgramNode):
         now_s, source, battery = self._now_s(), self._source, self._battery
         lacking = [f'battery_state is not published: {sentence}' for sentence in self._lacking[:1]]
         lacking += self._lacking[1:]
-        doubts = list(source.doubts(now_s).values())
+        doubts = list(source.doubts().values())
         problem = f'{source.name}: {source.problem}' if source.problem else ''
         for sentence in [problem] if problem else [*lacking, *doubts]:
             self.tell(sentence)

@@ -44,7 +44,6 @@ class ChargerAdviserNode(InboxNode):
     """Compares chargers on request: takes tenths of a second each, which would delay the planner's commands."""
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         self.create_service(RankChargers, '~/rank_chargers', self._on_rank_chargers)
         self.follow_parameters()

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
@@ -73,28 +72,14 @@ class Setup(NamedTuple):
     vehicle_contents: bytes
 
 
-class Planner(NamedTuple):
-    """The recorded planner: full name, whether its clock is /clock, names of topics, and its log."""
-
-    name: str
-    uses_sim_time: bool
-    topic: Callable[[str], str]
-    warn: Callable[[str], object]
-    inform: Callable[[str], object]
-
-
-def planner_of(node: Node) -> Planner:
-    """Return the Planner of its node."""
-    return Planner(node.get_fully_qualified_name(), node.get_parameter('use_sim_time').value,
-                   node.resolve_topic_name, node.get_logger().warning, node.get_logger().info)
-
-
 class FlightRecorder:
     """Records a planner's steps if `flight_recorder` names a folder; never raises, never waits; see `problem`."""
 
-    def __init__(self, planner: Planner) -> None:
-        """Record nothing yet."""
-        self._planner, self._life = planner, ''
+    def __init__(self, planner: str, uses_sim_time: bool, topic_name: Callable[[str], str],
+                 warn: Callable[[str], object], inform: Callable[[str], object]) -> None:
+        """Take the planner's full name, whether its clock is /clock, the full names of its topics, and its log."""
+        self._planner, self._uses_sim_time, self._topic_name = planner, uses_sim_time, topic_name
+        self._warn, self._inform, self._life = warn, inform, ''
         self._topics: dict[str, str] = {}
         self._writer: RecordingWriter | None = None
         self._where: tuple[str, float] = ('', 0.0)
@@ -130,7 +115,7 @@ class FlightRecorder:
         started = datetime.now(UTC).strftime('%Y%m%dT%H%M%S')
         try:
             check_folder(folder)
-            self._life, self._topics = uuid4().hex[:8], {topic: self._planner.topic(topic) for topic in TYPES}
+            self._life, self._topics = uuid4().hex[:8], {topic: self._topic_name(topic) for topic in TYPES}
             kinds = {self._topics[topic]: _kind(message_type) for topic, message_type in TYPES.items()}
             self._state, self._state_setup, self._route = state, setup, None if route is None else Entry(
                 self._topics[ROUTE_PLAN], now_ns, route)
@@ -147,7 +132,7 @@ class FlightRecorder:
         assert state is not None
         now_ns = state.now_ns or now_ns
         beginning = Beginning(
-            version(), self._planner.name, self._life, 0, now_ns, self._planner.uses_sim_time, setup.parameters,
+            version(), self._planner, self._life, 0, now_ns, self._uses_sim_time, setup.parameters,
             setup.vehicle_contents.decode('utf-8', 'replace'))
         yield Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary())
         if self._route is not None and state.inbox.latest_mission is not None:
@@ -197,20 +182,17 @@ class FlightRecorder:
                               and 0 <= self._plan_due_ns - now_ns <= PLAN_PERIOD_NS):
             return
         self._plan_status, self._plan_due_ns = status, now_ns + PLAN_PERIOD_NS
-        plan_entry = Entry(self._topics[PLAN], now_ns, plan)
-        if prediction is None:
-            writer.put(plan_entry)
-        else:
-            writer.put(plan_entry, Entry(self._topics[PREDICTION], now_ns, prediction))
+        writer.put(*(Entry(self._topics[topic], now_ns, message)
+                     for topic, message in ((PLAN, plan), (PREDICTION, prediction)) if message is not None))
 
     def tell(self) -> None:
         """Log a new problem, or its end."""
         problem = self.problem
         if problem != self._told:
             if problem:
-                self._planner.warn(f'flight_recorder: {problem}.')
+                self._warn(f'flight_recorder: {problem}.')
             else:
-                self._planner.inform('flight_recorder: recording again.')
+                self._inform('flight_recorder: recording again.')
             self._told = problem
 
     def entry(self) -> DiagnosticStatus | None:

@@ -129,7 +129,6 @@ class HeaterControllerNode(ProgramNode):
     """Wires gates, lifecycle and a steady timer to a HeaterExecution and the heater's output."""
 
     def __init__(self, output: Output | None = None) -> None:
-        """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
         super().__init__(PROGRAM)
         values, vehicle = self.values, load_vehicle(self.values['vehicle'])
         name = values['heat_source'] or HVCH

@@ -63,7 +63,6 @@ class CommandSenders:
     """
 
     def __init__(self) -> None:
-        """Know no sender yet."""
         # The latest sequence number by sender, the longest silent first.
         self._latest: OrderedDict[int, int] = OrderedDict()
         self._known = 0
@@ -94,7 +93,6 @@ class RefusalNews:
     """Words for the log when a refusal begins or ends."""
 
     def __init__(self) -> None:
-        """Start as a heater does: without a command."""
         self._refusal, self._told = Refusal.NO_COMMAND, ''
 
     def sentence(self, answer: HeaterAnswer) -> tuple[bool, str]:
@@ -212,11 +210,9 @@ class CanHeater:
     hangs.
     """
 
-    def __init__(self, source: CanSource, clock_s: Callable[[], float] = steady_s, name: str = HVCH) -> None:
-        """Take the bus, the clock [s] of its readings, and the name of a heat source."""
-        frame = source.frames[name]
-        self._source, self._clock_s, self._name, self.period_s = source, clock_s, name, frame.period_s
-        self.maximum_w = frame.highest_w
+    def __init__(self, source: CanSource, name: str) -> None:
+        self._source, self._name = source, name
+        self.period_s, self.maximum_w = source.frames[name].period_s, source.frames[name].highest_w
         self._next_s, self._sent, self._unsent = -1.0, 0, ''
 
     @property
@@ -226,8 +222,7 @@ class CanHeater:
 
     def obstacle(self, now: Instant) -> Verdict:
         """Return the Verdict of bus and heater."""
-        fault = self._source.heaters_problem(self._name) or self._source.heater_status(
-            self._clock_s(), self._name)[1]
+        fault = self._source.heaters_problem(self._name) or self._source.heater_status(self._name)[1]
         return Verdict(Refusal.HEATER_FAULT, fault) if fault else SERVED
 
     def __call__(self, power_w: float) -> float | None:
@@ -240,7 +235,7 @@ class CanHeater:
             self._sent += not self._unsent
             if self._unsent and power_w > 0.0:
                 raise ConnectionError(self._unsent)
-        return self._source.heater_status(self._clock_s(), self._name)[0]
+        return self._source.heater_status(self._name)[0]
 
     def end(self) -> None:
         """Send 0 W a few times."""
@@ -253,8 +248,8 @@ class CanHeater:
 
     def entry(self) -> DiagnosticStatus:
         """Return the entry `bus` of the diagnostics."""
-        return judged('bus', [self.bus_problem or self._unsent],
-                      self._source.doubts(self._clock_s()).values(), f'{self._source.name}: works',
+        return judged('bus', [self.bus_problem or self._unsent], self._source.doubts().values(),
+                      f'{self._source.name}: works',
                       {**self._source.figures(), 'sent frames': str(self._sent)})
 
 
@@ -266,7 +261,7 @@ def open_can_heater(name_or_file: str, maximum_power_w: float, name: str = HVCH)
     if not live_map.can or name not in live_map.heaters:
         raise InvalidInput(f"{where}: is missing; it names the frame with the heater's power")
     source = CanSource(live_map, steady_s, {name: maximum_power_w})
-    heater = CanHeater(source, name=name)
+    heater = CanHeater(source, name)
     if heater.maximum_w < maximum_power_w:
         raise InvalidInput(f'{where}: carries at most {heater.maximum_w:g} W; the maximum_power_w of {name} in '
                            f'the vehicle file is {maximum_power_w:g} W')

@@ -40,7 +40,6 @@ class InboxNode(ProgramNode):
     """A node with an Inbox, and the latest refusals by source; its program has VEHICLE and INPUT_PARAMETERS."""
 
     def __init__(self, program: NodeProgram) -> None:
-        """Declare the parameters and subscribe; raises InvalidInput if one is not allowed."""
         super().__init__(program)
         vehicle = load_vehicle(self.values['vehicle'])
         self.hardware = vehicle.name

@@ -114,11 +114,9 @@ class NodeProcess:
                 env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
 
     def __enter__(self) -> NodeProcess:
-        """Return the process."""
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """End the process."""
         self.end()
 
     @property
@@ -184,7 +182,6 @@ class ObservedDrive:
     """
 
     def __init__(self, node: Node, target_c: float) -> None:
-        """Subscribe."""
         self.record = DriveRecord(target_c)
         self.states: list[tuple[float, float, float]] = []
         self.predictions: list[tuple[float, float]] = []

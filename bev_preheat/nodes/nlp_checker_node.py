@@ -80,7 +80,6 @@ class NlpCheckerNode(InboxNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         require('casadi')
         super().__init__(PROGRAM)
         self._solver = self._solver_of(self.inbox.vehicle)

@@ -85,10 +85,13 @@ def guarded(callback: Callback) -> Callback:
 
 
 class ProgramNode(LifecycleNodeMixin, Node):
-    """A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process."""
+    """
+    A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process.
+
+    Making any of them raises InvalidInput if a parameter is not allowed.
+    """
 
     def __init__(self, program: NodeProgram) -> None:
-        """Declare the parameters; raises InvalidInput if one is not allowed."""
         # The mixin's own begins with `manage`.
         super(LifecycleNodeMixin, self).__init__(program.name)
         self.values: Values = declare(self, program.parameters)

@@ -35,7 +35,6 @@ class PlannerLog:
     """Logs the outputs of steps, and the findings in the state after them."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """Take the node's logger."""
         self._logger, self._news, self._logged = logger, RepetitionFilter(), _Findings()
 
     def log_output(self, output: StepOutput) -> None:

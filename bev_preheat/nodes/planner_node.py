@@ -25,8 +25,9 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
-from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
+from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
+from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
 from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
@@ -77,7 +78,6 @@ class PlannerNode(ProgramNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         values = self.values
         vehicle, settings = read(values)
@@ -90,7 +90,9 @@ class PlannerNode(ProgramNode):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._log = PlannerLog(self.get_logger())
-        self._recorder = FlightRecorder(planner_of(self))
+        self._recorder = FlightRecorder(
+            self.get_fully_qualified_name(), self.get_parameter(USE_SIM_TIME).value, self.resolve_topic_name,
+            self.get_logger().warning, self.get_logger().info)
         self._routes = RouteIntake()
         self._go_on(settings)
         self._record()
@@ -182,7 +184,7 @@ class PlannerNode(ProgramNode):
         plan = plan_message(
             decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions())
         self._plan_publisher.publish(plan)
-        prediction = None if decision.plan is None else temperature_message(decision, now_ns)
+        prediction = temperature_message(decision, now_ns)
         if prediction is not None:
             self._temperature_publisher.publish(prediction)
         self._recorder.note_plan(now_ns, plan, prediction)

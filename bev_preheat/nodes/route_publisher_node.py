@@ -91,7 +91,6 @@ class RoutePublisherNode(ProgramNode):
     """Publishes one route at a time, and matches fixes and odometer to it; an uncertain place is not published."""
 
     def __init__(self) -> None:
-        """Declare the parameters and load the route; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         self._use(load_offer(self.values))
         self._next_offer: RouteOffer | None = None

@@ -146,7 +146,6 @@ class StateKeeper:
     """Reads and writes the file of `state_file`; problems are reported, and preheating works without it."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """Take the node's logger."""
         self._logger = logger
         self._path, self._contents, self._fingerprint = '', b'', ''
         self._written = _Kept()

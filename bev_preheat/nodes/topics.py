@@ -59,7 +59,6 @@ class ListeningPublisher:
 
     def __init__(self, node: Node, message_type: type[Message], topic: str, qos: QoSProfile | int,
                  on_other: Callable[[bytes], object]) -> None:
-        """Advertise."""
         self._node, self._message_type, self._on_other = node, message_type, on_other
         self.publisher = node.create_publisher(message_type, topic, qos)
         self._publications: deque[tuple[int, int]] = deque(maxlen=PUBLICATIONS_KEPT)
@@ -214,7 +213,6 @@ class RouteListener:
 
     def __init__(self, node: ProgramNode, on_route: Callable[[RoutePlan], object],
                  on_refused: Callable[[InvalidInput], object]) -> None:
-        """Subscribe."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
         for profile in (LATCHED, RELIABLE):

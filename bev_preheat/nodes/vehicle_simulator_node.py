@@ -74,7 +74,6 @@ class VehicleSimulatorNode(ProgramNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         values, self.exit_status, self._senders = self.values, 0, CommandSenders()
         self._car, route_name, warnings = departure(values)

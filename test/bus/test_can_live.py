@@ -57,7 +57,7 @@ class Car:
         return self.source.battery(self.now_s)
 
     def doubts(self):
-        return ' '.join(self.source.doubts(self.now_s).values())
+        return ' '.join(self.source.doubts().values())
 
 
 @pytest.fixture
@@ -294,7 +294,7 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
         # The last temperature is refused; the one before counts, with its own instant.
         assert battery.temperature_c == pytest.approx(-5.0)
         assert 0.3 < now_s - battery.instant_s < 2.0
-        assert 'BMS_TempCrc is 0x' in ' '.join(source.doubts(now_s).values())
+        assert 'BMS_TempCrc is 0x' in ' '.join(source.doubts().values())
         # Frames that are sent go nowhere; after the end the readings expire.
         assert source.send_power(1000.0) == ''
         assert source.battery(now_s + 2.0)[0] is None
