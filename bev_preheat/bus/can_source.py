@@ -242,7 +242,7 @@ class CanSource(LiveSource):
         return '; '.join(f'{link.name}: {link.problem}' for link in self._links if link.problem)
 
     def start(self) -> None:
-        """Receive, in a thread for each bus; one that cannot be opened is tried again."""
+        """Receive in a thread for each bus; a bus that cannot be opened is tried again."""
         for link in self._links:
             link.start()
 

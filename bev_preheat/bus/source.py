@@ -195,24 +195,24 @@ class LiveBattery:
     missing: tuple[str, ...] = ()
 
 
+@dataclass
 class View:
     """
-    The readings at one instant.
+    The readings of a LiveSource at one instant.
 
-    `oldest_s` is the instant of the oldest reading used so far [s]; `missing` are sentences on signals that are
-    not valid.
+    On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection was
+    alive: until then, the latest values hold. `oldest_s` is the instant of the oldest reading used so far [s];
+    `missing` are sentences on signals that are not valid.
     """
 
-    def __init__(self, live_map: LiveMap, channels: Channels, readings: Readings, now_s: float,
-                 confirmed_s: float | None) -> None:
-        """
-        Take what a LiveSource has.
+    live_map: LiveMap
+    channels: Channels
+    readings: Readings
+    now_s: float
+    confirmed_s: float | None
 
-        On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection
-        was alive: until then, the latest values hold.
-        """
-        self._map, self._channels, self._readings = live_map, channels, readings
-        self.now_s, self.confirmed_s, self.oldest_s = now_s, confirmed_s, now_s
+    def __post_init__(self) -> None:
+        self.oldest_s = self.now_s
         self.missing: dict[str, str] = {}
 
     @property
@@ -222,8 +222,8 @@ class View:
 
     def value(self, signal: str) -> float | None:
         """Return a signal by the first entry of its Source that is valid as a whole."""
-        for group in self._channels.get(signal, ()):
-            source = self._map.sources[signal]
+        for group in self.channels.get(signal, ()):
+            source = self.live_map.sources[signal]
             found = [self._valid(signal, channel.name) for channel in group]
             used = [reading for reading in found if reading is not None]
             if len(used) == len(found):
@@ -240,7 +240,7 @@ class View:
     def all_values(self, signal: str) -> tuple[float, ...]:
         """Return the valid values of every channel of a signal; NaN for each that is not."""
         values = []
-        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ()) for channel in group):
+        for name in dict.fromkeys(channel.name for group in self.channels.get(signal, ()) for channel in group):
             value = self.reading(signal, name)
             values.append(math.nan if value is None else value)
         return tuple(values)
@@ -259,7 +259,7 @@ class View:
             reading.instant_s, min(self.confirmed_s, self.now_s))
 
     def _valid(self, signal: str, channel: str) -> Reading | None:
-        reading, limit_s = self._readings.latest(signal, channel), self._map.valid_for_s[signal]
+        reading, limit_s = self.readings.latest(signal, channel), self.live_map.valid_for_s[signal]
         if reading is None:
             self.missing[signal] = f'{signal}: no valid reading of {channel} yet'
             return None
@@ -272,7 +272,6 @@ class View:
 
     def battery(self) -> tuple[LiveBattery | None, tuple[str, ...]]:
         """Return the battery; or None and a sentence for each required signal without a valid value."""
-        live_map = self._map
         if self.is_lost:
             assert self.confirmed_s is not None
             silent_s = self.now_s - self.confirmed_s
@@ -280,19 +279,19 @@ class View:
                 f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
         values = {signal: self.value(signal) for signal in BATTERY_SIGNALS}
         cells_c = self.all_values(CELLS)
-        lacking = [self.missing.get(signal, f'{signal}: is not on the bus') for signal in live_map.required
+        lacking = [self.missing.get(signal, f'{signal}: is not on the bus') for signal in self.live_map.required
                    if values.get(signal) is None]
         if lacking:
             return None, tuple(lacking)
         charging = None
-        if live_map.charging_channel is not None:
-            charging = self.reading(CHARGING, live_map.charging_channel)
+        if self.live_map.charging_channel is not None:
+            charging = self.reading(CHARGING, self.live_map.charging_channel)
         current_a, power_w, voltage_v = values['current_a'], values['power_w'], values['voltage_v']
         if current_a is None and power_w is not None and voltage_v:
             current_a = power_w / voltage_v
         return LiveBattery(
             values['battery_temperature_c'], values['soc'], voltage_v, current_a, cells_c,
-            None if charging is None else charging in live_map.charging_values, self.oldest_s,
+            None if charging is None else charging in self.live_map.charging_values, self.oldest_s,
             tuple(self.missing.values())), ()
 
 

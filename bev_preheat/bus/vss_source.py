@@ -54,12 +54,12 @@ class VssSource(LiveSource):
         self.name = f'VSS {settings.host}:{settings.port}'
         self._on_request, self._actuators = on_request, tuple(actuators) if settings.conditioning else ()
         self._wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
-        # Of the broker: its paths, and what is wrong with connection, signals and the latest values published.
+        # The broker's paths, and problems with the connection, the signals and the latest published values.
         self._known: frozenset[str] = frozenset()
         self._lost, self._mismatch, self._unpublished = 'is not connected yet', '', ''
         self._ended, self._wake, self._lock = Event(), Event(), Lock()
         self._outgoing: dict[str, Any] = {}
-        # How many times the broker has been reached, and updates of it.
+        # Numbers of connections and of updates.
         self.connections = self._updates = 0
         self._thread = Thread(target=self._run, name='vss', daemon=True)
 

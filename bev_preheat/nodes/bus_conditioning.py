@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from queue import Empty
 import time
 from typing import Any, TYPE_CHECKING
 
@@ -83,12 +82,8 @@ class BusConditioning:
     # Requests
 
     def _on_look(self) -> None:
-        while True:
-            try:
-                values = self._requests.get_nowait()
-            except Empty:
-                break
-            self._take(values)
+        while not self._requests.empty():
+            self._take(self._requests.get())
         is_there = self._client.server_is_ready()
         if self._sent is not None and not (is_there and steady_s() < self._alive_until_s):
             # Its planner has gone; the next one gets the goal again.
