@@ -62,7 +62,7 @@ def entry(part: str, level: bytes, message: str, values: Mapping[str, str] | Non
 
 def judged(part: str, errors: Iterable[str], warnings: Iterable[str], good: str,
            values: Mapping[str, str] | None = None) -> DiagnosticStatus:
-    """Return the entry of a part: ERROR with any error, else WARN with any warning, else OK; '' is none."""
+    """Return the entry of a part: ERROR with any error, else WARN with any warning, else OK; '' is ignored."""
     errors, warnings = list(filter(None, errors)), list(filter(None, warnings))
     level = ERROR if errors else WARN if warnings else OK
     return entry(part, level, '; '.join([*errors, *warnings]) or good, values)
@@ -253,30 +253,21 @@ def _progress(state: State, now_ns: int) -> list[DiagnosticStatus]:
     no position.
     """
     place, refused = state.place, state.inbox.refused_progress
-    if refused is None and place is None:
-        return []
-    values = {}
-    sentences = [] if refused is None else [f'{refused}.']
-    is_late = False
-    if place is not None:
-        age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
-        delay_s = place.delay_ns / NS_PER_S
-        values = {'distance [m]': f'{place.latest.distance_m:.0f}',
-                  'length of the route [m]': f'{place.length_m:.0f}',
-                  'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
-                  'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
-        is_late = age_s > limit_s and not place.has_ended
-        if place.has_ended and refused is None:
-            sentences.append('The trip has ended.')
-        elif is_late:
-            sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
-                             f'{limit_s:g} s are allowed: the planner continues by time from there.')
-        elif refused is None:
-            sentences.append(_delay_in_words(delay_s))
-    elif refused is not None:
-        sentences.append('The planner follows the stamp of route_plan.')
-    is_warning = refused is not None or is_late
-    return [entry('route progress', WARN if is_warning else OK, ' '.join(sentences), values)]
+    warnings = [] if refused is None else [f'{refused}.']
+    if place is None:
+        return [entry('route progress', WARN, f'{refused}. The planner follows the stamp of route_plan.')
+                ] if refused is not None else []
+    age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+    delay_s = place.delay_ns / NS_PER_S
+    if age_s > limit_s and not place.has_ended:
+        warnings.append(f'The latest valid route_progress is {age_s:.3f} s old; at most {limit_s:g} s are '
+                        'allowed: the planner continues by time from there.')
+    return [entry('route progress', WARN if warnings else OK, ' '.join(warnings) or (
+        'The trip has ended.' if place.has_ended else _delay_in_words(delay_s)), {
+            'distance [m]': f'{place.latest.distance_m:.0f}',
+            'length of the route [m]': f'{place.length_m:.0f}',
+            'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+            'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'})]
 
 
 def _delay_in_words(delay_s: float) -> str:

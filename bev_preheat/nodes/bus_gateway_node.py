@@ -22,7 +22,7 @@ from bev_preheat.messages.diagnostics import judged
 from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.heater_execution import CanHeater, HeaterExecution
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import StartParameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics import NS_PER_S
@@ -37,16 +37,13 @@ if TYPE_CHECKING:
     from bev_preheat.bus.source import LiveBattery
 
 PARAMETERS = (
-    Parameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.',
-              read_only=True),
-    Parameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0), read_only=True),
-    Parameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of VSS.',
-              read_only=True),
-    Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
-              read_only=True),
-    Parameter('execute_commands', True, 'Write commands to CAN if the map has their frames. False: leave it to '
-              'heater_controller, which also keeps the gates and the rate limit of the heater.',
-              read_only=True),
+    StartParameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.'),
+    StartParameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0)),
+    StartParameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of '
+                   'VSS.'),
+    StartParameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0)),
+    StartParameter('execute_commands', True, 'Write commands to CAN if the map has their frames. False: leave it '
+                   'to heater_controller, which also keeps the gates and the rate limit of the heater.'),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '

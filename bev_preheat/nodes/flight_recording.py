@@ -19,19 +19,7 @@ from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.records import (
-    Beginning,
-    COMMAND,
-    command_values,
-    definition,
-    event_values,
-    GoalNumbers,
-    learned_values,
-    recorded_state,
-    RecordedStep,
-    SOURCE_COMMAND,
-    STEP,
-)
+from bev_preheat.recording import records
 from bev_preheat.recording.ring import check_folder
 from bev_preheat.recording.writer import (
     BEGINNING_CHANNEL,
@@ -56,8 +44,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
-TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, COMMAND: HvchCommand,
-         SOURCE_COMMAND: HeatSourceCommand, PLAN: PreheatPlan, PREDICTION: Temperature}
+TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, records.COMMAND: HvchCommand,
+         records.SOURCE_COMMAND: HeatSourceCommand, PLAN: PreheatPlan, PREDICTION: Temperature}
 # A replay may start at a recorded state; each takes some milliseconds of the writing thread [ns].
 STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
@@ -83,7 +71,7 @@ class FlightRecorder:
         self._topics: dict[str, str] = {}
         self._writer: RecordingWriter | None = None
         self._where: tuple[str, float] = ('', 0.0)
-        self._goals = GoalNumbers()
+        self._goals = records.GoalNumbers()
         self._setup = Setup({}, b'')
         self._plan_due_ns, self._plan_status = 0, -1
         # After the latest recorded step, with its setup and the message of its route; used by the writing thread.
@@ -131,7 +119,7 @@ class FlightRecorder:
         state, setup = self._state, self._state_setup
         assert state is not None
         now_ns = state.now_ns or now_ns
-        beginning = Beginning(
+        beginning = records.Beginning(
             version(), self._planner, self._life, 0, now_ns, self._uses_sim_time, setup.parameters,
             setup.vehicle_contents.decode('utf-8', 'replace'))
         yield Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary())
@@ -142,12 +130,12 @@ class FlightRecorder:
     def _state_entry(self, state: State, now_ns: int) -> Entry:
         self._state_ns = now_ns
         goal, route = state.preparation.goal, self._route
-        return Entry(STATE_CHANNEL, now_ns, recorded_state(
+        return Entry(STATE_CHANNEL, now_ns, records.recorded_state(
             state, None if goal is None else self._goals.number(goal),
             None if route is None or state.inbox.latest_mission is None else route.now_ns).as_dictionary())
 
     def note(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
-             call: str = STEP, what: str = '') -> None:
+             call: str = records.STEP, what: str = '') -> None:
         """Record a step: the State after it, its events, the message of the first (None: no event), its output."""
         if self._writer is not None:
             decision = output.decision
@@ -159,14 +147,14 @@ class FlightRecorder:
                  status: Status | None, call: str, what: str, setup: Setup) -> Iterable[Entry]:
         """Return the entries of a step; called by the writing thread."""
         values = [_values(event, message is not None, self._goals, setup) for event in events]
-        step = Entry(STEP_CHANNEL, now_ns, RecordedStep(
-            now_ns, call, tuple(values), what, command_values(command), status,
+        step = Entry(STEP_CHANNEL, now_ns, records.RecordedStep(
+            now_ns, call, tuple(values), what, records.command_values(command), status,
             () if command is None else command.sources_w))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
-            entries += [Entry(self._topics[SOURCE_COMMAND], now_ns, message)
+            entries += [Entry(self._topics[records.SOURCE_COMMAND], now_ns, message)
                         for message in source_messages(command, state.vehicle, now_ns)]
-            entries.append(Entry(self._topics[COMMAND], now_ns, command_message(command, now_ns)))
+            entries.append(Entry(self._topics[records.COMMAND], now_ns, command_message(command, now_ns)))
         latest = state.inbox.latest_mission
         if any(isinstance(event, RouteArrived) and event.mission is latest for event in events):
             self._route = entries[0]
@@ -215,15 +203,15 @@ class FlightRecorder:
             self._writer = None
 
 
-def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -> dict[str, Any]:
-    values = event_values(event, goals, has_message)
+def _values(event: Event, has_message: bool, goals: records.GoalNumbers, setup: Setup) -> dict[str, Any]:
+    values = records.event_values(event, goals, has_message)
     if isinstance(event, Reconfigured):
-        values.update(parameters=setup.parameters, learned=learned_values(event.learned),
+        values.update(parameters=setup.parameters, learned=records.learned_values(event.learned),
                       vehicle_file=setup.vehicle_contents.decode('utf-8', 'replace'))
     return values
 
 
 def _kind(message_type: Any) -> Kind:
     package, name = message_type.__module__.partition('.')[0], message_type.__name__
-    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr',
+    return Kind(f'{package}/msg/{name}', records.definition(package, name), 'ros2msg', 'cdr',
                 lambda message: bytes(serialize_message(message)))

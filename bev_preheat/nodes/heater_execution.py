@@ -89,24 +89,6 @@ class CommandSenders:
         return sender
 
 
-class RefusalNews:
-    """Words for the log when a refusal begins or ends."""
-
-    def __init__(self) -> None:
-        self._refusal, self._told = Refusal.NO_COMMAND, ''
-
-    def sentence(self, answer: HeaterAnswer) -> tuple[bool, str]:
-        """Return whether the heater is refused now, and the news since the call before; '' without news."""
-        is_refused = answer.refusal in LEVELS
-        if answer.refusal is self._refusal:
-            return is_refused, ''
-        ended = f'{self._told} is over' if self._told else ''
-        begun = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
-        sentence = '; '.join(filter(None, [ended, begun if is_refused or ended else '']))
-        self._refusal, self._told = answer.refusal, answer.refusal.name if is_refused else ''
-        return is_refused, sentence
-
-
 class HeaterExecution:
     """A HeaterController between the topics and an output; call `apply` periodically."""
 
@@ -120,7 +102,8 @@ class HeaterExecution:
         """
         self._node, self._output, self._obstacle, self._log = node, output, obstacle, tell
         self._controller, self._senders = HeaterController(limits), CommandSenders()
-        self._refusal_news = RefusalNews()
+        # As logged: a heater starts without a command.
+        self._refusal, self._refused_as = Refusal.NO_COMMAND, ''
         self.answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         self._measured_w: float | None = None
         # The latest refusal and requested power [W] that were published, and when [s].
@@ -173,11 +156,19 @@ class HeaterExecution:
         now_s, news = now.steady_ns / NS_PER_S, (answer.refusal, answer.requested_w)
         if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
-        is_refused, sentence = self._refusal_news.sentence(answer)
-        if sentence:
-            self._log(sentence, is_refused)
+        self._log_refusal(answer)
         self._told, self._told_at_s = news, now_s
         self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w, self._name))
+
+    def _log_refusal(self, answer: HeaterAnswer) -> None:
+        """Log that a refusal has begun or ended."""
+        if answer.refusal is self._refusal:
+            return
+        before, is_refused = self._refused_as, answer.refusal in LEVELS
+        self._refusal, self._refused_as = answer.refusal, answer.refusal.name if is_refused else ''
+        if is_refused or before:
+            now = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
+            self._log(f'{before} is over; {now}' if before else now, is_refused)
 
     def _switch_off(self) -> None:
         try:

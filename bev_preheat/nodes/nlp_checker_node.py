@@ -22,7 +22,7 @@ from bev_preheat.nodes.optimality_report import (
     report_sentence,
     says_the_same,
 )
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import Parameter, StartParameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
@@ -47,9 +47,8 @@ PARAMETERS = (
               'Time between two checks; 0: only new routes and on demand',
               's', (0.0, 86400.0)),
     Parameter('time_limit', 10.0, 'The solver is stopped after this time', 's', (0.1, 600.0)),
-    Parameter('solver_niceness', MOST_NICE,
-              "The solver's niceness towards other processes: added to the node's own nice value",
-              limits=(0, MOST_NICE), read_only=True),
+    StartParameter('solver_niceness', MOST_NICE, "The solver's niceness towards other processes: added to the "
+                   "node's own nice value", limits=(0, MOST_NICE)),
     *INPUT_PARAMETERS,
 )
 PROGRAM = NodeProgram(

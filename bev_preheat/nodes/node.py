@@ -18,7 +18,7 @@ from rclpy.task import Future
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import diagnostics
-from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
+from bev_preheat.nodes.parameters import check, declare, StartParameter, USE_SIM_TIME
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ def without_figures(sentence: str) -> str:
     return FIGURE.sub('#', sentence)
 
 
-LIFECYCLE = Parameter('lifecycle', False, 'Managed node (rclpy lifecycle): 0 W unless it is active.',
-                      read_only=True)
+LIFECYCLE = StartParameter('lifecycle', False, 'Managed node (rclpy lifecycle): 0 W unless it is active.')
 NOT_ACTIVE = 'The node is managed (lifecycle:=true) and not active.'
 # From the transition `shutdown` to the end of the process, for the delivery of its response [s].
 LINGER_S = 0.2
@@ -88,7 +87,7 @@ class ProgramNode(LifecycleNodeMixin, Node):
     """
     A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process.
 
-    Making any of them raises InvalidInput if a parameter is not allowed.
+    Each constructor raises InvalidInput if a parameter is not allowed.
     """
 
     def __init__(self, program: NodeProgram) -> None:

@@ -21,15 +21,16 @@ from bev_preheat.control.events import (
     RouteUnreadable,
 )
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import planner_diagnostics
-from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
+from bev_preheat.messages.inputs import INPUTS, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
-from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
+from bev_preheat.nodes.planner_parameters import check_changes, NEVER_LOCKED, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram
 from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.errors import InvalidInput
     from bev_preheat.nodes.node import Values
 
 PROGRAM = NodeProgram(
@@ -142,18 +142,15 @@ class PlannerNode(ProgramNode):
     @guarded
     def _on_input(self, topic: str, message: Any) -> None:
         now_ns = self.now_ns()
-        event = self._admit(topic, message, now_ns)
+        # It may be that the message cannot be read.
+        event = INPUTS[topic].event(message, self._supervisor.state, self._routes,
+                                    self.setup.clock_hint(message.header.stamp, now_ns))
         if not self._step(event, now_ns=now_ns, message=message):
             return
         if topic == BATTERY_STATE:
             self._stale_timer.reset()
         elif topic == ROUTE_PLAN:
             self._log.log_route(self._supervisor.state)
-
-    def _admit(self, topic: str, message: Any, now_ns: int) -> Event:
-        """Return a message as an event, which may be that it cannot be read."""
-        return INPUTS[topic].event(message, Reader(
-            self._supervisor.state, self._routes, self.setup.clock_hint(message.header.stamp, now_ns)))
 
     def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
         """
@@ -295,7 +292,13 @@ class PlannerNode(ProgramNode):
 
     def check_lock(self, parameters: Sequence[RosParameter]) -> None:
         """Refuse a change of what is locked."""
-        check_lock(self, parameters)
+        if self.values['locked']:
+            problems = [
+                f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
+                for parameter in parameters if parameter.name not in NEVER_LOCKED
+                and parameter.value != self.get_parameter(parameter.name).value]
+            if problems:
+                raise InvalidInput(problems)
 
     def check_values(self, changed: Values) -> None:
         """Refuse values that do not fit, and unusable files."""
@@ -371,15 +374,13 @@ class PlannerNode(ProgramNode):
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
-        for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery,
-                     self._recorder.close):
-            last()
+        for last in (self._prepare.shut_down, self._switch_off, self._on_save_due, self._await_delivery):
+            try:
+                last()
+            except Exception as error:
+                self.fail(last.__name__, error)
+        self._recorder.close()
 
-    @guarded
-    def _end_goals(self) -> None:
-        self._prepare.shut_down()
-
-    @guarded
     def _switch_off(self) -> None:
         # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self.now_ns()
@@ -387,9 +388,8 @@ class PlannerNode(ProgramNode):
         self._publish_command(output, now_ns)
         self._recorder.note(self._supervisor.state, now_ns, (), None, output, STOP)
 
-    @guarded
     def _await_delivery(self) -> None:
-        self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+        self._command_publisher.hvch.publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
 
 def _has_plan_or_heats(output: StepOutput) -> bool:

@@ -18,7 +18,7 @@ from bev_preheat.messages.fix import fix_from_message
 from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.node import guarded, ProgramNode, without_figures
-from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
+from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.nodes.topics import LATCHED
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 # A change of these publishes the route again.
 ROUTE_PARAMETERS = (
     Parameter('route', 'reference', 'Route: a name in config/routes, or a route file of any format.'),
-    Parameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's own.",
-              read_only=True),
+    StartParameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's "
+                   'own.'),
     Parameter('route_id', '', "Identifies the route in route_plan. Empty: the file's name without suffix."),
     Parameter('departure_time', 0.0, 'Start of the route, since the epoch. 0: when the node starts or the route '
               'is replaced, and again when the vehicle leaves the start', 's',
@@ -58,13 +58,13 @@ ROUTE_PARAMETERS = (
 )
 PARAMETERS = (
     *ROUTE_PARAMETERS,
-    Parameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
-              unset_means='the first reading, if the route starts now', read_only=True),
+    StartParameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
+                   unset_means='the first reading, if the route starts now'),
     Parameter('position_timeout', 5.0, 'A position older than this is not used',
               's', (0.5, 60.0)),
     Parameter('clock_tolerance', 1.0, 'A position may be stamped this far in the future', 's', (0.0, 10.0)),
-    Parameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last digit is '
-              'used for this time', 's', (0.0, 86400.0), read_only=True),
+    StartParameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last '
+                   'digit is used for this time', 's', (0.0, 86400.0)),
 )
 OF_ROUTE = frozenset(parameter.name for parameter in ROUTE_PARAMETERS)
 PROGRAM = NodeProgram(

@@ -22,10 +22,9 @@ from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
-from bev_preheat.nodes.simulated_drive import trip_diagnostics
+from bev_preheat.nodes.simulated_drive import departure, PROGRAM, trip_diagnostics
 from bev_preheat.nodes.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
 from bev_preheat.nodes.topics import LATCHED
-from bev_preheat.nodes.vehicle_simulator_parameters import departure, PROGRAM
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.simulation.heater import HeaterSide
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.publisher import Publisher
     from rclpy.task import Task
 
     from bev_preheat.nodes.node import Values
@@ -103,18 +103,19 @@ class VehicleSimulatorNode(ProgramNode):
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
         self._route_publisher = self.create_publisher(RoutePlan, 'route_plan', LATCHED)
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
-        self._status_publisher = (
-            self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
         self._commands = self.create_subscription(HvchCommand, 'hvch_command', self._on_command, COMMANDS_KEPT)
-        # Of the heat sources beside the HVCH, each with senders of its own numbers.
-        self._source_status_publisher = None
+        # By name; empty if no status is published.
+        self._status_publishers: dict[str, Publisher] = {}
+        if values['heater_status']:
+            self._status_publishers[HVCH] = self.create_publisher(HvchStatus, 'hvch_status', 1)
+        # The heat sources beside the HVCH, with senders of their own numbers.
         if others := self._heater.names[1:]:
             self._source_senders = CommandSenders()
             self.create_subscription(HeatSourceCommand, 'heat_source_command', self._on_source_command,
                                      COMMANDS_KEPT * len(others))
             if values['heater_status']:
-                self._source_status_publisher = self.create_publisher(
-                    HeatSourceStatus, 'heat_source_status', len(others))
+                self._status_publishers.update(dict.fromkeys(others, self.create_publisher(
+                    HeatSourceStatus, 'heat_source_status', len(others))))
         self.follow_parameters()
 
         self._has_told_route = False
@@ -184,7 +185,7 @@ class VehicleSimulatorNode(ProgramNode):
             self._progress_publisher.publish(progress_message(progress))
             yield
         for reading in readings:
-            if self._status_publisher is not None:
+            if self._status_publishers:
                 self._publish_status()
                 yield
             self._publish_state(reading)
@@ -350,10 +351,8 @@ class VehicleSimulatorNode(ProgramNode):
 
     def _publish_status(self) -> None:
         """Publish the answers of the heat sources."""
-        if self._status_publisher is not None and self._time.start_ns:
-            for name in self._heater.names:
-                publisher = self._status_publisher if name == HVCH else self._source_status_publisher
-                assert publisher is not None
+        if self._time.start_ns:
+            for name, publisher in self._status_publishers.items():
                 publisher.publish(status_message(self._heater.answer(self._time.start_ns, name), self.now_ns(),
                                                  self._heater.measured_w(name), name))
 
