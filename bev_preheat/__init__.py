@@ -28,11 +28,19 @@ if find_spec('bev_preheat_studies') is not None:
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
-    from bev_preheat.interface.drive_results import DriveResult, SessionResult, WorthResult
+    from bev_preheat.interface.drive_results import (
+        CheckResult,
+        DriveResult,
+        IdentificationResult,
+        SessionResult,
+        WorthResult,
+    )
     from bev_preheat.interface.functions import (
         charging_session,
+        check,
         compare,
         drive,
+        identify,
         methods,
         optimum,
         plan,
@@ -47,7 +55,6 @@ if TYPE_CHECKING:
         routes,
         vehicles,
     )
-    from bev_preheat.interface.own_car import check, CheckResult, IdentificationResult, identify
     from bev_preheat.interface.results import ComparisonResult, OptimumResult, PlanResult
     from bev_preheat.logs.recording import Recording
     from bev_preheat.planning.installed_methods import MethodSituation, Prediction
@@ -66,13 +73,13 @@ if TYPE_CHECKING:
 else:
     _MODULES = {
         **dict.fromkeys(('InvalidInput', 'PlanningFailure'), 'errors'),
-        **dict.fromkeys(('charging_session', 'compare', 'drive', 'methods', 'optimum', 'plan', 'worth'),
-                        'interface.functions'),
+        **dict.fromkeys(('charging_session', 'check', 'compare', 'drive', 'identify', 'methods', 'optimum', 'plan',
+                         'worth'), 'interface.functions'),
         **dict.fromkeys(('load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle', 'routes',
                          'vehicles'), 'interface.inputs'),
-        **dict.fromkeys(('CheckResult', 'IdentificationResult', 'check', 'identify'), 'interface.own_car'),
         **dict.fromkeys(('ComparisonResult', 'OptimumResult', 'PlanResult'), 'interface.results'),
-        **dict.fromkeys(('DriveResult', 'SessionResult', 'WorthResult'), 'interface.drive_results'),
+        **dict.fromkeys(('CheckResult', 'DriveResult', 'IdentificationResult', 'SessionResult', 'WorthResult'),
+                        'interface.drive_results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
         **dict.fromkeys(('MethodSituation', 'Prediction'), 'planning.installed_methods'),
         'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater',

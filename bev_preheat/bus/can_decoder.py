@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.frame_checks import FrameChecks
 from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
-from bev_preheat.bus.source import live_channels, LiveChannel
+from bev_preheat.bus.source import by_channel, live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
@@ -54,19 +53,13 @@ class CanDecoder:
     """
     Turns frames into Readings.
 
-    `channels` has the LiveChannels of each signal, as battery.BatteryReader takes them; `identifiers` are the
-    frames that are used, as (identifier, whether it has 29 bits), for each bus.
+    `channels` has the LiveChannels of each signal; `identifiers` are the frames that are used, as (identifier,
+    whether it has 29 bits), for each bus.
     """
 
-    def __init__(self, live_map: LiveMap, bus_messages: BusMessages | None = None,
-                 frames: Mapping[str, HeaterFrame] = MappingProxyType({})) -> None:
-        """
-        Take the messages (None: load them), and the frames of heat sources by name.
-
-        Raises InvalidInput for a missing signal.
-        """
-        where, bus_messages = str(live_map.signals.path), bus_messages or BusMessages(live_map)
-        messages = bus_messages.by_name
+    def __init__(self, live_map: LiveMap, bus_messages: BusMessages, frames: Mapping[str, HeaterFrame]) -> None:
+        """Take the frames of the map's heat sources by name; raises InvalidInput for a missing signal."""
+        where, messages = str(live_map.signals.path), bus_messages.by_name
         signals = {f'{message.name}.{signal.name}': signal
                    for message in messages.values() for signal in message.signals}
         units = {name: unit_named(signal.unit or '') for name, signal in signals.items()}
@@ -81,27 +74,22 @@ class CanDecoder:
         named = [(f'live.{CHARGING}.channel', live_map.charging_channel)]
         wanted_of: list[tuple[str, str, str, str]] = []
         for name, (key, _, status) in live_map.heaters.items():
-            frame = frames.get(name)
-            if status is not None and status.fault is not None:
+            if status.fault is not None:
                 self._plain[reading_of(HEATER_FAULT, name)] = status.fault
                 named.append((f'{key}status.fault', status.fault))
             wanted_of += [(signal, name, f'{key}{part}', channel) for signal, part, channel in (
-                (HEATER_POWER, 'status.power', None if status is None else status.power),
-                (FOLLOWED, 'command.coolant.follows', None if frame is None else frame.follows))
+                (HEATER_POWER, 'status.power', status.power),
+                (FOLLOWED, 'command.coolant.follows', frames[name].follows))
                 if channel is not None]
         problems += [f'{where}: {key}: {channel} is no MESSAGE.SIGNAL of the DBC'
                      for key, channel in (*named, *(each[2:] for each in wanted_of))
                      if channel is not None and channel not in signals]
         if problems:
             raise InvalidInput(problems)
-        self._wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
-        for signal, groups in self.channels.items():
-            for wanted in {each.name: each for group in groups for each in group}.values():
-                self._wanted.setdefault(wanted.name, []).append((signal, wanted))
+        self._wanted = by_channel(self.channels)
         for signal, name, key, channel in wanted_of:
-            frame = frames.get(name)
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
-                       None if frame is None or signal == FOLLOWED else frame.full_power_w)
+                       None if signal == FOLLOWED else frames[name].full_power_w)
         used = {name.partition('.')[0] for name in (*self._wanted, *self._plain.values())}
         self._checks = {
             (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 import logging
@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER, reading_of
 from bev_preheat.bus.heater_frame import HeaterFrame
-from bev_preheat.bus.live_map import HeaterStatusRule, REPLAY
+from bev_preheat.bus.live_map import REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.logs.can_frames import recorded_frames
@@ -210,8 +210,6 @@ TEMPERATURE = 'battery_temperature_c'
 class CanSource(LiveSource):
     """A CAN bus, or several. `frames` are the HeaterFrames of the heat sources that the map commands, by name."""
 
-    _links: Sequence[CanLink]
-
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
                  vehicle_powers_w: Mapping[str, float] | None = None) -> None:
         """
@@ -243,6 +241,16 @@ class CanSource(LiveSource):
             return self._links[0].problem
         return '; '.join(f'{link.name}: {link.problem}' for link in self._links if link.problem)
 
+    def start(self) -> None:
+        """Receive in a thread for each bus; a bus that cannot be opened is tried again."""
+        for link in self._links:
+            link.start()
+
+    def close(self) -> None:
+        """End the threads and close the buses."""
+        for link in self._links:
+            link.close()
+
     def heaters_problem(self, heater: str) -> str:
         """Return '' while the bus of a heat source's command works, else a sentence that names it."""
         link = self._link_of[heater]
@@ -256,17 +264,17 @@ class CanSource(LiveSource):
                 'reconnects': str(sum(max(link.reconnects, 0) for link in self._links)),
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
 
-    def heater_status(self, now_s: float, heater: str = HVCH) -> tuple[float | None, str]:
+    def heater_status(self, heater: str = HVCH) -> tuple[float | None, str]:
         """Return a heat source's measured power [W] (None: unknown), and a sentence on a fault or silence."""
-        rule = self._map.heaters[heater].status or HeaterStatusRule()
+        rule = self._map.heaters[heater].status
         measured_w, fault, follows = None, '', self.frames[heater].follows
-        if follows is not None and self._followed_c(now_s, heater) is None:
+        if follows is not None and self._followed_c(heater) is None:
             fault = (f'no valid {follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '
                      'follows')
         for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
             if channel is None:
                 continue
-            value = self._valid(reading_of(signal, heater), channel, rule.valid_for_s, now_s)
+            value = self._valid(reading_of(signal, heater), channel, rule.valid_for_s)
             if value is None:
                 fault = f'no valid {channel} for {rule.valid_for_s:g} s'
             elif signal == HEATER_POWER:
@@ -275,21 +283,21 @@ class CanSource(LiveSource):
                 fault = f'{channel}: {self._decoder.value_in_words(channel, value)}'
         return measured_w, fault
 
-    def _valid(self, signal: str, channel: str, valid_for_s: float, now_s: float) -> float | None:
-        reading = self._readings.latest(signal, channel)
+    def _valid(self, signal: str, channel: str, valid_for_s: float) -> float | None:
+        reading, now_s = self._readings.latest(signal, channel), self._clock_s()
         return reading.value if reading is not None and 0.0 <= now_s - reading.instant_s <= valid_for_s else None
 
     def send_power(self, power_w: float, heater: str = HVCH) -> str:
         """Send the next frame of a heat source's command [W]; return '' or why it was not sent."""
         frame = self.frames[heater]
-        data = frame.next(power_w, self._followed_c(self._clock_s(), heater))
+        data = frame.next(power_w, self._followed_c(heater))
         return self._link_of[heater].send(frame.identifier, frame.is_extended, data, frame.is_fd)
 
-    def _followed_c(self, now_s: float, heater: str) -> float | None:
-        """Return the valid temperature that a set-point follows [deg C] at an instant [s], None without one."""
+    def _followed_c(self, heater: str) -> float | None:
+        """Return the valid temperature that a set-point follows [deg C], None without one."""
         follows = self.frames[heater].follows
         return None if follows is None else self._valid(
-            reading_of(FOLLOWED, heater), follows, self._map.valid_for_s[TEMPERATURE], now_s)
+            reading_of(FOLLOWED, heater), follows, self._map.valid_for_s[TEMPERATURE])
 
     def on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
         """Take a frame of a bus in that arrived some seconds ago."""

@@ -138,11 +138,11 @@ class HeaterStatusRule:
 
 
 class HeaterRules(NamedTuple):
-    """The frame of a heat source's command, and its status (None: not on the bus); `key` begins both keys."""
+    """The frame of a heat source's command, and its status; `key` begins both keys."""
 
     key: str
     command: HeaterFrameRule
-    status: HeaterStatusRule | None = None
+    status: HeaterStatusRule
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,8 @@ class LiveMap:
     A signal map with a live part; either `can` (one bus or more) or `vss` is given.
 
     `valid_for_s` has a time [s] for each of LIVE_SIGNALS, CELLS and CHARGING. `charging_values` are those of
-    `charging_channel` while the battery is being charged.
+    `charging_channel` while the battery is being charged. `heaters` are the commanded heat sources by name, the
+    HVCH first.
     """
 
     signals: SignalMap
@@ -163,16 +164,7 @@ class LiveMap:
     charging_channel: str | None = None
     charging_values: tuple[float, ...] = (1.0,)
     messages: Mapping[str, MessageRule] = field(default_factory=dict)
-    heater_command: HeaterFrameRule | None = None
-    heater_status: HeaterStatusRule | None = None
-    heat_sources: Mapping[str, HeaterRules] = field(default_factory=dict)
-
-    @property
-    def heaters(self) -> dict[str, HeaterRules]:
-        """The HeaterRules of the commanded heat sources by name, the HVCH first."""
-        rule = self.heater_command
-        hvch = {} if rule is None else {HVCH: HeaterRules('live.heater_', rule, self.heater_status)}
-        return {**hvch, **self.heat_sources}
+    heaters: Mapping[str, HeaterRules] = field(default_factory=dict)
 
     @property
     def sources(self) -> dict[str, Source]:
@@ -223,12 +215,17 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
         if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
-        {name: _message(entry) for name, entry in live.get('messages', {}).items()},
-        _heater_frame(live['heater_command']) if 'heater_command' in live else None,
-        _rule(HeaterStatusRule, live.get('heater_status')),
-        {name: HeaterRules(f'live.heat_sources.{name}.', _heater_frame(entry['command']),
-                           _rule(HeaterStatusRule, entry.get('status')))
-         for name, entry in live.get('heat_sources', {}).items()})
+        {name: _made(MessageRule, entry) for name, entry in live.get('messages', {}).items()}, _heaters(live))
+
+
+def _heaters(live: FileData) -> dict[str, HeaterRules]:
+    entries = {name: (f'live.heat_sources.{name}.', entry) for name, entry in live.get('heat_sources', {}).items()}
+    if 'heater_command' in live:
+        hvch = {'command': live['heater_command'], 'status': live.get('heater_status', {})}
+        entries = {HVCH: ('live.heater_', hvch), **entries}
+    return {name: HeaterRules(key, _made(HeaterFrameRule, entry['command']),
+                              _made(HeaterStatusRule, entry.get('status', {})))
+            for name, (key, entry) in entries.items()}
 
 
 def _can_buses(live: FileData, signal_map: SignalMap) -> tuple[CanSettings, ...]:
@@ -247,19 +244,8 @@ def _vss(entry: FileData, folder: Path) -> VssSettings | None:
                                       if key in entry}})
 
 
-def _rule(kind: type[Rule], entry: FileData) -> Rule | None:
-    """Return a rule of an entry of the map; None without an entry."""
-    return None if entry is None else _made(kind, entry)
-
-
 def _made(kind: type[Rule], entry: FileData) -> Rule:
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()})
-
-
-def _message(entry: FileData) -> MessageRule:
-    return MessageRule(**{**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum'))})
-
-
-def _heater_frame(entry: FileData) -> HeaterFrameRule:
-    return _made(HeaterFrameRule, {**entry, 'checksum': _rule(ChecksumRule, entry.get('checksum')),
-                                   'coolant': _rule(CoolantLaw, entry.get('coolant'))})
+    """Return a rule of an entry of the map, with the rules in it."""
+    inner = {'checksum': ChecksumRule, 'coolant': CoolantLaw}
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    return kind(**{**values, **{key: _made(inner[key], entry[key]) for key in inner if key in entry}})

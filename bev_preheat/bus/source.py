@@ -21,9 +21,7 @@ from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
 
 if TYPE_CHECKING:
-    from bev_preheat.bus.can_source import CanLink
     from bev_preheat.bus.live_map import LiveMap
-    from bev_preheat.bus.vss_source import VssLink
     from bev_preheat.logs.signal_map import Source
 
 # A stamp this far from the system's clock is another clock's: some adapters count from their own start [s].
@@ -88,7 +86,6 @@ class Readings:
     """The latest valid reading and doubt of each (signal, channel), at instants [s]; thread-safe."""
 
     def __init__(self) -> None:
-        """Start without any."""
         self._lock = Lock()
         self._latest: dict[tuple[str, str], Reading] = {}
         self._doubts: dict[str, tuple[float, str]] = {}
@@ -126,10 +123,14 @@ class Readings:
             self._doubts.clear()
 
 
+# The channels of each signal: a tuple for each entry of its Source that has any on the bus.
+Channels = Mapping[str, tuple[tuple[LiveChannel, ...], ...]]
+
+
 def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
-                  where: str) -> dict[str, tuple[tuple[LiveChannel, ...], ...]]:
+                  where: str) -> Channels:
     """
-    Return the channels of each signal among those of a bus: a tuple for each entry of its Source that has any.
+    Return the channels of each signal among those of a bus.
 
     `units` maps the bus's channels to their units ('' if unknown). Raises InvalidInput for channels
     without a unit; `where` names the map.
@@ -159,6 +160,15 @@ def _groups(source: Source, units: Mapping[str, str]) -> list[tuple[str, ...]]:
     return [group for each in found for group in each.groups[:1] or filter(None, [each.excluded])]
 
 
+def by_channel(channels: Channels) -> dict[str, list[tuple[str, LiveChannel]]]:
+    """Return the signals that read each channel, by its name."""
+    found: dict[str, list[tuple[str, LiveChannel]]] = {}
+    for signal, groups in channels.items():
+        for channel in {each.name: each for group in groups for each in group}.values():
+            found.setdefault(channel.name, []).append((signal, channel))
+    return found
+
+
 # Values that are sent on change only hold no longer than this after the connection's last sign of life [s].
 CONNECTION_LOST_S = 3.0
 COMBINED: Mapping[str, Callable[[Sequence[float]], float]] = {
@@ -185,24 +195,24 @@ class LiveBattery:
     missing: tuple[str, ...] = ()
 
 
+@dataclass
 class View:
     """
-    The readings at one instant.
+    The readings of a LiveSource at one instant.
 
-    `oldest_s` is the instant of the oldest reading used so far [s]; `missing` are sentences on signals that are
-    not valid.
+    On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection was
+    alive: until then, the latest values hold. `oldest_s` is the instant of the oldest reading used so far [s];
+    `missing` are sentences on signals that are not valid.
     """
 
-    def __init__(self, live_map: LiveMap, channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]],
-                 readings: Readings, now_s: float, confirmed_s: float | None = None) -> None:
-        """
-        Take the map, and the channels of each signal as readings.live_channels returns them.
+    live_map: LiveMap
+    channels: Channels
+    readings: Readings
+    now_s: float
+    confirmed_s: float | None
 
-        On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection
-        was alive: until then, the latest values hold.
-        """
-        self.live_map, self._channels, self._readings = live_map, channels, readings
-        self.now_s, self.confirmed_s, self.oldest_s = now_s, confirmed_s, now_s
+    def __post_init__(self) -> None:
+        self.oldest_s = self.now_s
         self.missing: dict[str, str] = {}
 
     @property
@@ -212,9 +222,9 @@ class View:
 
     def value(self, signal: str) -> float | None:
         """Return a signal by the first entry of its Source that is valid as a whole."""
-        for group in self._channels.get(signal, ()):
+        for group in self.channels.get(signal, ()):
             source = self.live_map.sources[signal]
-            found = [self._valid(signal, channel.name, signal) for channel in group]
+            found = [self._valid(signal, channel.name) for channel in group]
             used = [reading for reading in found if reading is not None]
             if len(used) == len(found):
                 self.missing.pop(signal, None)
@@ -230,14 +240,14 @@ class View:
     def all_values(self, signal: str) -> tuple[float, ...]:
         """Return the valid values of every channel of a signal; NaN for each that is not."""
         values = []
-        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ()) for channel in group):
-            value = self.reading(signal, name, signal)
+        for name in dict.fromkeys(channel.name for group in self.channels.get(signal, ()) for channel in group):
+            value = self.reading(signal, name)
             values.append(math.nan if value is None else value)
         return tuple(values)
 
-    def reading(self, signal: str, channel: str, limit: str) -> float | None:
+    def reading(self, signal: str, channel: str) -> float | None:
         """Return the valid value of a channel, None without one."""
-        reading = self._valid(signal, channel, limit)
+        reading = self._valid(signal, channel)
         if reading is None:
             return None
         self.oldest_s = min(self.oldest_s, self._held_s(reading))
@@ -248,8 +258,8 @@ class View:
         return reading.instant_s if self.confirmed_s is None else max(
             reading.instant_s, min(self.confirmed_s, self.now_s))
 
-    def _valid(self, signal: str, channel: str, limit: str) -> Reading | None:
-        reading, limit_s = self._readings.latest(signal, channel), self.live_map.valid_for_s[limit]
+    def _valid(self, signal: str, channel: str) -> Reading | None:
+        reading, limit_s = self.readings.latest(signal, channel), self.live_map.valid_for_s[signal]
         if reading is None:
             self.missing[signal] = f'{signal}: no valid reading of {channel} yet'
             return None
@@ -260,72 +270,49 @@ class View:
             return None
         return reading
 
-
-def read_battery(view: View) -> tuple[LiveBattery | None, tuple[str, ...]]:
-    """Return the battery; or None and a sentence for each required signal without a valid value."""
-    live_map = view.live_map
-    if view.is_lost:
-        assert view.confirmed_s is not None
-        silent_s = view.now_s - view.confirmed_s
-        return None, ('no sign of life of the connection' + (
-            f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
-    values = {signal: view.value(signal) for signal in BATTERY_SIGNALS}
-    cells_c = view.all_values(CELLS)
-    lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in live_map.required
-               if values.get(signal) is None]
-    if lacking:
-        return None, tuple(lacking)
-    charging = None
-    if live_map.charging_channel is not None:
-        charging = view.reading(CHARGING, live_map.charging_channel, CHARGING)
-    current_a, power_w, voltage_v = values['current_a'], values['power_w'], values['voltage_v']
-    if current_a is None and power_w is not None and voltage_v:
-        current_a = power_w / voltage_v
-    return LiveBattery(
-        values['battery_temperature_c'], values['soc'], voltage_v, current_a, cells_c,
-        None if charging is None else charging in live_map.charging_values, view.oldest_s,
-        tuple(view.missing.values())), ()
+    def battery(self) -> tuple[LiveBattery | None, tuple[str, ...]]:
+        """Return the battery; or None and a sentence for each required signal without a valid value."""
+        if self.is_lost:
+            assert self.confirmed_s is not None
+            silent_s = self.now_s - self.confirmed_s
+            return None, ('no sign of life of the connection' + (
+                f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
+        values = {signal: self.value(signal) for signal in BATTERY_SIGNALS}
+        cells_c = self.all_values(CELLS)
+        lacking = [self.missing.get(signal, f'{signal}: is not on the bus') for signal in self.live_map.required
+                   if values.get(signal) is None]
+        if lacking:
+            return None, tuple(lacking)
+        charging = None
+        if self.live_map.charging_channel is not None:
+            charging = self.reading(CHARGING, self.live_map.charging_channel)
+        current_a, power_w, voltage_v = values['current_a'], values['power_w'], values['voltage_v']
+        if current_a is None and power_w is not None and voltage_v:
+            current_a = power_w / voltage_v
+        return LiveBattery(
+            values['battery_temperature_c'], values['soc'], voltage_v, current_a, cells_c,
+            None if charging is None else charging in self.live_map.charging_values, self.oldest_s,
+            tuple(self.missing.values())), ()
 
 
 class LiveSource:
     """A bus that is being received; `name` is the bus as text, such as `socketcan can0`."""
 
     name: str
-    _links: Sequence[CanLink | VssLink]
 
-    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
-                 channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]],
+    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float], channels: Channels,
                  confirmed_s: float | None = None) -> None:
         """
-        Take a map, the clock [s] of the readings' instants, and the channels of readings.live_channels.
+        Take a map, the clock [s] of the readings' instants, and the channels that `live_channels` returns.
 
         On a bus that sends values on change only, `confirmed_s` is when its connection was last alive [s].
         """
         self._map, self._clock_s, self._channels, self._confirmed_s = live_map, clock_s, channels, confirmed_s
         self._readings = Readings()
 
-    @property
-    def problem(self) -> str:
-        """'' while the bus works, else a sentence."""
-        raise NotImplementedError
-
-    def start(self) -> None:
-        """Receive, in a thread for each link; a bus that cannot be reached is tried again."""
-        for link in self._links:
-            link.start()
-
-    def close(self) -> None:
-        """End the threads and close the bus."""
-        for link in self._links:
-            link.close()
-
-    def figures(self) -> dict[str, str]:
-        """Return figures for the diagnostics."""
-        raise NotImplementedError
-
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
-        return read_battery(self._view(now_s))
+        return self._view(now_s).battery()
 
     def value(self, signal: str, now_s: float) -> float | None:
         """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
@@ -335,9 +322,9 @@ class LiveSource:
     def _view(self, now_s: float) -> View:
         return View(self._map, self._channels, self._readings, now_s, self._confirmed_s)
 
-    def doubts(self, now_s: float) -> dict[str, str]:
+    def doubts(self) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
-        return self._readings.doubts(now_s)
+        return self._readings.doubts(self._clock_s())
 
     def forget(self) -> None:
         """Drop all readings, because the clock fell back."""

@@ -12,14 +12,14 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.live_map import CHARGING
-from bev_preheat.bus.source import live_channels, LiveChannel, LiveSource
+from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, LiveSource
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
 from bev_preheat.files.units import unit_named
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import LiveMap, VssSettings
+    from bev_preheat.bus.live_map import LiveMap
 
 # A call of the broker takes at most CALL_S; it is asked for a sign of life every HEARTBEAT_S.
 CALL_S, HEARTBEAT_S, RECONNECT_S = 2.0, 0.5, 1.0
@@ -27,39 +27,46 @@ ROOT = 'Vehicle'
 # gRPC's number for a call that the broker does not have: an answer all the same.
 UNIMPLEMENTED = 12
 
-# A value of a datapoint, None if the broker has none; and its age [s], None if it has no stamp.
-ValueReceiver = Callable[[str, Any, float | None], None]
-# Values that are requested of actuators, by path.
-RequestReceiver = Callable[[Mapping[str, Any]], None]
+# A value may be stamped this far in the future [s].
+STAMPED_AHEAD_S = 1.0
 
 
-class VssLink:
+class VssSource(LiveSource):
     """
-    Keeps a connection; `problem` is '' while it works, else a sentence.
+    A VSS databroker, whose connection is kept open.
 
-    `on_paths` is called with the unit of each path at each connection, and returns the paths to subscribe to;
-    `on_value` with every value of these; `on_request` with the values requested of `actuators`. All run in
-    the link's threads. `alive` is called whenever the broker has answered.
+    The subscriptions, the values requested of actuators and the connection itself have threads of their own.
     """
 
-    def __init__(self, settings: VssSettings, on_paths: Callable[[Mapping[str, str]], Collection[str]],
-                 on_value: ValueReceiver, on_request: RequestReceiver, actuators: Collection[str],
-                 alive: Callable[[], None]) -> None:
-        """Take the settings and receivers; raises InvalidInput if a file cannot be read. `start` connects."""
+    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
+                 on_request: Callable[[Mapping[str, Any]], None], actuators: Collection[str] = ()) -> None:
+        """
+        Take a map with `vss`, and the clock [s] of the readings' instants; raises InvalidInput. `start` connects.
+
+        `on_request` is called, in a thread of the connection, with the values requested of `actuators` by path.
+        """
+        settings = live_map.vss
+        assert settings is not None
+        super().__init__(live_map, clock_s, {}, -math.inf)
         require('kuksa_client')
-        self._settings = settings
-        self._token = text_of(settings.token, 'live.vss.token')
+        self._settings, self._token = settings, text_of(settings.token, 'live.vss.token')
         text_of(settings.root_certificates, 'live.vss.root_certificates')
-        self._on_paths, self._on_value, self._on_request = on_paths, on_value, on_request
-        self._actuators, self._alive = tuple(actuators), alive
+        self.name = f'VSS {settings.host}:{settings.port}'
+        self._on_request, self._actuators = on_request, tuple(actuators) if settings.conditioning else ()
+        self._wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
+        # The broker's paths, and problems with the connection, the signals and the latest published values.
+        self._known: frozenset[str] = frozenset()
+        self._lost, self._mismatch, self._unpublished = 'is not connected yet', '', ''
         self._ended, self._wake, self._lock = Event(), Event(), Lock()
         self._outgoing: dict[str, Any] = {}
-        self._known: frozenset[str] = frozenset()
+        # Numbers of connections and of updates.
+        self.connections = self._updates = 0
         self._thread = Thread(target=self._run, name='vss', daemon=True)
-        self.problem = 'is not connected yet'
-        self.unpublished = ''
-        self.connections = self.updates = 0
-        self.name = f'VSS {settings.host}:{settings.port}'
+
+    @property
+    def problem(self) -> str:
+        """'' while the broker answers and has the signals, else a sentence."""
+        return self._lost or self._mismatch
 
     def start(self) -> None:
         """Connect in a thread; a broker that cannot be reached is tried again."""
@@ -78,6 +85,17 @@ class VssLink:
             self._outgoing.update(values)
         self._wake.set()
 
+    def doubts(self) -> dict[str, str]:
+        """Return a sentence on the latest dropped input of each cause, and on values that are not published."""
+        return {**super().doubts(), **({'publish': self._unpublished} if self._unpublished else {})}
+
+    def figures(self) -> dict[str, str]:
+        """Return figures for the diagnostics."""
+        return {'updates': str(self._updates), 'reconnects': str(max(self.connections - 1, 0)),
+                'paths': ', '.join(self._wanted) or 'none'}
+
+    # The connection
+
     def _run(self) -> None:
         while not self._ended.is_set():
             lost = Event()
@@ -86,7 +104,7 @@ class VssLink:
                     self._serve(client, lost)
             except Exception as error:
                 # The client passes on errors of gRPC and of its own.
-                self.problem = f'{_in_words(error)}; it is tried again'
+                self._lost = f'{_in_words(error)}; it is tried again'
             lost.set()
             self._ended.wait(RECONNECT_S)
 
@@ -101,10 +119,10 @@ class VssLink:
         metadata = client.get_metadata([ROOT], timeout=CALL_S)
         units = {path: (entry.unit or '') if entry is not None else '' for path, entry in metadata.items()}
         self._known = frozenset(units)
-        wanted = list(self._on_paths(units))
-        self._alive()
+        wanted = self._choose(units)
+        self._confirmed_s = self._clock_s()
         self.connections += 1
-        self.problem = ''
+        self._lost = ''
         if wanted:
             self._follow(partial(client.subscribe_current_values, wanted), self._take_values, lost)
         actuators = [path for path in self._actuators if path in units]
@@ -117,7 +135,7 @@ class VssLink:
             self._beat(client)
             self._wake.wait(HEARTBEAT_S)
             self._wake.clear()
-        raise ConnectionError(self.problem or 'a subscription has ended')
+        raise ConnectionError(self._lost or 'a subscription has ended')
 
     def _beat(self, client: Any) -> None:
         from kuksa_client.grpc import VSSClientError
@@ -126,7 +144,7 @@ class VssLink:
         except VSSClientError as error:
             if error.error.get('code') != UNIMPLEMENTED:
                 raise
-        self._alive()
+        self._confirmed_s = self._clock_s()
 
     def _follow(self, subscribe: Callable[[], Iterator[Mapping[str, Any]]],
                 take: Callable[[Mapping[str, Any]], None], lost: Event) -> None:
@@ -140,18 +158,19 @@ class VssLink:
             except Exception as error:
                 # Errors of gRPC, also when the connection is closed on purpose.
                 if not lost.is_set():
-                    self.problem = _in_words(error)
+                    self._lost = _in_words(error)
             lost.set()
             self._wake.set()
 
         Thread(target=follow, name='vss subscription', daemon=True).start()
 
     def _take_values(self, updates: Mapping[str, Any]) -> None:
-        self.updates += 1
+        self._updates += 1
         for path, datapoint in updates.items():
             stamp = None if datapoint is None else datapoint.timestamp
-            self._on_value(path, None if datapoint is None else datapoint.value,
-                           None if stamp is None else time.time() - stamp.timestamp())
+            age_s = None if stamp is None else time.time() - stamp.timestamp()
+            for signal, channel in self._wanted.get(path, ()):
+                self._put(signal, path, channel, None if datapoint is None else datapoint.value, age_s)
 
     def _take_requests(self, updates: Mapping[str, Any]) -> None:
         values = {path: datapoint.value for path, datapoint in updates.items()
@@ -168,10 +187,51 @@ class VssLink:
             return
         try:
             client.set_current_values({path: Datapoint(value) for path, value in outgoing.items()}, timeout=CALL_S)
-            self.unpublished = ''
+            self._unpublished = ''
         except Exception as error:
             # A broker may refuse a value while it serves all others.
-            self.unpublished = f'{", ".join(outgoing)} could not be published: {_in_words(error)}'
+            self._unpublished = f'{", ".join(outgoing)} could not be published: {_in_words(error)}'
+
+    # Its values
+
+    def _choose(self, units: Mapping[str, str]) -> list[str]:
+        """Return the paths of the signals, among those with their units; a broker that was replaced has others."""
+        where = str(self._map.signals.path)
+        try:
+            channels = live_channels(
+                self._map.sources, {path: unit_named(unit) for path, unit in units.items()}, where)
+            lacking = [name for name in self._map.required if not channels[name]]
+            self._mismatch = '' if not lacking else (
+                f'does not have {", ".join(lacking)}; the signal map {where} names them')
+        except InvalidInput as error:
+            channels, self._mismatch = {}, str(error)
+        wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {
+            path: [*readers] for path, readers in by_channel(channels).items()}
+        charging = self._map.charging_channel
+        if charging is not None and charging in units:
+            wanted.setdefault(charging, []).append((CHARGING, None))
+        # Values of an earlier connection may have changed unseen.
+        self._readings.forget()
+        self._channels, self._wanted = channels, wanted
+        return list(wanted)
+
+    def _put(self, signal: str, path: str, channel: LiveChannel | None, value: Any, age_s: float | None) -> None:
+        """Take in a value, None if the broker has none, of some age [s], None if it has no stamp."""
+        now_s = self._clock_s()
+        try:
+            if value is None:
+                raise InvalidInput(f'{path}: has no value')
+            if not isinstance(value, int | float):
+                raise InvalidInput(f'{path}: {quoted(str(value))} is no number')
+            if age_s is not None and age_s < -STAMPED_AHEAD_S:
+                raise InvalidInput(f'{path}: its stamp is {figure(-age_s, 3)} s ahead of the clock; at most '
+                                   f'{STAMPED_AHEAD_S:g} s are allowed')
+            number = float(value) if channel is None else channel.read(float(value))
+            self._readings.put(signal, path, number, now_s - max(age_s or 0.0, 0.0))
+        except InvalidInput as error:
+            # The value before has been replaced, so it no longer holds.
+            self._readings.drop(signal, path)
+            self._readings.doubt(path, str(error), now_s)
 
 
 def text_of(path: Any, key: str) -> str | None:
@@ -188,98 +248,3 @@ def _in_words(error: Exception) -> str:
         if details:
             return f'{details.get("reason", type(error).__name__)}: {quoted(str(details.get("message", "")))}'
     return f'{type(error).__name__}: {quoted(str(error))}'
-
-
-# A value may be stamped this far in the future [s].
-STAMPED_AHEAD_S = 1.0
-
-
-class VssSource(LiveSource):
-    """A VSS databroker."""
-
-    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float], on_request: RequestReceiver,
-                 actuators: Collection[str] = ()) -> None:
-        """
-        Take a map with `vss`, and the clock [s] of the readings' instants; raises InvalidInput.
-
-        `on_request` is called, in a thread of the connection, with the values requested of `actuators`.
-        """
-        assert live_map.vss is not None
-        super().__init__(live_map, clock_s, {}, -math.inf)
-        self._wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
-        self._mismatch = ''
-        self._link = VssLink(live_map.vss, self._on_paths, self._on_value, on_request,
-                             actuators if live_map.vss.conditioning else (), self._on_alive)
-        self._links, self.name = [self._link], self._link.name
-
-    @property
-    def problem(self) -> str:
-        """'' while the broker answers and has the signals, else a sentence."""
-        return self._link.problem or self._mismatch
-
-    @property
-    def connections(self) -> int:
-        """How many times the broker has been reached."""
-        return self._link.connections
-
-    def publish(self, values: Mapping[str, Any]) -> None:
-        """Publish values by path."""
-        self._link.publish(values)
-
-    def doubts(self, now_s: float) -> dict[str, str]:
-        """Return a sentence on the latest dropped input of each cause."""
-        unpublished = self._link.unpublished
-        return {**super().doubts(now_s), **({'publish': unpublished} if unpublished else {})}
-
-    def figures(self) -> dict[str, str]:
-        """Return figures for the diagnostics."""
-        return {'updates': str(self._link.updates), 'reconnects': str(max(self._link.connections - 1, 0)),
-                'paths': ', '.join(self._wanted) or 'none'}
-
-    def _on_paths(self, units: Mapping[str, str]) -> list[str]:
-        """Choose the paths of the signals; those of a broker that was replaced may differ."""
-        where = str(self._map.signals.path)
-        try:
-            channels = live_channels(
-                self._map.sources, {path: unit_named(unit) for path, unit in units.items()}, where)
-            lacking = [name for name in self._map.required if not channels[name]]
-            self._mismatch = '' if not lacking else (
-                f'does not have {", ".join(lacking)}; the signal map {where} names them')
-        except InvalidInput as error:
-            channels, self._mismatch = {}, str(error)
-        wanted: dict[str, list[tuple[str, LiveChannel | None]]] = {}
-        for signal, groups in channels.items():
-            for channel in {each.name: each for group in groups for each in group}.values():
-                wanted.setdefault(channel.name, []).append((signal, channel))
-        charging = self._map.charging_channel
-        if charging is not None and charging in units:
-            wanted.setdefault(charging, []).append((CHARGING, None))
-        # Values of an earlier connection may have changed unseen.
-        self._readings.forget()
-        self._channels, self._wanted = channels, wanted
-        return list(wanted)
-
-    def _on_value(self, path: str, value: Any, age_s: float | None) -> None:
-        now_s = self._clock_s()
-        for signal, channel in self._wanted.get(path, ()):
-            self._put(signal, path, channel, value, age_s, now_s)
-
-    def _put(self, signal: str, path: str, channel: LiveChannel | None, value: Any, age_s: float | None,
-             now_s: float) -> None:
-        try:
-            if value is None:
-                raise InvalidInput(f'{path}: has no value')
-            if not isinstance(value, int | float):
-                raise InvalidInput(f'{path}: {quoted(str(value))} is no number')
-            if age_s is not None and age_s < -STAMPED_AHEAD_S:
-                raise InvalidInput(f'{path}: its stamp is {figure(-age_s, 3)} s ahead of the clock; at most '
-                                   f'{STAMPED_AHEAD_S:g} s are allowed')
-            number = float(value) if channel is None else channel.read(float(value))
-            self._readings.put(signal, path, number, now_s - max(age_s or 0.0, 0.0))
-        except InvalidInput as error:
-            # The value before has been replaced, so it no longer holds.
-            self._readings.drop(signal, path)
-            self._readings.doubt(path, str(error), now_s)
-
-    def _on_alive(self) -> None:
-        self._confirmed_s = self._clock_s()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of the public interface beyond a plan: charging session, worth of heating, simulated drive."""
+"""Results of the public interface beyond a plan: charging session, worth of heating, drives, recordings."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Worth
+    from bev_preheat.identification.check import Check
+    from bev_preheat.identification.result import Identification
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle import Vehicle
 
@@ -192,3 +194,81 @@ class DriveResult(Result):
         return {name: (self.time_s, values_c) for name, values_c in (
             (PREDICTED, self.predicted_arrival_temperature_c), (MEASURED, self.measured_temperature_c),
             (TRUE, self.true_temperature_c), (ESTIMATED, self.estimated_temperature_c))}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckResult(Result):
+    """How well a vehicle predicts recorded drives: predicted minus measured temperature on arrival."""
+
+    vehicle: Vehicle
+    checked: Check
+
+    @property
+    def arrival_errors_k(self) -> dict[str, float]:
+        """Error on arrival of each recording, by its name [K]."""
+        return {trip.trip.name: trip.arrival_error_k for trip in self.checked.trips}
+
+    rmse_k = Part[float]('checked.rmse_k', 'Root mean square of the errors on arrival [K].')
+    worst_k = Part[float]('checked.worst_k', 'Largest magnitude of an error on arrival [K].')
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat check`."""
+        return self.checked.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each recording; needs pandas."""
+        return rows_frame(self.to_dict()['trips'], 'name')
+
+    def in_words(self) -> str:
+        """Return the errors on arrival as one line."""
+        return (f'vehicle {self.vehicle.name}: RMSE {self.rmse_k:.2f} K, worst {self.worst_k:.2f} K on arrival of '
+                f'{len(self.checked.trips)} recordings')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.identification_figures import check_figure
+        return check_figure(self.checked)
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.identification_figures import draw_arrival_errors
+        draw_arrival_errors(axis, self.checked)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationResult(Result):
+    """An identified car: its Vehicle, and how far it can be trusted."""
+
+    vehicle: Vehicle
+    identified: Identification
+
+    rmse_k = Part[float](
+        'identified.rmse_k',
+        'Root mean square of the errors on arrival [K], each of a fit that has not seen that recording.')
+    worst_k = Part[float]('identified.worst_k', 'Largest magnitude of such an error [K].')
+    verdict = Part[tuple[str, ...]](
+        'identified.verdict', 'Sentences on the trust that the vehicle deserves, the most important first.')
+    record_next = Part[tuple[str, ...]](
+        'identified.record_next',
+        'Sentences on recordings that would improve the vehicle, the most valuable first.')
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat identify`."""
+        return self.identified.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each parameter: prior, estimate and 90 % interval; needs pandas."""
+        return rows_frame(self.to_dict()['parameters'], 'name')
+
+    def in_words(self) -> str:
+        """Return the errors on arrival and the verdict's first sentence as one line."""
+        return (f'vehicle {self.vehicle.name}: RMSE {self.rmse_k:.2f} K, worst {self.worst_k:.2f} K on arrival'
+                + ''.join(f'; {sentence}' for sentence in self.verdict[:1]))
+
+    def _figure(self) -> Figure:
+        return self._check._figure()
+
+    def _draw(self, axis: Axes) -> None:
+        self._check._draw(axis)
+
+    @property
+    def _check(self) -> CheckResult:
+        return CheckResult(self.vehicle, self.identified.check)

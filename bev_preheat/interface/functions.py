@@ -10,7 +10,13 @@ from bev_preheat.charging.stop import ChargingStop, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import check_prices, ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
-from bev_preheat.interface.drive_results import DriveResult, SessionResult, WorthResult
+from bev_preheat.interface.drive_results import (
+    CheckResult,
+    DriveResult,
+    IdentificationResult,
+    SessionResult,
+    WorthResult,
+)
 from bev_preheat.interface.inputs import checked
 from bev_preheat.interface.results import ComparisonResult, OptimumResult, PlanResult
 from bev_preheat.optional_packages import require
@@ -31,6 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from bev_preheat.logs.recording import Recording
     from bev_preheat.planning.installed_methods import MethodSituation
     from bev_preheat.route import Route
     from bev_preheat.simulation.heater import HeaterFault
@@ -199,3 +206,31 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
         time_s, true_c, measured_c, estimated_c, predicted_c, command_w, car.plant.temperature_c,
         score.arrival_soc, goal.target_temperature_c, score.heating_energy_wh, score.battery_energy_wh,
         'unknown' if estimate is None else estimate.heater.heater.value)
+
+
+@checked
+def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = True) -> CheckResult:
+    """
+    Return how well a vehicle predicts recorded drives, as `preheat check` does.
+
+    With `replays` the drives are also replayed to the planner, with its estimation and without. Raises
+    InvalidInput, which names log, signal, value and allowed range.
+    """
+    from bev_preheat.identification.check import check_trips
+    from bev_preheat.identification.trips import trips_of
+    return CheckResult(vehicle, check_trips(vehicle, trips_of(recordings, vehicle), replays))
+
+
+@checked
+def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'identified') -> IdentificationResult:
+    """
+    Return the car that drove the recordings, as `preheat identify` does.
+
+    It needs casadi and scipy (extra `identify`). `vehicle` is the car to start from, `name` the name of the new
+    car, which is the attribute `vehicle` of the result. Raises InvalidInput if the recordings give too little.
+    """
+    require('casadi', 'scipy')
+    from bev_preheat.identification.identify import identify as identify_trips
+    from bev_preheat.identification.trips import trips_of
+    identified = identify_trips(vehicle, trips_of(recordings, vehicle), name)
+    return IdentificationResult(identified.vehicle, identified)

@@ -67,7 +67,6 @@ class Result:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        """Return the line with the name of the class."""
         return f'<{type(self).__name__}: {self.in_words()}>'
 
     def _repr_html_(self) -> str:

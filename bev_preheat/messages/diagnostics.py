@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.fields import time_message
@@ -19,9 +18,8 @@ from bev_preheat.vehicle.core_library import core_in_words, DECLINES
 from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
-    from bev_preheat.control.departure_source import DepartureReport
     from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.state import State
@@ -54,29 +52,29 @@ MOST_IGNORED_SHARE = 0.05
 RESET_SHOWN_S = 60.0
 # Shorter delays are not reported [s].
 ON_TIME_S = 5.0
-# A departure that is held off is worth a warning this close to it [s].
-HELD_OFF_TOLD_S = 7200.0
 
 
-def entry(node_name: str, part: str, hardware: str, level: bytes, message: str,
-          values: Mapping[str, str] | None = None) -> DiagnosticStatus:
-    """Return the DiagnosticStatus `NODE: part` with figures by name."""
-    return DiagnosticStatus(
-        name=f'{node_name.lstrip("/")}: {part}', hardware_id=hardware, level=level, message=message,
-        values=[KeyValue(key=key, value=value) for key, value in (values or {}).items()])
+def entry(part: str, level: bytes, message: str, values: Mapping[str, str] | None = None) -> DiagnosticStatus:
+    """Return the DiagnosticStatus of a part of a node with figures by name; `diagnostics` names the node."""
+    return DiagnosticStatus(name=part, level=level, message=message, values=[
+        KeyValue(key=key, value=value) for key, value in (values or {}).items()])
 
 
-def judged(node_name: str, part: str, hardware: str, errors: Sequence[str], warnings: Sequence[str], good: str,
+def judged(part: str, errors: Iterable[str], warnings: Iterable[str], good: str,
            values: Mapping[str, str] | None = None) -> DiagnosticStatus:
-    """Return the DiagnosticStatus `NODE: part`: ERROR with any error, else WARN with any warning, else OK."""
-    return entry(node_name, part, hardware, ERROR if errors else WARN if warnings else OK,
-                 '; '.join([*errors, *warnings]) or good, values)
+    """Return the entry of a part: ERROR with any error, else WARN with any warning, else OK; '' is ignored."""
+    errors, warnings = list(filter(None, errors)), list(filter(None, warnings))
+    level = ERROR if errors else WARN if warnings else OK
+    return entry(part, level, '; '.join([*errors, *warnings]) or good, values)
 
 
-def diagnostics(now_ns: int, entries: Sequence[DiagnosticStatus]) -> DiagnosticArray:
-    """Return the DiagnosticArray of entries at an instant [ns]."""
+def diagnostics(node_name: str, hardware: str, now_ns: int,
+                entries: Iterable[DiagnosticStatus]) -> DiagnosticArray:
+    """Return the DiagnosticArray of a node's entries at an instant [ns], each named `NODE: part`."""
     message = DiagnosticArray(status=list(entries))
     message.header.stamp = time_message(now_ns)
+    for status in message.status:
+        status.name, status.hardware_id = f'{node_name.lstrip("/")}: {status.name}', hardware
     return message
 
 
@@ -87,62 +85,22 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 
 # The planner
 
-class StateFileReport(NamedTuple):
-    """
-    The condition of the state file.
-
-    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or cannot be read, so it is
-    never written. `written_s_ago` is None before the first write; `kept_aside` is the new path of a damaged
-    file, empty if none was moved.
-    """
-
-    path: str
-    problem: str
-    is_foreign: bool
-    written_s_ago: float | None
-    kept_aside: str
-
-
-class DepartureFiles(NamedTuple):
-    """The DepartureReport for diagnostics, with the paths of both files and their problems; '': none."""
-
-    report: DepartureReport
-    departures_path: str
-    prices_path: str
-    problem: str
-
-
-def planner_diagnostics(node_name: str, state: State, now_ns: int,
-                        memory: StateFileReport | None = None,
-                        departures: DepartureFiles | None = None) -> list[DiagnosticStatus]:
-    """
-    Return the entries with status, reason and the figures behind them.
-
-    `memory` is a StateFileReport, None without a state file; `departures` is a
-    DepartureFiles, None without a file of departures.
-    """
-    name, hardware, estimate = node_name, state.vehicle.name, state.estimate
-    chillers = {source.name for source in state.vehicle.heat_sources if source.cools}
-    entries = [_preheating(name, hardware, state, now_ns), _signals(name, hardware, state, now_ns)]
+def planner_diagnostics(state: State, now_ns: int) -> list[DiagnosticStatus]:
+    """Return the entries that follow from the planner's State: status, reason and the figures behind them."""
+    estimate, chillers = state.estimate, {source.name for source in state.vehicle.heat_sources if source.cools}
+    entries = [_preheating(state, now_ns), _signals(state, now_ns)]
     if estimate is not None:
-        entries += [heater_entry(name, hardware, estimate.heater),
-                    _estimation(name, hardware, state, estimate, now_ns)]
+        entries += [heater_entry(estimate.heater), _estimation(state, estimate, now_ns)]
     if state.heater_answer is not None:
-        entries.append(_heater_status(name, hardware, state.heater_answer))
-    entries += [heater_entry(name, hardware, report, f'heat source {source}',
+        entries.append(_heater_status(state.heater_answer))
+    entries += [heater_entry(report, f'heat source {source}',
                              CHILLER_SENTENCES if source in chillers else SOURCE_SENTENCES)
                 for source, report in state.source_reports.items()]
-    entries += [_heater_status(name, hardware, answer, f'status of {source}')
-                for source, answer in state.source_answers.items()]
-    entries += _progress(name, state, now_ns)
-    if memory is not None:
-        entries.append(_state_file(name, hardware, memory))
-    if departures is not None:
-        entries.append(_departures(name, hardware, departures, now_ns))
-    return entries
+    entries += [_heater_status(answer, f'status of {source}') for source, answer in state.source_answers.items()]
+    return entries + _progress(state, now_ns)
 
 
-def _preheating(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticStatus:
+def _preheating(state: State, now_ns: int) -> DiagnosticStatus:
     decision, mission = state.decision, state.active_mission
     values = {
         'vehicle': state.vehicle.name,
@@ -184,10 +142,10 @@ def _preheating(name: str, hardware: str, state: State, now_ns: int) -> Diagnost
         # The driver's latest trip is not planned, even if the previous one continues.
         level = ERROR
         text = text if refused in text else f'{text} {refused}'
-    return entry(name, 'preheating', hardware, level, f'{decision.status.name}: {text}', values)
+    return entry('preheating', level, f'{decision.status.name}: {text}', values)
 
 
-def _signals(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticStatus:
+def _signals(state: State, now_ns: int) -> DiagnosticStatus:
     """Return the entry on regime and signals; WARN while a signal is in doubt."""
     regime, estimate, measurement = state.regime, state.estimate, state.measurement
     ignored_share = 0.0 if estimate is None else estimate.ignored_share
@@ -208,8 +166,7 @@ def _signals(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticS
                          f'far from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
     if regime.suspicion:
         sentences.append(f'suspected: {regime.suspicion}')
-    return entry(name, 'signals', hardware, WARN if sentences else OK,
-                 '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
+    return judged('signals', [], sentences, f'{regime.regime.value}, all signals valid', values)
 
 
 def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -> str:
@@ -224,7 +181,7 @@ def heater_sentence(report: HeaterReport, sentences: Mapping[Heater, str] = HEAT
     return f'{report.heater.value}: {sentence}'
 
 
-def heater_entry(name: str, hardware: str, report: HeaterReport, part: str = 'heater',
+def heater_entry(report: HeaterReport, part: str = 'heater',
                  sentences: Mapping[Heater, str] = HEATER_SENTENCES) -> DiagnosticStatus:
     """Return the entry on the response of a heat source, with a suspected fault."""
     sentence, suspected = heater_sentence(report, sentences), report.suspected
@@ -243,11 +200,10 @@ def heater_entry(name: str, hardware: str, report: HeaterReport, part: str = 'he
             'missing or uncommanded heat [K]': f'{suspected.heat_k:.2f}',
             'times as likely by the power [1]': ('power is not known' if suspected.power_nats is None
                                                  else f'{math.exp(suspected.power_nats):.3g}')})
-    return entry(name, part, hardware, HEATER_LEVELS[report.heater], sentence, values)
+    return entry(part, HEATER_LEVELS[report.heater], sentence, values)
 
 
-def _estimation(name: str, hardware: str, state: State, estimate: Estimate,
-                now_ns: int) -> DiagnosticStatus:
+def _estimation(state: State, estimate: Estimate, now_ns: int) -> DiagnosticStatus:
     decision = state.decision
     values = {
         'battery temperature [degC]': f'{estimate.temperature_c:.2f}',
@@ -273,52 +229,11 @@ def _estimation(name: str, hardware: str, state: State, estimate: Estimate,
             f'{stand.standing.temperature_c:.2f} +- {stand.standing.deviation_k:.2f}')
     warning = f'reset: {estimate.reset_reason}' if has_reset else (
         '' if stand is None else stand.contradiction)
-    return entry(name, 'estimation', hardware,
-                 WARN if warning else OK,
-                 warning or f'{estimate.temperature_c:.2f} '
-                 f'+- {estimate.temperature_deviation_k:.2f} degC',
-                 values)
+    return judged('estimation', [], [warning], f'{estimate.temperature_c:.2f} '
+                  f'+- {estimate.temperature_deviation_k:.2f} degC', values)
 
 
-def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) -> DiagnosticStatus:
-    report = files.report
-    left_s = math.inf if report.next_ns is None else (report.next_ns - now_ns) / NS_PER_S
-    sentence = f'{report.state.value}: {report.reason}'
-    if report.next_ns is not None:
-        sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
-    is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
-    level = (ERROR if files.problem and report.next_ns is None else
-             WARN if files.problem or is_late else OK)
-    values = {
-        'next departure': report.next_words,
-        'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
-        'next departure in [s]': '' if report.next_ns is None else f'{left_s:.0f}',
-        'target [degC]': ('' if report.next_ns is None else
-                          "the planner's default" if report.target_c is None else f'{report.target_c:g}'),
-        'plugged in': str(report.plugged_in).lower(),
-        'state': report.state.value,
-        'reason': report.reason,
-        'skipped': report.skipped_words,
-        'latest departure': report.latest,
-        'departures': files.departures_path,
-        'grid_prices': files.prices_path}
-    return entry(name, 'departures', hardware, level,
-                 f'{sentence}; {files.problem}' if files.problem else sentence, values)
-
-
-def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:
-    written = ('nothing written yet' if memory.written_s_ago is None
-               else f'written {memory.written_s_ago:.0f} s ago')
-    return entry(name, 'state file', hardware,
-                 ERROR if memory.is_foreign else
-                 WARN if memory.problem else OK,
-                 memory.problem or written,
-                 {'file': memory.path, 'last write': written,
-                  'damaged file kept as': memory.kept_aside})
-
-
-def _heater_status(name: str, hardware: str, report: HeaterAnswerReport,
-                   part: str = 'heater status') -> DiagnosticStatus:
+def _heater_status(report: HeaterAnswerReport, part: str = 'heater status') -> DiagnosticStatus:
     """Return the planner's entry on a status of a heat source: ERROR in doubt, WARN for a refusal or silence."""
     status = report.status
     values = {} if status is None else {
@@ -326,11 +241,11 @@ def _heater_status(name: str, hardware: str, report: HeaterAnswerReport,
         'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
         'refusal': status.refusal.name, 'explanation': status.sentence}
     warning = report.refusal or report.silence or report.problem
-    return entry(name, part, hardware, ERROR if report.doubt else WARN if warning else OK,
+    return entry(part, ERROR if report.doubt else WARN if warning else OK,
                  report.doubt or warning or 'the command is served', values)
 
 
-def _progress(name: str, state: State, now_ns: int) -> list[DiagnosticStatus]:
+def _progress(state: State, now_ns: int) -> list[DiagnosticStatus]:
     """
     Return the entry on route_progress; [] before the first one.
 
@@ -338,31 +253,21 @@ def _progress(name: str, state: State, now_ns: int) -> list[DiagnosticStatus]:
     no position.
     """
     place, refused = state.place, state.inbox.refused_progress
-    if refused is None and place is None:
-        return []
-    values = {}
-    sentences = [] if refused is None else [f'{refused}.']
-    is_late = False
-    if place is not None:
-        age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
-        delay_s = place.delay_ns / NS_PER_S
-        values = {'distance [m]': f'{place.latest.distance_m:.0f}',
-                  'length of the route [m]': f'{place.length_m:.0f}',
-                  'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
-                  'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
-        is_late = age_s > limit_s and not place.has_ended
-        if place.has_ended and refused is None:
-            sentences.append('The trip has ended.')
-        elif is_late:
-            sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
-                             f'{limit_s:g} s are allowed: the planner continues by time from there.')
-        elif refused is None:
-            sentences.append(_delay_in_words(delay_s))
-    elif refused is not None:
-        sentences.append('The planner follows the stamp of route_plan.')
-    is_warning = refused is not None or is_late
-    return [entry(name, 'route progress', state.vehicle.name, WARN if is_warning else OK, ' '.join(sentences),
-                  values)]
+    warnings = [] if refused is None else [f'{refused}.']
+    if place is None:
+        return [entry('route progress', WARN, f'{refused}. The planner follows the stamp of route_plan.')
+                ] if refused is not None else []
+    age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+    delay_s = place.delay_ns / NS_PER_S
+    if age_s > limit_s and not place.has_ended:
+        warnings.append(f'The latest valid route_progress is {age_s:.3f} s old; at most {limit_s:g} s are '
+                        'allowed: the planner continues by time from there.')
+    return [entry('route progress', WARN if warnings else OK, ' '.join(warnings) or (
+        'The trip has ended.' if place.has_ended else _delay_in_words(delay_s)), {
+            'distance [m]': f'{place.latest.distance_m:.0f}',
+            'length of the route [m]': f'{place.length_m:.0f}',
+            'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+            'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'})]
 
 
 def _delay_in_words(delay_s: float) -> str:

@@ -40,20 +40,16 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 
-class Reader(NamedTuple):
-    """The planner's state, the messages of its routes, and a hint for refusals."""
-
-    state: State
-    routes: RouteIntake
-    hint: str = ''
-
-
 class Input(NamedTuple):
-    """A topic: message type, meaning, a message read as an event, whether many publishers are right, and depth."""
+    """
+    A topic: message type, meaning, a message read as an event, whether many publishers are right, and depth.
+
+    `event(message, state, routes, hint)` takes the planner's state, the RouteIntake, and a hint for refusals.
+    """
 
     message_type: Any
     words: str
-    event: Callable[[Any, Reader], Event]
+    event: Callable[[Any, State, RouteIntake, str], Event]
     has_many_sources: bool = False
     depth: int = 1
 
@@ -64,16 +60,16 @@ class Input(NamedTuple):
 
 
 INPUTS = {
-    BATTERY_STATE: Input(BatteryState, '', lambda message, reader: battery_event(message, reader.hint)),
-    ROUTE_PLAN: Input(RoutePlan, '', lambda message, reader: reader.routes.read(message, reader.state),
+    BATTERY_STATE: Input(BatteryState, '', lambda message, state, routes, hint: battery_event(message, hint)),
+    ROUTE_PLAN: Input(RoutePlan, '', lambda message, state, routes, hint: routes.read(message, state),
                       has_many_sources=True),
     ROUTE_PROGRESS: Input(RouteProgress, 'where the vehicle is, if known',
-                          lambda message, reader: progress_event(message, reader.hint)),
+                          lambda message, state, routes, hint: progress_event(message, hint)),
     HVCH_STATUS: Input(HvchStatus, "the heater controller's answer, if there is one",
-                       lambda message, reader: heater_status_event(
-                           message, reader.state.vehicle.hvch.maximum_power_w)),
+                       lambda message, state, routes, hint: heater_status_event(
+                           message, state.vehicle.hvch.maximum_power_w)),
     SOURCE_STATUS: Input(HeatSourceStatus, 'the same of the other heat sources',
-                         lambda message, reader: source_status_event(message, reader.state.vehicle),
+                         lambda message, state, routes, hint: source_status_event(message, state.vehicle),
                          has_many_sources=True, depth=20),
 }
 
@@ -82,7 +78,6 @@ class RouteIntake:
     """Reads RoutePlans as events, and keeps them: a route is read again for other parameters."""
 
     def __init__(self) -> None:
-        """Start without a message."""
         self._messages: dict[Mission, RoutePlan] = {}
 
     def message_of(self, mission: Mission | None) -> RoutePlan | None:

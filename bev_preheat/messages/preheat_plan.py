@@ -128,11 +128,11 @@ def _instant(decision: Decision, after_s: float | None) -> Time:
     return Time() if after_s is None else time_message(decision.plan_start_ns + round(after_s * NS_PER_S))
 
 
-def temperature_message(decision: Decision, now_ns: int) -> Temperature:
-    """Return the predicted arrival temperature of a Decision; variance 0 means unknown."""
+def temperature_message(decision: Decision, now_ns: int) -> Temperature | None:
+    """Return the predicted arrival temperature of a Decision, None without a plan; variance 0 means unknown."""
     plan, deviation_k = decision.plan, decision.arrival_deviation_k
     if plan is None:
-        raise ValueError('without a plan no arrival is predicted')
+        return None
     message = Temperature(temperature=plan.arrival_temperature_c,
                           variance=0.0 if math.isnan(deviation_k) else deviation_k**2)
     message.header.stamp = time_message(now_ns)

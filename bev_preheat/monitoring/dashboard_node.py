@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType
@@ -17,7 +16,7 @@ from bev_preheat.monitoring.controls import Controls
 from bev_preheat.monitoring.planners import Planners, PLANNERS_PERIOD_S
 from bev_preheat.monitoring.source import LiveSource
 from bev_preheat.nodes.parameters import declare, Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.optional_packages import require
 from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
@@ -111,8 +110,3 @@ class DashboardNode(Node):
             problem = f'Without the vehicle file no temperature without heating is shown: {error}'
         with self._source.lock:
             board.unheated, board.unheated_problem = unheated, problem
-
-
-def main() -> None:
-    """Run the dashboard until a signal ends it."""
-    sys.exit(run_node(DashboardNode, PROGRAM))

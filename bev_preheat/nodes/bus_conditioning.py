@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from queue import Empty
 import time
 from typing import Any, TYPE_CHECKING
 
@@ -83,12 +82,8 @@ class BusConditioning:
     # Requests
 
     def _on_look(self) -> None:
-        while True:
-            try:
-                values = self._requests.get_nowait()
-            except Empty:
-                break
-            self._take(values)
+        while not self._requests.empty():
+            self._take(self._requests.get())
         is_there = self._client.server_is_ready()
         if self._sent is not None and not (is_there and steady_s() < self._alive_until_s):
             # Its planner has gone; the next one gets the goal again.
@@ -216,14 +211,14 @@ class BusConditioning:
         """Publish that nothing is active any more."""
         self._broker.publish({IS_ACTIVE: False, IS_ONGOING: False})
 
-    def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: conditioning`."""
-        refused = [self._refusal] if steady_s() - self._refused_s < REFUSAL_SHOWN_S else []
-        waits = []
+    def entry(self) -> DiagnosticStatus:
+        """Return the entry `conditioning` of the diagnostics."""
+        refusal = self._refusal if steady_s() - self._refused_s < REFUSAL_SHOWN_S else ''
+        waits = ''
         if self._wanted is not None and self._sent is None:
-            waits = ['the request waits for the battery' if not self.has_battery else
+            waits = ('the request waits for the battery' if not self.has_battery else
                      'the planner does not answer: its action prepare_battery is not there'
-                     if self._ready_since_s is None else 'the planner is starting']
-        return judged(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
+                     if self._ready_since_s is None else 'the planner is starting')
+        return judged('conditioning', [], [waits, refusal], self._request.mode,
                       {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
                        'heating': str(self._is_heating).lower()})

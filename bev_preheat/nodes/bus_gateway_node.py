@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from queue import SimpleQueue
-import sys
 from typing import Any, TYPE_CHECKING
 
 from sensor_msgs.msg import BatteryState
@@ -23,8 +22,8 @@ from bev_preheat.messages.diagnostics import judged
 from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.heater_execution import CanHeater, HeaterExecution
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.parameters import StartParameter
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.description import HVCH
@@ -35,19 +34,16 @@ if TYPE_CHECKING:
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from bev_preheat.bus.source import LiveBattery, LiveSource
+    from bev_preheat.bus.source import LiveBattery
 
 PARAMETERS = (
-    Parameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.',
-              read_only=True),
-    Parameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0), read_only=True),
-    Parameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of VSS.',
-              read_only=True),
-    Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
-              read_only=True),
-    Parameter('execute_commands', True, 'Write commands to CAN if the map has their frames. False: leave it to '
-              'heater_controller, which also keeps the gates and the rate limit of the heater.',
-              read_only=True),
+    StartParameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.'),
+    StartParameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0)),
+    StartParameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of '
+                   'VSS.'),
+    StartParameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0)),
+    StartParameter('execute_commands', True, 'Write commands to CAN if the map has their frames. False: leave it '
+                   'to heater_controller, which also keeps the gates and the rate limit of the heater.'),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
@@ -73,7 +69,6 @@ class BusGatewayNode(ProgramNode):
     """Publishes the battery at a steady rate while its signals are valid, and nothing otherwise."""
 
     def __init__(self) -> None:
-        """Declare the parameters and open the bus; raises InvalidInput if the map does not fit."""
         super().__init__(PROGRAM)
         if not self.values['signals']:
             raise InvalidInput('signals: is not given; name a signal map with a part live (signals:=my_car.yaml)')
@@ -103,12 +98,12 @@ class BusGatewayNode(ProgramNode):
         self._source.start()
         self.get_logger().info(f'Signal map {self.hardware}: {self._source.name}')
 
-    def _connected(self, values: Mapping[str, Any]) -> LiveSource:
+    def _connected(self, values: Mapping[str, Any]) -> CanSource | VssSource:
         """Return the source; make the way back to the bus, too."""
         if self._map.vss is None:
             source = CanSource(self._map, self._now_s)
             for name in source.frames if values['execute_commands'] else ():
-                heater = self._heaters[name] = CanHeater(source, self._now_s, name)
+                heater = self._heaters[name] = CanHeater(source, name)
                 execution = self._executions[name] = HeaterExecution(
                     self, HeaterLimits(heater.maximum_w, longest_lease_s=values['longest_lease']),
                     heater, heater.obstacle, self.tell, name=name)
@@ -166,25 +161,25 @@ class BusGatewayNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on bus, signals and requests; log their problems."""
-        now_s, name, source, battery = self._now_s(), self.get_fully_qualified_name(), self._source, self._battery
+        now_s, source, battery = self._now_s(), self._source, self._battery
         lacking = [f'battery_state is not published: {sentence}' for sentence in self._lacking[:1]]
         lacking += self._lacking[1:]
-        doubts = list(source.doubts(now_s).values())
-        problems = [f'{source.name}: {source.problem}'] if source.problem else []
-        for sentence in problems or [*lacking, *doubts]:
+        doubts = list(source.doubts().values())
+        problem = f'{source.name}: {source.problem}' if source.problem else ''
+        for sentence in [problem] if problem else [*lacking, *doubts]:
             self.tell(sentence)
         figures = {'published battery states': str(self._published)}
         if battery is not None:
             figures['age of the oldest signal [s]'] = f'{now_s - battery.instant_s:.2f}'
         entries = [
-            judged(name, 'bus', self.hardware, problems, [], f'{source.name}: works', source.figures())
-            if not self._heaters else next(iter(self._heaters.values())).entry(name, self.hardware),
-            judged(name, 'signals', self.hardware, lacking,
-                   [*doubts, *(() if battery is None else battery.missing)], 'all signals are valid', figures)]
-        entries += [execution.entry('heater command' if each == HVCH else f'command to {each}', self.hardware)
+            judged('bus', [problem], [], f'{source.name}: works', source.figures())
+            if not self._heaters else next(iter(self._heaters.values())).entry(),
+            judged('signals', lacking, [*doubts, *(() if battery is None else battery.missing)],
+                   'all signals are valid', figures)]
+        entries += [execution.entry('heater command' if each == HVCH else f'command to {each}')
                     for each, execution in self._executions.items()]
         if self._conditioning is not None:
-            entries.append(self._conditioning.entry(name, self.hardware))
+            entries.append(self._conditioning.entry())
         return entries
 
     # End
@@ -198,8 +193,3 @@ class BusGatewayNode(ProgramNode):
         if self._conditioning is not None:
             self._conditioning.end()
         self._source.close()
-
-
-def main() -> None:
-    """Run the gateway until a signal ends it."""
-    sys.exit(run_node(BusGatewayNode, PROGRAM))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.chargers import rank_chargers
@@ -14,7 +13,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of, write_ranking
 from bev_preheat.nodes.inbox_node import DEFAULTS, InboxNode, INPUT_PARAMETERS, VEHICLE
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat_msgs.srv import RankChargers
 
 if TYPE_CHECKING:
@@ -45,7 +44,6 @@ class ChargerAdviserNode(InboxNode):
     """Compares chargers on request: takes tenths of a second each, which would delay the planner's commands."""
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         self.create_service(RankChargers, '~/rank_chargers', self._on_rank_chargers)
         self.follow_parameters()
@@ -87,8 +85,3 @@ class ChargerAdviserNode(InboxNode):
     def take_values(self, changed: Values) -> None:
         """Judge inputs by the new limits."""
         self.inbox = self.inbox._replace(settings=self.settings())
-
-
-def main() -> None:
-    """Run the adviser until a signal ends it."""
-    sys.exit(run_node(ChargerAdviserNode, PROGRAM))

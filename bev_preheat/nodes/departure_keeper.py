@@ -3,20 +3,24 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING
 
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.departure_source import DepartureSource, NO_DEPARTURES
+from bev_preheat.control.departure_source import DepartureSource, DepartureState, NO_DEPARTURES
 from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.diagnostics import DepartureFiles
+from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
+from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.impl.rcutils_logger import RcutilsLogger
     from rclpy.node import Node
 
@@ -28,6 +32,8 @@ if TYPE_CHECKING:
 
 SKIP = '~/skip_departure'
 DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'
+# A departure that is held off is worth a warning this close to it [s].
+HELD_OFF_TOLD_S = 7200.0
 
 
 class _WatchedFile:
@@ -132,13 +138,31 @@ class DepartureKeeper:
         if self._source is not None:
             self._source = self._source.noted(outcome, state, now_ns)
 
-    def report(self) -> DepartureFiles | None:
-        """Return the DepartureFiles; None without a file of departures."""
+    def entry(self, now_ns: int) -> DiagnosticStatus | None:
+        """Return the entry `departures` of the diagnostics at an instant [ns]; None without such a file."""
         if not self._departures.path:
             return None
         report = NO_DEPARTURES if self._source is None else self._source.report
-        return DepartureFiles(report, self._departures.path, self._prices.path, '; '.join(
-            filter(None, (self._departures.problem, self._prices.problem))))
+        problems = [*filter(None, (self._departures.problem, self._prices.problem))]
+        left_s = math.inf if report.next_ns is None else (report.next_ns - now_ns) / NS_PER_S
+        sentence = f'{report.state.value}: {report.reason}'
+        if report.next_ns is not None:
+            sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
+        is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
+        level = ERROR if problems and report.next_ns is None else WARN if problems or is_late else OK
+        return entry('departures', level, '; '.join([sentence, *problems]), {
+            'next departure': report.next_words,
+            'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
+            'next departure in [s]': '' if report.next_ns is None else f'{left_s:.0f}',
+            'target [degC]': ('' if report.next_ns is None else
+                              "the planner's default" if report.target_c is None else f'{report.target_c:g}'),
+            'plugged in': str(report.plugged_in).lower(),
+            'state': report.state.value,
+            'reason': report.reason,
+            'skipped': report.skipped_words,
+            'latest departure': report.latest,
+            'departures': self._departures.path,
+            'grid_prices': self._prices.path})
 
     def _on_skip(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if self._source is None:

@@ -15,23 +15,11 @@ from sensor_msgs.msg import Temperature
 from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import version
-from bev_preheat.messages.diagnostics import entry, OK, WARN
+from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.records import (
-    Beginning,
-    COMMAND,
-    command_values,
-    definition,
-    event_values,
-    GoalNumbers,
-    learned_values,
-    recorded_state,
-    RecordedStep,
-    SOURCE_COMMAND,
-    STEP,
-)
+from bev_preheat.recording import records
 from bev_preheat.recording.ring import check_folder
 from bev_preheat.recording.writer import (
     BEGINNING_CHANNEL,
@@ -48,7 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
@@ -57,8 +44,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
-TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, COMMAND: HvchCommand,
-         SOURCE_COMMAND: HeatSourceCommand, PLAN: PreheatPlan, PREDICTION: Temperature}
+TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, records.COMMAND: HvchCommand,
+         records.SOURCE_COMMAND: HeatSourceCommand, PLAN: PreheatPlan, PREDICTION: Temperature}
 # A replay may start at a recorded state; each takes some milliseconds of the writing thread [ns].
 STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
@@ -73,32 +60,18 @@ class Setup(NamedTuple):
     vehicle_contents: bytes
 
 
-class Planner(NamedTuple):
-    """The recorded planner: full name, whether its clock is /clock, names of topics, and its log."""
-
-    name: str
-    uses_sim_time: bool
-    topic: Callable[[str], str]
-    warn: Callable[[str], object]
-    inform: Callable[[str], object]
-
-
-def planner_of(node: Node) -> Planner:
-    """Return the Planner of its node."""
-    return Planner(node.get_fully_qualified_name(), node.get_parameter('use_sim_time').value,
-                   node.resolve_topic_name, node.get_logger().warning, node.get_logger().info)
-
-
 class FlightRecorder:
     """Records a planner's steps if `flight_recorder` names a folder; never raises, never waits; see `problem`."""
 
-    def __init__(self, planner: Planner) -> None:
-        """Record nothing yet."""
-        self._planner, self._life = planner, ''
+    def __init__(self, planner: str, uses_sim_time: bool, topic_name: Callable[[str], str],
+                 warn: Callable[[str], object], inform: Callable[[str], object]) -> None:
+        """Take the planner's full name, whether its clock is /clock, the full names of its topics, and its log."""
+        self._planner, self._uses_sim_time, self._topic_name = planner, uses_sim_time, topic_name
+        self._warn, self._inform, self._life = warn, inform, ''
         self._topics: dict[str, str] = {}
         self._writer: RecordingWriter | None = None
         self._where: tuple[str, float] = ('', 0.0)
-        self._goals = GoalNumbers()
+        self._goals = records.GoalNumbers()
         self._setup = Setup({}, b'')
         self._plan_due_ns, self._plan_status = 0, -1
         # After the latest recorded step, with its setup and the message of its route; used by the writing thread.
@@ -112,16 +85,6 @@ class FlightRecorder:
     def problem(self) -> str:
         """The sentence on what keeps it from recording; '' if nothing does."""
         return self._failure or ('' if self._writer is None else self._writer.report)
-
-    @property
-    def path(self) -> str:
-        """The latest file; '' without one."""
-        return '' if self._writer is None else self._writer.path
-
-    @property
-    def dropped(self) -> int:
-        """The number of steps that were not written."""
-        return 0 if self._writer is None else self._writer.dropped
 
     def attach(self, folder: str, megabytes: float, setup: Setup, state: State, now_ns: int,
                route: RoutePlan | None = None) -> None:
@@ -140,7 +103,7 @@ class FlightRecorder:
         started = datetime.now(UTC).strftime('%Y%m%dT%H%M%S')
         try:
             check_folder(folder)
-            self._life, self._topics = uuid4().hex[:8], {topic: self._planner.topic(topic) for topic in TYPES}
+            self._life, self._topics = uuid4().hex[:8], {topic: self._topic_name(topic) for topic in TYPES}
             kinds = {self._topics[topic]: _kind(message_type) for topic, message_type in TYPES.items()}
             self._state, self._state_setup, self._route = state, setup, None if route is None else Entry(
                 self._topics[ROUTE_PLAN], now_ns, route)
@@ -156,8 +119,8 @@ class FlightRecorder:
         state, setup = self._state, self._state_setup
         assert state is not None
         now_ns = state.now_ns or now_ns
-        beginning = Beginning(
-            version(), self._planner.name, self._life, 0, now_ns, self._planner.uses_sim_time, setup.parameters,
+        beginning = records.Beginning(
+            version(), self._planner, self._life, 0, now_ns, self._uses_sim_time, setup.parameters,
             setup.vehicle_contents.decode('utf-8', 'replace'))
         yield Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary())
         if self._route is not None and state.inbox.latest_mission is not None:
@@ -167,12 +130,12 @@ class FlightRecorder:
     def _state_entry(self, state: State, now_ns: int) -> Entry:
         self._state_ns = now_ns
         goal, route = state.preparation.goal, self._route
-        return Entry(STATE_CHANNEL, now_ns, recorded_state(
+        return Entry(STATE_CHANNEL, now_ns, records.recorded_state(
             state, None if goal is None else self._goals.number(goal),
             None if route is None or state.inbox.latest_mission is None else route.now_ns).as_dictionary())
 
     def note(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
-             call: str = STEP, what: str = '') -> None:
+             call: str = records.STEP, what: str = '') -> None:
         """Record a step: the State after it, its events, the message of the first (None: no event), its output."""
         if self._writer is not None:
             decision = output.decision
@@ -184,14 +147,14 @@ class FlightRecorder:
                  status: Status | None, call: str, what: str, setup: Setup) -> Iterable[Entry]:
         """Return the entries of a step; called by the writing thread."""
         values = [_values(event, message is not None, self._goals, setup) for event in events]
-        step = Entry(STEP_CHANNEL, now_ns, RecordedStep(
-            now_ns, call, tuple(values), what, command_values(command), status,
+        step = Entry(STEP_CHANNEL, now_ns, records.RecordedStep(
+            now_ns, call, tuple(values), what, records.command_values(command), status,
             () if command is None else command.sources_w))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
-            entries += [Entry(self._topics[SOURCE_COMMAND], now_ns, message)
+            entries += [Entry(self._topics[records.SOURCE_COMMAND], now_ns, message)
                         for message in source_messages(command, state.vehicle, now_ns)]
-            entries.append(Entry(self._topics[COMMAND], now_ns, command_message(command, now_ns)))
+            entries.append(Entry(self._topics[records.COMMAND], now_ns, command_message(command, now_ns)))
         latest = state.inbox.latest_mission
         if any(isinstance(event, RouteArrived) and event.mission is latest for event in events):
             self._route = entries[0]
@@ -207,30 +170,26 @@ class FlightRecorder:
                               and 0 <= self._plan_due_ns - now_ns <= PLAN_PERIOD_NS):
             return
         self._plan_status, self._plan_due_ns = status, now_ns + PLAN_PERIOD_NS
-        plan_entry = Entry(self._topics[PLAN], now_ns, plan)
-        if prediction is None:
-            writer.put(plan_entry)
-        else:
-            writer.put(plan_entry, Entry(self._topics[PREDICTION], now_ns, prediction))
+        writer.put(*(Entry(self._topics[topic], now_ns, message)
+                     for topic, message in ((PLAN, plan), (PREDICTION, prediction)) if message is not None))
 
     def tell(self) -> None:
         """Log a new problem, or its end."""
         problem = self.problem
         if problem != self._told:
             if problem:
-                self._planner.warn(f'flight_recorder: {problem}.')
+                self._warn(f'flight_recorder: {problem}.')
             else:
-                self._planner.inform('flight_recorder: recording again.')
+                self._inform('flight_recorder: recording again.')
             self._told = problem
 
-    def entry(self, name: str, hardware: str) -> DiagnosticStatus | None:
-        """Return the DiagnosticStatus `NODE: flight recorder`: WARN if it cannot record; None if it is off."""
+    def entry(self) -> DiagnosticStatus | None:
+        """Return the entry `flight recorder` of the diagnostics: WARN if it cannot record; None if it is off."""
         if not self._where[0]:
             return None
-        lost = f'{self.dropped} steps were not written' if self.dropped else ''
-        problem = self.problem or lost
-        return entry(name, 'flight recorder', hardware, WARN if problem else OK, problem or 'recording',
-                     {'file': self.path, 'lost steps': str(self.dropped)})
+        path, dropped = ('', 0) if self._writer is None else (self._writer.path, self._writer.dropped)
+        problem = self.problem or (f'{dropped} steps were not written' if dropped else '')
+        return judged('flight recorder', [], [problem], 'recording', {'file': path, 'lost steps': str(dropped)})
 
     def catch_up(self) -> None:
         """Wait until the steps so far are written: for a drive that is faster than the disk."""
@@ -244,15 +203,15 @@ class FlightRecorder:
             self._writer = None
 
 
-def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -> dict[str, Any]:
-    values = event_values(event, goals, has_message)
+def _values(event: Event, has_message: bool, goals: records.GoalNumbers, setup: Setup) -> dict[str, Any]:
+    values = records.event_values(event, goals, has_message)
     if isinstance(event, Reconfigured):
-        values.update(parameters=setup.parameters, learned=learned_values(event.learned),
+        values.update(parameters=setup.parameters, learned=records.learned_values(event.learned),
                       vehicle_file=setup.vehicle_contents.decode('utf-8', 'replace'))
     return values
 
 
 def _kind(message_type: Any) -> Kind:
     package, name = message_type.__module__.partition('.')[0], message_type.__name__
-    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr',
+    return Kind(f'{package}/msg/{name}', records.definition(package, name), 'ros2msg', 'cdr',
                 lambda message: bytes(serialize_message(message)))

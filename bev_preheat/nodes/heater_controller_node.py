@@ -16,16 +16,17 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.messages.battery_state import measurement_from_message
+from bev_preheat.messages.fields import known
 from bev_preheat.nodes.heater_execution import HeaterExecution, open_can_heater
 from bev_preheat.nodes.node import LIFECYCLE, NOT_ACTIVE, ProgramNode
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import StartParameter
 from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.topics import BEST_EFFORT
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HVCH
@@ -42,23 +43,21 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import HeatingGates
 
 PARAMETERS = (
-    Parameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "
-              'config/vehicles or a YAML file.', read_only=True),
-    Parameter('heat_source', '', "Execute heat_source_command for this name in the vehicle's heat_sources. Empty: "
-              'hvch_command.', read_only=True),
-    Parameter('period', 0.1, 'The power is set this often', 's', (0.01, 1.0), read_only=True),
-    Parameter('power_rise', 0.0, 'The power rises at most at this rate; it falls at once', 'W/s', (1.0, 1e6),
-              unset_means='no limit', read_only=True),
-    Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
-              read_only=True),
-    Parameter('clock_tolerance', 1.0, 'A command may be stamped this far in the future', 's', (0.0, 10.0),
-              read_only=True),
-    Parameter('command_deadline', 2.5, 'Deadline and liveliness requested of the publisher, at least its '
-              'command_lease', 's', (0.05, 60.0), unset_means='none requested', read_only=True),
-    Parameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if the '
-              'latest value is older than this', 's', (0.1, 60.0), read_only=True),
-    Parameter('signals', '', "Signal map with the heater's frame on CAN: a name in config/signals or a YAML file. "
-              'Empty: no heater.', read_only=True),
+    StartParameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "
+                   'config/vehicles or a YAML file.'),
+    StartParameter('heat_source', '', "Execute heat_source_command for this name in the vehicle's heat_sources. "
+                   'Empty: hvch_command.'),
+    StartParameter('period', 0.1, 'The power is set this often', 's', (0.01, 1.0)),
+    StartParameter('power_rise', 0.0, 'The power rises at most at this rate; it falls at once', 'W/s', (1.0, 1e6),
+                   unset_means='no limit'),
+    StartParameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0)),
+    StartParameter('clock_tolerance', 1.0, 'A command may be stamped this far in the future', 's', (0.0, 10.0)),
+    StartParameter('command_deadline', 2.5, 'Deadline and liveliness requested of the publisher, at least its '
+                   'command_lease', 's', (0.05, 60.0), unset_means='none requested'),
+    StartParameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if '
+                   'the latest value is older than this', 's', (0.1, 60.0)),
+    StartParameter('signals', '', "Signal map with the heater's frame on CAN: a name in config/signals or a YAML "
+                   'file. Empty: no heater.'),
     LIFECYCLE,
 )
 PROGRAM = NodeProgram(
@@ -83,12 +82,11 @@ class GateInputs:
         self._measured_at_s = self._speed_at_s = -math.inf
         self._speed_mps = math.nan
         self.topics: list[str] = []
-        best_effort = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         if gates.looks_at_battery:
-            node.create_subscription(BatteryState, 'battery_state', self.on_battery_state, best_effort)
+            node.create_subscription(BatteryState, 'battery_state', self.on_battery_state, BEST_EFFORT)
             self.topics.append('battery_state')
         if gates.only_while_standing:
-            node.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
+            node.create_subscription(Float64, 'vehicle_speed', self._on_speed, BEST_EFFORT)
             self.topics.append('vehicle_speed')
 
     def on_battery_state(self, message: BatteryState) -> None:
@@ -130,7 +128,6 @@ class HeaterControllerNode(ProgramNode):
     """Wires gates, lifecycle and a steady timer to a HeaterExecution and the heater's output."""
 
     def __init__(self, output: Output | None = None) -> None:
-        """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
         super().__init__(PROGRAM)
         values, vehicle = self.values, load_vehicle(self.values['vehicle'])
         name = values['heat_source'] or HVCH
@@ -138,10 +135,10 @@ class HeaterControllerNode(ProgramNode):
         self._can = open_can_heater(values['signals'], most_w, name) if values['signals'] else None
         self._bus_problem, self._is_active = '', not values['lifecycle']
         self._execution = HeaterExecution(
-            self, HeaterLimits(most_w, _or_none(values['power_rise']) or math.inf,
+            self, HeaterLimits(most_w, known(values['power_rise']) or math.inf,
                                vehicle.steps_w(name), values['longest_lease'], values['clock_tolerance']),
             output or self._can or _without_heater, self._obstacle,
-            self.tell, _or_none(values['command_deadline']), name)
+            self.tell, known(values['command_deadline']), name)
         self._gate_inputs = GateInputs(self, vehicle.gates_of(name), values['battery_state_timeout'], self.tell)
         if values['lifecycle']:
             self.manage(self._on_activation)
@@ -168,9 +165,9 @@ class HeaterControllerNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on command and bus; log a new problem of the bus, also before the first command."""
-        entries = [self._execution.entry('command', self.hardware)]
+        entries = [self._execution.entry('command')]
         if self._can is not None:
-            entries.append(self._can.entry(self.get_fully_qualified_name(), self.hardware))
+            entries.append(self._can.entry())
             problem = self._can.bus_problem
             if problem and not self._bus_problem:
                 self.tell(problem)
@@ -183,11 +180,6 @@ class HeaterControllerNode(ProgramNode):
         if self._can is not None:
             self._can.end()
             self._can.close()
-
-
-def _or_none(value: float) -> float | None:
-    """Return a parameter's value, None if it is unset (0 or NaN)."""
-    return value if value > 0.0 else None
 
 
 def _without_heater(power_w: float) -> None:

@@ -63,7 +63,6 @@ class CommandSenders:
     """
 
     def __init__(self) -> None:
-        """Know no sender yet."""
         # The latest sequence number by sender, the longest silent first.
         self._latest: OrderedDict[int, int] = OrderedDict()
         self._known = 0
@@ -90,25 +89,6 @@ class CommandSenders:
         return sender
 
 
-class RefusalNews:
-    """Words for the log when a refusal begins or ends."""
-
-    def __init__(self) -> None:
-        """Start as a heater does: without a command."""
-        self._refusal, self._told = Refusal.NO_COMMAND, ''
-
-    def sentence(self, answer: HeaterAnswer) -> tuple[bool, str]:
-        """Return whether the heater is refused now, and the news since the call before; '' without news."""
-        is_refused = answer.refusal in LEVELS
-        if answer.refusal is self._refusal:
-            return is_refused, ''
-        ended = f'{self._told} is over' if self._told else ''
-        begun = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
-        sentence = '; '.join(filter(None, [ended, begun if is_refused or ended else '']))
-        self._refusal, self._told = answer.refusal, answer.refusal.name if is_refused else ''
-        return is_refused, sentence
-
-
 class HeaterExecution:
     """A HeaterController between the topics and an output; call `apply` periodically."""
 
@@ -122,7 +102,8 @@ class HeaterExecution:
         """
         self._node, self._output, self._obstacle, self._log = node, output, obstacle, tell
         self._controller, self._senders = HeaterController(limits), CommandSenders()
-        self._refusal_news = RefusalNews()
+        # As logged: a heater starts without a command.
+        self._refusal, self._refused_as = Refusal.NO_COMMAND, ''
         self.answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         self._measured_w: float | None = None
         # The latest refusal and requested power [W] that were published, and when [s].
@@ -175,11 +156,19 @@ class HeaterExecution:
         now_s, news = now.steady_ns / NS_PER_S, (answer.refusal, answer.requested_w)
         if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
-        is_refused, sentence = self._refusal_news.sentence(answer)
-        if sentence:
-            self._log(sentence, is_refused)
+        self._log_refusal(answer)
         self._told, self._told_at_s = news, now_s
         self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w, self._name))
+
+    def _log_refusal(self, answer: HeaterAnswer) -> None:
+        """Log that a refusal has begun or ended."""
+        if answer.refusal is self._refusal:
+            return
+        before, is_refused = self._refused_as, answer.refusal in LEVELS
+        self._refusal, self._refused_as = answer.refusal, answer.refusal.name if is_refused else ''
+        if is_refused or before:
+            now = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
+            self._log(f'{before} is over; {now}' if before else now, is_refused)
 
     def _switch_off(self) -> None:
         try:
@@ -194,11 +183,11 @@ class HeaterExecution:
             HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns, name=self._name))
         self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
-    def entry(self, part: str, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: part` on the command."""
+    def entry(self, part: str) -> DiagnosticStatus:
+        """Return the entry of the diagnostics on the command, by its name there."""
         answer, measured_w = self.answer, self._measured_w
         return entry(
-            self._node.get_fully_qualified_name(), part, hardware, LEVELS.get(answer.refusal, OK),
+            part, LEVELS.get(answer.refusal, OK),
             f'{answer.refusal.name}: {answer.sentence}' if answer.sentence else 'the command is served',
             {'requested power [W]': f'{answer.requested_w:.1f}', 'active power [W]': f'{answer.active_w:.1f}',
              'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}'})
@@ -212,11 +201,9 @@ class CanHeater:
     hangs.
     """
 
-    def __init__(self, source: CanSource, clock_s: Callable[[], float] = steady_s, name: str = HVCH) -> None:
-        """Take the bus, the clock [s] of its readings, and the name of a heat source."""
-        frame = source.frames[name]
-        self._source, self._clock_s, self._name, self.period_s = source, clock_s, name, frame.period_s
-        self.maximum_w = frame.highest_w
+    def __init__(self, source: CanSource, name: str) -> None:
+        self._source, self._name = source, name
+        self.period_s, self.maximum_w = source.frames[name].period_s, source.frames[name].highest_w
         self._next_s, self._sent, self._unsent = -1.0, 0, ''
 
     @property
@@ -226,8 +213,7 @@ class CanHeater:
 
     def obstacle(self, now: Instant) -> Verdict:
         """Return the Verdict of bus and heater."""
-        fault = self._source.heaters_problem(self._name) or self._source.heater_status(
-            self._clock_s(), self._name)[1]
+        fault = self._source.heaters_problem(self._name) or self._source.heater_status(self._name)[1]
         return Verdict(Refusal.HEATER_FAULT, fault) if fault else SERVED
 
     def __call__(self, power_w: float) -> float | None:
@@ -240,7 +226,7 @@ class CanHeater:
             self._sent += not self._unsent
             if self._unsent and power_w > 0.0:
                 raise ConnectionError(self._unsent)
-        return self._source.heater_status(self._clock_s(), self._name)[0]
+        return self._source.heater_status(self._name)[0]
 
     def end(self) -> None:
         """Send 0 W a few times."""
@@ -251,11 +237,10 @@ class CanHeater:
         """Close the bus."""
         self._source.close()
 
-    def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: bus`."""
-        problem = self.bus_problem or self._unsent
-        return judged(node_name, 'bus', hardware, [problem] if problem else [],
-                      list(self._source.doubts(self._clock_s()).values()), f'{self._source.name}: works',
+    def entry(self) -> DiagnosticStatus:
+        """Return the entry `bus` of the diagnostics."""
+        return judged('bus', [self.bus_problem or self._unsent], self._source.doubts().values(),
+                      f'{self._source.name}: works',
                       {**self._source.figures(), 'sent frames': str(self._sent)})
 
 
@@ -267,7 +252,7 @@ def open_can_heater(name_or_file: str, maximum_power_w: float, name: str = HVCH)
     if not live_map.can or name not in live_map.heaters:
         raise InvalidInput(f"{where}: is missing; it names the frame with the heater's power")
     source = CanSource(live_map, steady_s, {name: maximum_power_w})
-    heater = CanHeater(source, name=name)
+    heater = CanHeater(source, name)
     if heater.maximum_w < maximum_power_w:
         raise InvalidInput(f'{where}: carries at most {heater.maximum_w:g} W; the maximum_power_w of {name} in '
                            f'the vehicle file is {maximum_power_w:g} W')

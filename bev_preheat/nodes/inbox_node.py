@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.events import RouteUnreadable
@@ -15,7 +14,7 @@ from bev_preheat.messages.battery_state import battery_event
 from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.topics import RouteListener
+from bev_preheat.nodes.topics import BEST_EFFORT, RouteListener
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -41,14 +40,12 @@ class InboxNode(ProgramNode):
     """A node with an Inbox, and the latest refusals by source; its program has VEHICLE and INPUT_PARAMETERS."""
 
     def __init__(self, program: NodeProgram) -> None:
-        """Declare the parameters and subscribe; raises InvalidInput if one is not allowed."""
         super().__init__(program)
         vehicle = load_vehicle(self.values['vehicle'])
         self.hardware = vehicle.name
         self.inbox, self.routes = Inbox.empty(vehicle, self.settings()), RouteIntake()
         self.problems: dict[str, str] = {}
-        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, QoSProfile(
-            depth=1, reliability=qos_profile_sensor_data.reliability))
+        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, BEST_EFFORT)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
 
     def settings(self) -> Settings:

@@ -25,6 +25,7 @@ from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
 from bev_preheat.nodes.listening import listening
+from bev_preheat.nodes.parameters import as_typed
 from bev_preheat.nodes.simulated_drive import ARRIVED, outcome_from_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
@@ -114,11 +115,9 @@ class NodeProcess:
                 env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
 
     def __enter__(self) -> NodeProcess:
-        """Return the process."""
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """End the process."""
         self.end()
 
     @property
@@ -184,7 +183,6 @@ class ObservedDrive:
     """
 
     def __init__(self, node: Node, target_c: float) -> None:
-        """Subscribe."""
         self.record = DriveRecord(target_c)
         self.states: list[tuple[float, float, float]] = []
         self.predictions: list[tuple[float, float]] = []
@@ -294,14 +292,14 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath 
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)
             for parameter, value in {**scenario.planner, **recorded}.items():
-                planner_arguments += ['-p', f'{parameter}:={_text(value)}']
+                planner_arguments += ['-p', f'{parameter}:={as_typed(value)}']
             with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
                     'vehicle_simulator',
                     ['-p', f'scenario:={name_or_file}', '-p', f'start_time:={START_S}',
                      '-p', 'lockstep:=true',
                      # Planner and observer: messages before the observer's subscription are lost.
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true',
-                     '-p', f'heater_status:={_text(heater_status)}'],
+                     '-p', f'heater_status:={as_typed(heater_status)}'],
                     simulator_log) as simulator:
                 _follow(listener, drive, simulator, planner, observe)
             if kept is not None:
@@ -329,10 +327,6 @@ def _follow(listener: Listener, drive: ObservedDrive, simulator: NodeProcess, pl
     if simulator.exit_status != 0:
         raise ScenarioFailed(f'vehicle_simulator ended with exit status '
                              f'{simulator.exit_status}: {simulator.output()[-2000:]}')
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 @contextmanager

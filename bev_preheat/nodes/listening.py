@@ -28,7 +28,6 @@ class Listener:
     """A node whose callbacks run only in `listen`, in the caller's thread: their data need no lock."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        """Take a node and its executor."""
         self.node, self._executor = node, executor
 
     def listen(self, duration_s: float) -> None:

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 from collections import deque
-import sys
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from bev_preheat.control.decision import WITHOUT_ROUTE
@@ -24,8 +22,9 @@ from bev_preheat.nodes.optimality_report import (
     report_sentence,
     says_the_same,
 )
-from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.parameters import Parameter, StartParameter
+from bev_preheat.nodes.process import NodeProgram
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
@@ -48,9 +47,8 @@ PARAMETERS = (
               'Time between two checks; 0: only new routes and on demand',
               's', (0.0, 86400.0)),
     Parameter('time_limit', 10.0, 'The solver is stopped after this time', 's', (0.1, 600.0)),
-    Parameter('solver_niceness', MOST_NICE,
-              "The solver's niceness towards other processes: added to the node's own nice value",
-              limits=(0, MOST_NICE), read_only=True),
+    StartParameter('solver_niceness', MOST_NICE, "The solver's niceness towards other processes: added to the "
+                   "node's own nice value", limits=(0, MOST_NICE)),
     *INPUT_PARAMETERS,
 )
 PROGRAM = NodeProgram(
@@ -81,7 +79,6 @@ class NlpCheckerNode(InboxNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         require('casadi')
         super().__init__(PROGRAM)
         self._solver = self._solver_of(self.inbox.vehicle)
@@ -99,10 +96,8 @@ class NlpCheckerNode(InboxNode):
         self._route_id: str | None = None
         self._counts = {'reports': 0, 'failures': 0, 'superseded': 0}
 
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._report_publisher = self.create_publisher(
-            OptimalityReport, 'optimality_report', latched)
-        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, latched)
+        self._report_publisher = self.create_publisher(OptimalityReport, 'optimality_report', LATCHED)
+        self.create_subscription(PreheatPlan, 'preheat_plan', self._on_preheat_plan, LATCHED)
         self.create_service(Trigger, '~/check', self._on_check)
         self.follow_parameters()
         # The solver works in real time, independent of the node's clock.
@@ -280,8 +275,7 @@ class NlpCheckerNode(InboxNode):
             **{name: str(count) for name, count in self._counts.items()}}
         if self._report is not None:
             values['last report'] = report_sentence(self._report)
-        return [entry(self.get_fully_qualified_name(), 'optimality check', self.hardware,
-                      WARN if problems else OK, ' '.join(problems) or 'OK', values)]
+        return [entry('optimality check', WARN if problems else OK, ' '.join(problems) or 'OK', values)]
 
     # Parameters
 
@@ -315,8 +309,3 @@ class NlpCheckerNode(InboxNode):
         """End the solver's process, too."""
         self._solver.close()
         super().destroy_node()
-
-
-def main() -> None:
-    """Run the checker until a signal ends it."""
-    sys.exit(run_node(NlpCheckerNode, PROGRAM))

@@ -18,7 +18,7 @@ from rclpy.task import Future
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import diagnostics
-from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
+from bev_preheat.nodes.parameters import check, declare, StartParameter, USE_SIM_TIME
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ def without_figures(sentence: str) -> str:
     return FIGURE.sub('#', sentence)
 
 
-LIFECYCLE = Parameter('lifecycle', False, 'Managed node (rclpy lifecycle): 0 W unless it is active.',
-                      read_only=True)
+LIFECYCLE = StartParameter('lifecycle', False, 'Managed node (rclpy lifecycle): 0 W unless it is active.')
 NOT_ACTIVE = 'The node is managed (lifecycle:=true) and not active.'
 # From the transition `shutdown` to the end of the process, for the delivery of its response [s].
 LINGER_S = 0.2
@@ -85,10 +84,13 @@ def guarded(callback: Callback) -> Callback:
 
 
 class ProgramNode(LifecycleNodeMixin, Node):
-    """A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process."""
+    """
+    A node of a NodeProgram: its `values` by name; `hardware` for diagnostics; `finished` ends its process.
+
+    Each constructor raises InvalidInput if a parameter is not allowed.
+    """
 
     def __init__(self, program: NodeProgram) -> None:
-        """Declare the parameters; raises InvalidInput if one is not allowed."""
         # The mixin's own begins with `manage`.
         super(LifecycleNodeMixin, self).__init__(program.name)
         self.values: Values = declare(self, program.parameters)
@@ -146,13 +148,13 @@ class ProgramNode(LifecycleNodeMixin, Node):
         self.publish_diagnostics()
 
     def entries(self) -> list[DiagnosticStatus]:
-        """Return the node's own entries of the diagnostics, besides that of its setup."""
+        """Return the node's own entries of the diagnostics by part, besides that of its setup."""
         return []
 
     def publish_diagnostics(self) -> None:
         """Publish the diagnostics."""
         self._diagnostics_publisher.publish(diagnostics(
-            self.now_ns(), [*self.entries(), self.setup.entry(self.hardware)]))
+            self.get_fully_qualified_name(), self.hardware, self.now_ns(), [*self.entries(), self.setup.entry()]))
 
     # Parameters
 

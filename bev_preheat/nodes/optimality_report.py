@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from bev_preheat.nonlinear_program.solver_process import Failure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
-    from bev_preheat.route import Route
     from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
     # Inbox.goal_of.
@@ -135,13 +134,6 @@ def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
     return mission.delayed(round(plan.delay * NS_PER_S))
 
 
-def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]:
-    """Return (leg, start [ns], rest of its route) at an instant [ns]; None: at a stop or after the end."""
-    leg = mission.legs[mission.leg_number(stamp_ns)]
-    start_ns = max(stamp_ns, leg.start_ns)
-    return leg, start_ns, leg.route_ahead(start_ns)
-
-
 def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
                   plan: PreheatPlan | None) -> CheckedCase | None:
     """
@@ -150,7 +142,9 @@ def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
     `plan` is the latest PreheatPlan or None. If it is for this route, its method plans again; otherwise there is
     nothing to compare the optimum with. `goal_of` is Inbox.goal_of.
     """
-    leg, start_ns, route = part_ahead(mission, measurement.stamp_ns)
+    leg = mission.legs[mission.leg_number(measurement.stamp_ns)]
+    start_ns = max(measurement.stamp_ns, leg.start_ns)
+    route = leg.route_ahead(start_ns)
     if route is None:
         return None
     method, goal = '', goal_of(leg)

@@ -72,9 +72,7 @@ class Parameter:
 
     def default_text(self) -> str:
         """Return the default as a person writes it."""
-        if isinstance(self.default, bool):
-            return str(self.default).lower()
-        return str(self.default) if self.default != '' else 'empty'
+        return as_typed(self.default) or 'empty'
 
     def help_text(self) -> str:
         """Return the --help text: description, unit, range."""
@@ -104,7 +102,7 @@ class Parameter:
         example = '' if wanted is bool or self.default == '' else f', such as {self.default_text()}'
         if self.secret:
             return f'{self.name}: is not {IN_WORDS[wanted]}; write a text of digits in quotes within quotes'
-        return (f'{self.name}: {quoted(_as_typed(value))} is not allowed; it must be '
+        return (f'{self.name}: {quoted(as_typed(value))} is not allowed; it must be '
                 f'{IN_WORDS[wanted]}{example}')
 
     def problem_with(self, value: Any) -> str | None:
@@ -121,6 +119,9 @@ class Parameter:
                     f'{figure(low)} ... {figure(high)}{unit}')
         return None
 
+
+# A parameter that cannot be set at run time.
+StartParameter = partial(Parameter, read_only=True)
 
 # The goal at the end of a route, in every node that reads a route from a file.
 GOAL_PARAMETERS = (
@@ -178,7 +179,8 @@ def _taken(table: Mapping[str, Parameter], given: Sequence[RosParameter]) -> lis
             if item.name in table and item.type_ == RosParameter.Type.INTEGER else item for item in given]
 
 
-def _as_typed(value: Any) -> str:
+def as_typed(value: Any) -> str:
+    """Return a value as a person types it on a command line."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from bev_preheat.control.regime import Regime
 from bev_preheat.estimation.hypotheses import Heater
@@ -22,21 +22,14 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 
-class _Findings(NamedTuple):
-    """The logged findings."""
-
-    heater: Heater = Heater.ANSWERS
-    resets: int = 0
-    regime: Regime = Regime.UNKNOWN
-    signals: frozenset[str] = frozenset()
-
-
 class PlannerLog:
     """Logs the outputs of steps, and the findings in the state after them."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """Take the node's logger."""
-        self._logger, self._news, self._logged = logger, RepetitionFilter(), _Findings()
+        self._logger, self._news = logger, RepetitionFilter()
+        # The findings that have been logged.
+        self._regime, self._signals = Regime.UNKNOWN, frozenset[str]()
+        self._heater, self._resets = Heater.ANSWERS, 0
 
     def log_output(self, output: StepOutput) -> None:
         """Log a failure, a new status and the refusals of a step."""
@@ -51,24 +44,23 @@ class PlannerLog:
 
     def log_findings(self, state: State) -> None:
         """Log the regime, the signals in doubt and the findings of the estimation, once."""
-        regime, verdicts, before = state.regime, state.signal_verdicts, self._logged
-        if regime.regime is not before.regime and regime.evidence:
+        regime, verdicts, estimate = state.regime, state.signal_verdicts, state.estimate
+        if regime.regime is not self._regime and regime.evidence:
             self._logger.info(f'Regime: {regime.regime.value}: {regime.evidence}.')
         signals = frozenset(verdict.signal for verdict in verdicts)
         for verdict in verdicts:
-            if verdict.signal not in before.signals:
+            if verdict.signal not in self._signals:
                 self._logger.warning(f'Signal in doubt: {verdict.sentence}.')
-        for signal in sorted(before.signals - signals):
+        for signal in sorted(self._signals - signals):
             self._logger.info(f'Signal valid again: {signal}.')
-        self._logged = before._replace(regime=regime.regime, signals=signals)
-        estimate = state.estimate
+        self._regime, self._signals = regime.regime, signals
         if estimate is None:
             return
-        if estimate.heater.heater is not before.heater:
+        if estimate.heater.heater is not self._heater:
             self._logger.warning(f'Heater: {heater_sentence(estimate.heater)}.')
-        if estimate.resets != before.resets:
+        if estimate.resets != self._resets:
             self._logger.warning(f'The estimator was reset: {estimate.reset_reason}.')
-        self._logged = self._logged._replace(heater=estimate.heater.heater, resets=estimate.resets)
+        self._heater, self._resets = estimate.heater.heater, estimate.resets
 
     def log_route(self, state: State) -> None:
         """Log the route that has just arrived."""

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 from functools import partial
-import sys
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool
@@ -22,19 +21,21 @@ from bev_preheat.control.events import (
     RouteUnreadable,
 )
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import planner_diagnostics
-from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
+from bev_preheat.messages.inputs import INPUTS, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
-from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
+from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
+from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
-from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
+from bev_preheat.nodes.planner_parameters import check_changes, NEVER_LOCKED, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
-from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram
 from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
-from bev_preheat.nodes.topics import CommandPublisher, RouteListener
+from bev_preheat.nodes.topics import CommandPublisher, LATCHED, RouteListener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
@@ -46,13 +47,11 @@ if TYPE_CHECKING:
     from typing import Any
 
     from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.errors import InvalidInput
     from bev_preheat.nodes.node import Values
 
 PROGRAM = NodeProgram(
@@ -79,7 +78,6 @@ class PlannerNode(ProgramNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         values = self.values
         vehicle, settings = read(values)
@@ -92,23 +90,24 @@ class PlannerNode(ProgramNode):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._log = PlannerLog(self.get_logger())
-        self._recorder = FlightRecorder(planner_of(self))
+        self._recorder = FlightRecorder(
+            self.get_fully_qualified_name(), self.get_parameter(USE_SIM_TIME).value, self.resolve_topic_name,
+            self.get_logger().warning, self.get_logger().info)
         self._routes = RouteIntake()
         self._go_on(settings)
         self._record()
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
 
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = CommandPublisher(
             self, lambda: round(self._supervisor.state.settings.command_lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
-        self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
+        self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', LATCHED)
         for topic, each in INPUTS.items():
             if topic != ROUTE_PLAN:
                 self.create_subscription(each.message_type, topic, partial(self._on_input, topic), QoSProfile(
-                    depth=each.depth, reliability=qos_profile_sensor_data.reliability))
+                    depth=each.depth, reliability=ReliabilityPolicy.BEST_EFFORT))
         RouteListener(self, partial(self._on_input, ROUTE_PLAN), self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._departures = DepartureKeeper(
@@ -143,18 +142,15 @@ class PlannerNode(ProgramNode):
     @guarded
     def _on_input(self, topic: str, message: Any) -> None:
         now_ns = self.now_ns()
-        event = self._admit(topic, message, now_ns)
+        # It may be that the message cannot be read.
+        event = INPUTS[topic].event(message, self._supervisor.state, self._routes,
+                                    self.setup.clock_hint(message.header.stamp, now_ns))
         if not self._step(event, now_ns=now_ns, message=message):
             return
         if topic == BATTERY_STATE:
             self._stale_timer.reset()
         elif topic == ROUTE_PLAN:
             self._log.log_route(self._supervisor.state)
-
-    def _admit(self, topic: str, message: Any, now_ns: int) -> Event:
-        """Return a message as an event, which may be that it cannot be read."""
-        return INPUTS[topic].event(message, Reader(
-            self._supervisor.state, self._routes, self.setup.clock_hint(message.header.stamp, now_ns)))
 
     def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
         """
@@ -185,7 +181,7 @@ class PlannerNode(ProgramNode):
         plan = plan_message(
             decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions())
         self._plan_publisher.publish(plan)
-        prediction = None if decision.plan is None else temperature_message(decision, now_ns)
+        prediction = temperature_message(decision, now_ns)
         if prediction is not None:
             self._temperature_publisher.publish(prediction)
         self._recorder.note_plan(now_ns, plan, prediction)
@@ -219,11 +215,10 @@ class PlannerNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entries on preheating, signals, heater, estimation, files and recording."""
-        name, state, now_ns = self.get_fully_qualified_name(), self._supervisor.state, self.now_ns()
-        recording = self._recorder.entry(name, self.hardware)
-        return [*planner_diagnostics(
-            name, state, now_ns, self._state_keeper.report(), self._departures.report()),
-            *([] if recording is None else [recording])]
+        now_ns = self.now_ns()
+        of_files = (self._state_keeper.entry(), self._departures.entry(now_ns), self._recorder.entry())
+        return [*planner_diagnostics(self._supervisor.state, now_ns),
+                *(entry for entry in of_files if entry is not None)]
 
     def _report(self, now_ns: int) -> None:
         self._prepare.publish_feedback(now_ns)
@@ -297,7 +292,13 @@ class PlannerNode(ProgramNode):
 
     def check_lock(self, parameters: Sequence[RosParameter]) -> None:
         """Refuse a change of what is locked."""
-        check_lock(self, parameters)
+        if self.values['locked']:
+            problems = [
+                f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
+                for parameter in parameters if parameter.name not in NEVER_LOCKED
+                and parameter.value != self.get_parameter(parameter.name).value]
+            if problems:
+                raise InvalidInput(problems)
 
     def check_values(self, changed: Values) -> None:
         """Refuse values that do not fit, and unusable files."""
@@ -373,15 +374,13 @@ class PlannerNode(ProgramNode):
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
-        for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery,
-                     self._recorder.close):
-            last()
+        for last in (self._prepare.shut_down, self._switch_off, self._on_save_due, self._await_delivery):
+            try:
+                last()
+            except Exception as error:
+                self.fail(last.__name__, error)
+        self._recorder.close()
 
-    @guarded
-    def _end_goals(self) -> None:
-        self._prepare.shut_down()
-
-    @guarded
     def _switch_off(self) -> None:
         # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self.now_ns()
@@ -389,17 +388,11 @@ class PlannerNode(ProgramNode):
         self._publish_command(output, now_ns)
         self._recorder.note(self._supervisor.state, now_ns, (), None, output, STOP)
 
-    @guarded
     def _await_delivery(self) -> None:
-        self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+        self._command_publisher.hvch.publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
 
 def _has_plan_or_heats(output: StepOutput) -> bool:
     decision, command = output.decision, output.command
     return (decision is not None and decision.plan is not None) or (
         command is not None and command.total_w > 0.0)
-
-
-def main(loading_node: Node | None = None) -> None:
-    """Run the planner until a signal ends it; `loading_node` comes from `process.join_graph`."""
-    sys.exit(run_node(PlannerNode, PROGRAM, loading_node))

@@ -11,17 +11,14 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.estimation.state_file import check_state_file
 from bev_preheat.nodes.node import LIFECYCLE
-from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.parameters import Parameter, StartParameter
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_library import use_core
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from rclpy.node import Node
-    from rclpy.parameter import Parameter as RosParameter
+    from collections.abc import Callable
 
     from bev_preheat.nodes.node import Values
     from bev_preheat.vehicle import Vehicle
@@ -75,8 +72,8 @@ PARAMETERS = (
     Parameter('departures', '', 'File of recurring departures (YAML); empty: none.'),
     Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is heated '
               'in the cheapest hours; empty: as late as possible.'),
-    Parameter('locked', False, 'Refuse changes of safety-relevant parameters and of use_sim_time at run time.',
-              read_only=True),
+    StartParameter('locked', False, 'Refuse changes of safety-relevant parameters and of use_sim_time at run '
+                   'time.'),
     LIFECYCLE,
 )
 # A driver or a backend may change these although the others are locked.
@@ -114,14 +111,3 @@ def check_changes(values: Values, changed: Values) -> None:
         if changed.get(name):
             with located(name):
                 check(changed[name])
-
-
-def check_lock(node: Node, parameters: Iterable[RosParameter]) -> None:
-    """Raise InvalidInput if a locked parameter would change, including those that rclpy declares."""
-    if node.get_parameter('locked').value:
-        problems = [
-            f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
-            for parameter in parameters if parameter.name not in NEVER_LOCKED
-            and parameter.value != node.get_parameter(parameter.name).value]
-        if problems:
-            raise InvalidInput(problems)

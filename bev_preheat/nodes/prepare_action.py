@@ -90,10 +90,7 @@ class PrepareAction:
         self._step(PreparationWanted(preparation_goal))
 
     def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        preparation_goal = next(
-            (preparation_goal for preparation_goal,
-             handle in self._goals.items() if handle == goal_handle),
-            None)
+        preparation_goal = next((goal for goal, handle in self._goals.items() if handle == goal_handle), None)
         if preparation_goal is None:
             # The goal has ended already.
             return CancelResponse.REJECT

@@ -109,13 +109,6 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
 
 
-def check_domain_id() -> None:
-    """Raise InvalidInput on a ROS_DOMAIN_ID out of range, which ends the process in some middlewares."""
-    text = os.environ.get('ROS_DOMAIN_ID', '')
-    if text.isdecimal() and int(text) > MOST_DOMAIN_ID:
-        raise InvalidInput(f'ROS_DOMAIN_ID: {text} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
-
-
 def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:
     """Return the arguments outside of --ros-args sections, which end at --, or at the end."""
     others, is_ros = [], False
@@ -212,7 +205,7 @@ def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
         finished = getattr(node, 'finished', None) or Future()
         # A task ends the executor's wait; its spin_until_future_complete would add a callback to the future
         # in every turn and never remove it.
-        finished.add_done_callback(lambda _: executor.create_task(_do_nothing))
+        finished.add_done_callback(lambda _: executor.create_task(lambda: None))
         Thread(target=_wait_for_signal, args=(signal_pipe, finished), daemon=True).start()
         try:
             while rclpy.ok() and not finished.done():
@@ -230,13 +223,12 @@ def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
 
 
 def _init() -> None:
-    check_domain_id()
+    domain_id = os.environ.get('ROS_DOMAIN_ID', '')
+    # It would end the process in some middlewares.
+    if domain_id.isdecimal() and int(domain_id) > MOST_DOMAIN_ID:
+        raise InvalidInput(f'ROS_DOMAIN_ID: {domain_id} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
     with silent_rcl():
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-
-
-def _do_nothing() -> None:
-    pass
 
 
 def _pipe_of_signals() -> int:

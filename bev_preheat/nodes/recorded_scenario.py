@@ -13,7 +13,7 @@ from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_event, progress_message
-from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup
+from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario_drive import drive_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
@@ -71,7 +71,7 @@ class MessageWire:
         # The events of an instant are made before the first of them is a step.
         self._coming: list[tuple[Event, Any]] = []
         self._steps = 0
-        self._recorder = FlightRecorder(Planner('/planner', True, '/{}'.format, warn, warn))
+        self._recorder = FlightRecorder('/planner', True, '/{}'.format, warn, warn)
         self._recorder.attach(
             folder, UNBOUNDED_MB, Setup(dict(scenario.planner), vehicle_contents(scenario.vehicle_name)),
             supervisor.state, START_NS)
@@ -99,8 +99,7 @@ class MessageWire:
         if output.decision is not None:
             plan = plan_message(output.decision, self._supervisor.state.active_mission, now_ns,
                                 self._supervisor.later_decisions())
-            self._recorder.note_plan(now_ns, plan, None if output.decision.plan is None
-                                     else temperature_message(output.decision, now_ns))
+            self._recorder.note_plan(now_ns, plan, temperature_message(output.decision, now_ns))
         self._steps += 1
         if self._steps % STEPS_AT_ONCE == 0:
             self._recorder.catch_up()

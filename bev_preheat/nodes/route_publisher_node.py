@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import TYPE_CHECKING
 
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
@@ -19,9 +18,10 @@ from bev_preheat.messages.fix import fix_from_message
 from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.node import guarded, ProgramNode, without_figures
-from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter
-from bev_preheat.nodes.process import NodeProgram, run_node
+from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 # A change of these publishes the route again.
 ROUTE_PARAMETERS = (
     Parameter('route', 'reference', 'Route: a name in config/routes, or a route file of any format.'),
-    Parameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's own.",
-              read_only=True),
+    StartParameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's "
+                   'own.'),
     Parameter('route_id', '', "Identifies the route in route_plan. Empty: the file's name without suffix."),
     Parameter('departure_time', 0.0, 'Start of the route, since the epoch. 0: when the node starts or the route '
               'is replaced, and again when the vehicle leaves the start', 's',
@@ -58,13 +58,13 @@ ROUTE_PARAMETERS = (
 )
 PARAMETERS = (
     *ROUTE_PARAMETERS,
-    Parameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
-              unset_means='the first reading, if the route starts now', read_only=True),
+    StartParameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
+                   unset_means='the first reading, if the route starts now'),
     Parameter('position_timeout', 5.0, 'A position older than this is not used',
               's', (0.5, 60.0)),
     Parameter('clock_tolerance', 1.0, 'A position may be stamped this far in the future', 's', (0.0, 10.0)),
-    Parameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last digit is '
-              'used for this time', 's', (0.0, 86400.0), read_only=True),
+    StartParameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last '
+                   'digit is used for this time', 's', (0.0, 86400.0)),
 )
 OF_ROUTE = frozenset(parameter.name for parameter in ROUTE_PARAMETERS)
 PROGRAM = NodeProgram(
@@ -91,7 +91,6 @@ class RoutePublisherNode(ProgramNode):
     """Publishes one route at a time, and matches fixes and odometer to it; an uncertain place is not published."""
 
     def __init__(self) -> None:
-        """Declare the parameters and load the route; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         self._use(load_offer(self.values))
         self._next_offer: RouteOffer | None = None
@@ -104,8 +103,7 @@ class RoutePublisherNode(ProgramNode):
         self._awaits_departure = False
         self._published_ns = 0
 
-        self._route_publisher = self.create_publisher(
-            RoutePlan, 'route_plan', QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._route_publisher = self.create_publisher(RoutePlan, 'route_plan', LATCHED)
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
         self.create_subscription(NavSatFix, 'fix', self._on_fix, qos_profile_sensor_data)
         self.create_subscription(Float64, 'odometer', self._on_odometer, qos_profile_sensor_data)
@@ -255,8 +253,7 @@ class RoutePublisherNode(ProgramNode):
                    'refused messages': str(self._refused)}
         if match.stamp_ns:
             values['age [s]'] = f'{(now_ns - match.stamp_ns) / NS_PER_S:.1f}'
-        return [entry(self.get_fully_qualified_name(), 'position', self.hardware,
-                      OK if is_good and not self._refusal else WARN,
+        return [entry('position', OK if is_good and not self._refusal else WARN,
                       '; '.join(filter(None, [f'{match.cause.value}: {match.sentence}', self._refusal])), values)]
 
     def _current_match(self, now_ns: int) -> Match:
@@ -290,8 +287,3 @@ class RoutePublisherNode(ProgramNode):
         else:
             # The same road with another goal: the place stays.
             self._publish_route(self._start_ns)
-
-
-def main() -> None:
-    """Run the publisher until a signal ends it."""
-    sys.exit(run_node(RoutePublisherNode, PROGRAM))

@@ -12,7 +12,7 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility
 
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.nodes.parameters import given_parameters
+from bev_preheat.nodes.parameters import given_parameters, USE_SIM_TIME
 from bev_preheat.numerics import NS_PER_DAY
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ HASH = 'RIHS01_'
 # In real time: while simulated time stands, so do the node's own timers.
 SETUP_PERIOD_S = 0.5
 # Parameters of ROS itself, and of other nodes in a shared parameter file.
-NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
+NOT_OURS = (USE_SIM_TIME, 'start_type_description_service', 'qos_overrides./parameter_events',
             'qos_overrides./rosout', 'qos_overrides./clock')
 CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
 CLOCK_PATIENCE_LOOKS = 4
@@ -114,7 +114,7 @@ class SetupWatch:
         return [endpoint for endpoint in endpoints if endpoint_name(endpoint) == own_name]
 
     def _clock_stands(self) -> bool:
-        stands = (self._node.get_parameter('use_sim_time').value
+        stands = (self._node.get_parameter(USE_SIM_TIME).value
                   and self._node.get_clock().now().nanoseconds == 0)
         self._looks_at_zero = self._looks_at_zero + 1 if stands else 0
         # Discovering its publishers takes a moment.
@@ -134,18 +134,23 @@ class SetupWatch:
         """Whether simulated time is set and has not begun."""
         return CLOCK_STANDS in self.problems
 
-    def entry(self, hardware: str) -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: setup`."""
-        return judged(self._node.get_fully_qualified_name(), 'setup', hardware, [self.error] if self.error else [],
-                      self.problems, 'parameters, clock and topics fit')
+    def entry(self) -> DiagnosticStatus:
+        """Return the entry `setup` of the diagnostics."""
+        return judged('setup', [self.error], self.problems, 'parameters, clock and topics fit')
 
     def clock_hint(self, stamp: Time, now_ns: int) -> str:
-        """Return a hint about wrong clocks for a message's stamp at an instant [ns]; '' if they agree."""
+        """Return which clock is likely wrong if a message's stamp is far from an instant [ns]; otherwise ''."""
         stamp_ns = nanoseconds(stamp)
-        # Called with every battery state, so look the parameter up only if needed.
-        if abs(stamp_ns - now_ns) < FAR_NS:
+        if not now_ns or not stamp_ns or abs(stamp_ns - now_ns) < FAR_NS:
             return ''
-        return clock_hint(self._node.get_parameter('use_sim_time').value, now_ns, stamp_ns)
+        apart_days = (stamp_ns - now_ns) / NS_PER_DAY
+        where = f'{abs(apart_days):.0f} days {"after" if apart_days > 0.0 else "before"}'
+        if self._node.get_parameter(USE_SIM_TIME).value:
+            return (f"the stamp lies {where} this node's time, which is /clock (use_sim_time is set): "
+                    'set use_sim_time:=true at the sender too, or use_sim_time:=false here')
+        return (f"the stamp lies {where} this node's time, which is the system's: if the sender is "
+                'simulated or replayed, set use_sim_time:=true here; if not, one of the two clocks is '
+                'not set')
 
 
 def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
@@ -170,20 +175,6 @@ def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInf
         reasons.update(part.strip().removeprefix('ERROR: ').lower()
                        for part in reason.split(';') if part.strip())
     return f'{sentence} with an incompatible quality of service: {", ".join(sorted(reasons))}'
-
-
-def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
-    """Return the clock that is likely wrong if now and a stamp [ns] are far apart; otherwise ''."""
-    if not now_ns or not stamp_ns or abs(stamp_ns - now_ns) < FAR_NS:
-        return ''
-    apart_days = (stamp_ns - now_ns) / NS_PER_DAY
-    where = f'{abs(apart_days):.0f} days {"after" if apart_days > 0.0 else "before"}'
-    if uses_sim_time:
-        return (f"the stamp lies {where} this node's time, which is /clock (use_sim_time is set): "
-                'set use_sim_time:=true at the sender too, or use_sim_time:=false here')
-    return (f"the stamp lies {where} this node's time, which is the system's: if the sender is "
-            'simulated or replayed, set use_sim_time:=true here; if not, one of the two clocks is '
-            'not set')
 
 
 def unknown_parameters(node: Node) -> list[str]:

@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.setup_watch import endpoint_name, NAMELESS, RESTART_S
-from bev_preheat.nodes.topics import ListeningPublisher
+from bev_preheat.nodes.topics import BEST_EFFORT, ListeningPublisher
 from bev_preheat.numerics import NS_PER_S
 
 if TYPE_CHECKING:
@@ -76,8 +75,6 @@ class Pace:
         return self.elapsed_s
 
 
-# As rclcpp's ClockQoS and rclpy's own subscription have it.
-CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LOOK_PERIOD_S = 0.1
 # Real time before the first tick, so that a running clock is received before it is disturbed: longer if the
 # graph shows another publisher. That one may be dead: a killed node stays in the graph for some 20 s.
@@ -102,7 +99,8 @@ class OwnTime:
         self._on_lost, self._is_lost = on_lost, False
         # Not the node's clock: with use_sim_time that is the one published here.
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
-        self._clock = ListeningPublisher(node, Clock, '/clock', CLOCK_QOS, self._on_other_tick)
+        # Best effort as in rclcpp's ClockQoS and rclpy's own subscription.
+        self._clock = ListeningPublisher(node, Clock, '/clock', BEST_EFFORT, self._on_other_tick)
         self._started_s = time.monotonic()
         # When another node's ticks began, and its latest one.
         self._other_ticks_s: tuple[float, float] | None = None

@@ -21,7 +21,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.before_restart import NO_CHOICES
 from bev_preheat.estimation.state_file import check_state_file, learned_from, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable, existing_file, expanded, write_whole
-from bev_preheat.messages.diagnostics import StateFileReport
+from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import OLDEST_CHOICE_NS
@@ -30,6 +30,7 @@ from bev_preheat.vehicle import vehicle_fingerprint
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
     from bev_preheat.control.inputs import Mission
@@ -145,7 +146,6 @@ class StateKeeper:
     """Reads and writes the file of `state_file`; problems are reported, and preheating works without it."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """Take the node's logger."""
         self._logger = logger
         self._path, self._contents, self._fingerprint = '', b'', ''
         self._written = _Kept()
@@ -157,6 +157,7 @@ class StateKeeper:
         self._forget_report()
 
     def _forget_report(self) -> None:
+        # A foreign file is not this planner's, or cannot be read, so it is never written.
         self._problem, self._is_foreign, self._kept_aside = '', False, ''
         self._written_s: float | None = None
 
@@ -246,13 +247,15 @@ class StateKeeper:
         except (InvalidInput, TypeError) as error:
             self._fail(str(error))
 
-    def report(self) -> StateFileReport | None:
-        """Return the StateFileReport; None without a state file."""
+    def entry(self) -> DiagnosticStatus | None:
+        """Return the entry `state file` of the diagnostics; None without one."""
         if not self._path:
             return None
-        written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
-        return StateFileReport(
-            self._path, self._problem, self._is_foreign, written_s_ago, self._kept_aside)
+        written = ('nothing written yet' if self._written_s is None
+                   else f'written {time.monotonic() - self._written_s:.0f} s ago')
+        return entry('state file', ERROR if self._is_foreign else WARN if self._problem else OK,
+                     self._problem or written,
+                     {'file': self._path, 'last write': written, 'damaged file kept as': self._kept_aside})
 
     def _fail(self, problem: str, is_foreign: bool = False) -> None:
         if problem != self._problem:

@@ -12,6 +12,8 @@ match volatile publishers, and a best-effort subscription may lose parts of a lo
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
+from functools import partial
 import time
 from typing import TYPE_CHECKING
 
@@ -43,7 +45,9 @@ if TYPE_CHECKING:
     Message = Any
 
 
-# Matches reliable and best-effort publishers.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Match reliable and best-effort publishers.
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 PUBLICATIONS_KEPT = 256
 # DDS stores the instant of a publication in units of 2^-32 s.
@@ -57,7 +61,6 @@ class ListeningPublisher:
 
     def __init__(self, node: Node, message_type: type[Message], topic: str, qos: QoSProfile | int,
                  on_other: Callable[[bytes], object]) -> None:
-        """Advertise."""
         self._node, self._message_type, self._on_other = node, message_type, on_other
         self.publisher = node.create_publisher(message_type, topic, qos)
         self._publications: deque[tuple[int, int]] = deque(maxlen=PUBLICATIONS_KEPT)
@@ -73,10 +76,6 @@ class ListeningPublisher:
         before_ns = time.time_ns()
         self.publisher.publish(message)
         self._publications.append((before_ns - DDS_RESOLUTION_NS, time.time_ns() + DDS_RESOLUTION_NS))
-
-    def wait_for_all_acked(self, duration: Duration) -> bool:
-        """Wait until all subscribers have all messages, at most an rclpy Duration."""
-        return self.publisher.wait_for_all_acked(duration)
 
     def look(self) -> None:
         """Listen while the graph shows another publisher; call it periodically."""
@@ -109,7 +108,7 @@ class ListeningPublisher:
             self._on_other(serialized)
 
 
-class CommandPublisher(ListeningPublisher):
+class CommandPublisher:
     """
     Publishes a node's HvchCommands and HeatSourceCommands, and knows its rivals.
 
@@ -117,8 +116,7 @@ class CommandPublisher(ListeningPublisher):
     second publisher.
     """
 
-    def __init__(self, node: Node, lease_ns: Callable[[], int],
-                 on_rival: Callable[[], object]) -> None:
+    def __init__(self, node: Node, lease_ns: Callable[[], int], on_rival: Callable[[], object]) -> None:
         """
         Advertise.
 
@@ -129,17 +127,19 @@ class CommandPublisher(ListeningPublisher):
         counts in real time. Only a command asserts liveliness, so a planner that hangs counts as gone.
         """
         lease = Duration(nanoseconds=lease_ns())
-        qos = QoSProfile(depth=1, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
-                         liveliness_lease_duration=lease)
-        super().__init__(node, HvchCommand, 'hvch_command', qos, self._on_other_command)
-        self._own: frozenset[str] = frozenset()
+
+        def publisher(message_type: type[Message], topic: str, depth: int) -> ListeningPublisher:
+            return ListeningPublisher(node, message_type, topic, QoSProfile(
+                depth=depth, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                liveliness_lease_duration=lease), partial(self._on_other, message_type))
+
+        self.hvch = publisher(HvchCommand, 'hvch_command', 1)
         # Messages of several sources at once must not replace each other.
-        self._sources = ListeningPublisher(node, HeatSourceCommand, 'heat_source_command', QoSProfile(
-            depth=MOST_SOURCES, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
-            liveliness_lease_duration=lease), self._on_other_source)
-        self._lease_ns, self._on_rival = lease_ns, on_rival
+        self._sources = publisher(HeatSourceCommand, 'heat_source_command', MOST_SOURCES)
+        self._own: frozenset[str] = frozenset()
+        self._node, self._lease_ns, self._on_rival = node, lease_ns, on_rival
         self._heard_ns: int | None = None
-        self._heard_on: ListeningPublisher = self
+        self._heard_on = self.hvch
         self._believed_ns = 0
         self._names = ''
 
@@ -148,11 +148,11 @@ class CommandPublisher(ListeningPublisher):
         self._own = frozenset(source.name for source in vehicle.heat_sources)
         for message in source_messages(command, vehicle, now_ns):
             self._sources.publish(message)
-        self.publish(command_message(command, now_ns))
+        self.hvch.publish(command_message(command, now_ns))
 
     def look(self) -> None:
         """Listen while the graph shows another publisher; call it periodically."""
-        super().look()
+        self.hvch.look()
         self._sources.look()
         if self._heard_ns is not None:
             # A publisher is discovered shortly before the name of its node.
@@ -167,35 +167,24 @@ class CommandPublisher(ListeningPublisher):
             self._names = ''
         return self._names
 
-    def _on_other_command(self, serialized: bytes) -> None:
-        self._hear(self, _read(serialized, HvchCommand))
-
-    def _on_other_source(self, serialized: bytes) -> None:
-        message = _read(serialized, HeatSourceCommand)
-        # Another node may command sources that are not in the vehicle file.
-        if message is None or message.name in self._own:
-            self._hear(self._sources, message)
-
-    def _hear(self, publisher: ListeningPublisher, message: Message) -> None:
-        lease_ns = 0 if message is None else nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
-        self._heard_ns, self._heard_on = self._node.get_clock().now().nanoseconds, publisher
+    def _on_other(self, message_type: type[Message], serialized: bytes) -> None:
+        lease_ns = 0
+        # A message that cannot be read is a rival's, too.
+        with suppress(Exception):
+            message = deserialize_message(serialized, message_type)
+            # Another node may command sources that are not in the vehicle file.
+            if message_type is HeatSourceCommand and message.name not in self._own:
+                return
+            lease_ns = nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
+        self._heard_ns = self._node.get_clock().now().nanoseconds
+        self._heard_on = self.hvch if message_type is HvchCommand else self._sources
         self._believed_ns = max(self._lease_ns(), min(lease_ns, LONGEST_LEASE_NS))
-        self._names = self._names or publisher.names_of_others()
+        self._names = self._names or self._heard_on.names_of_others()
         self._on_rival()
 
 
-def _read(serialized: bytes, message_type: type[Message]) -> Message:
-    """Return a message, None if it cannot be read."""
-    try:
-        return deserialize_message(serialized, message_type)
-    except Exception:
-        return None
-
-
 TOPIC = 'route_plan'
-LATCHED_ROUTE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=1)
-BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Seven arrays of numbers of 8 bytes, and room for the rest: identification, stops.
 LARGEST_ROUTE_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
 # A latched sample arrives again with every new subscription.
@@ -214,10 +203,9 @@ class RouteListener:
 
     def __init__(self, node: ProgramNode, on_route: Callable[[RoutePlan], object],
                  on_refused: Callable[[InvalidInput], object]) -> None:
-        """Subscribe."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
-        for profile in (LATCHED_ROUTE, RELIABLE):
+        for profile in (LATCHED, RELIABLE):
             self._subscribe(profile)
         # In real time: publishers come and go independently of the node's clock.
         self._timer = node.look_regularly(PUBLISHER_PERIOD_S, TOPIC, self._look)

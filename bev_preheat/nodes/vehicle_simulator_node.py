@@ -5,13 +5,11 @@ from __future__ import annotations
 
 from functools import partial
 import math
-import sys
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.errors import InvalidInput
@@ -22,11 +20,11 @@ from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
-from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
-from bev_preheat.nodes.simulated_drive import trip_diagnostics
+from bev_preheat.nodes.simulated_drive import departure, PROGRAM, trip_diagnostics
 from bev_preheat.nodes.simulated_time import GRAPH_PERIOD_S, Lockstep, NoAnswer, NodeTime, OwnTime
-from bev_preheat.nodes.vehicle_simulator_parameters import departure, PROGRAM
+from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.simulation.heater import HeaterSide
@@ -45,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.publisher import Publisher
     from rclpy.task import Task
 
     from bev_preheat.nodes.node import Values
@@ -75,7 +74,6 @@ class VehicleSimulatorNode(ProgramNode):
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__(PROGRAM)
         values, self.exit_status, self._senders = self.values, 0, CommandSenders()
         self._car, route_name, warnings = departure(values)
@@ -103,22 +101,21 @@ class VehicleSimulatorNode(ProgramNode):
         self._answered_s = -math.inf
 
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
-        self._route_publisher = self.create_publisher(
-            RoutePlan, 'route_plan',
-            QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
+        self._route_publisher = self.create_publisher(RoutePlan, 'route_plan', LATCHED)
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
-        self._status_publisher = (
-            self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
         self._commands = self.create_subscription(HvchCommand, 'hvch_command', self._on_command, COMMANDS_KEPT)
-        # Of the heat sources beside the HVCH, each with senders of its own numbers.
-        self._source_status_publisher = None
+        # By name; empty if no status is published.
+        self._status_publishers: dict[str, Publisher] = {}
+        if values['heater_status']:
+            self._status_publishers[HVCH] = self.create_publisher(HvchStatus, 'hvch_status', 1)
+        # The heat sources beside the HVCH, with senders of their own numbers.
         if others := self._heater.names[1:]:
             self._source_senders = CommandSenders()
             self.create_subscription(HeatSourceCommand, 'heat_source_command', self._on_source_command,
                                      COMMANDS_KEPT * len(others))
             if values['heater_status']:
-                self._source_status_publisher = self.create_publisher(
-                    HeatSourceStatus, 'heat_source_status', len(others))
+                self._status_publishers.update(dict.fromkeys(others, self.create_publisher(
+                    HeatSourceStatus, 'heat_source_status', len(others))))
         self.follow_parameters()
 
         self._has_told_route = False
@@ -188,7 +185,7 @@ class VehicleSimulatorNode(ProgramNode):
             self._progress_publisher.publish(progress_message(progress))
             yield
         for reading in readings:
-            if self._status_publisher is not None:
+            if self._status_publishers:
                 self._publish_status()
                 yield
             self._publish_state(reading)
@@ -354,10 +351,8 @@ class VehicleSimulatorNode(ProgramNode):
 
     def _publish_status(self) -> None:
         """Publish the answers of the heat sources."""
-        if self._status_publisher is not None and self._time.start_ns:
-            for name in self._heater.names:
-                publisher = self._status_publisher if name == HVCH else self._source_status_publisher
-                assert publisher is not None
+        if self._time.start_ns:
+            for name, publisher in self._status_publishers.items():
                 publisher.publish(status_message(self._heater.answer(self._time.start_ns, name), self.now_ns(),
                                                  self._heater.measured_w(name), name))
 
@@ -377,7 +372,7 @@ class VehicleSimulatorNode(ProgramNode):
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the entry on the drive."""
-        return [trip_diagnostics(self.get_fully_qualified_name(), self._car)]
+        return [trip_diagnostics(self._car)]
 
     def now_ns(self) -> int:
         """Return the instant of the drive [ns]; 0 before it begins."""
@@ -421,8 +416,3 @@ class VehicleSimulatorNode(ProgramNode):
     def last_words(self) -> None:
         """Wait up to 1 s until the listeners have received the last diagnostics."""
         self._diagnostics_publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-
-def main() -> None:
-    """Run the simulated vehicle until a signal ends it, or it arrives with exit_on_arrival."""
-    sys.exit(run_node(VehicleSimulatorNode, PROGRAM))

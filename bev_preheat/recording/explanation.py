@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.state import State
     from bev_preheat.recording.flight import Flight
 
-NODE = 'planner'
-
 
 class Section(NamedTuple):
     """A heading, and pairs of a name and a value."""
@@ -59,9 +57,8 @@ def why(state: State, now_ns: int) -> Why:
         *(f'{name} {power_w:.0f} W' for name, power_w in command.sources_w)))
     answer = f'{power}, {decision.status.name}: {decision.explanation}'
     sections = [_inputs(state, now_ns), *(
-        Section(entry.name.partition(': ')[2],
-                tuple((value.key, value.value) for value in entry.values if value.value))
-        for entry in planner_diagnostics(NODE, state, now_ns))]
+        Section(entry.name, tuple((value.key, value.value) for value in entry.values if value.value))
+        for entry in planner_diagnostics(state, now_ns))]
     return Why(now_ns, answer, (*sections, *_plan(state, now_ns), _otherwise(state, now_ns)))
 
 

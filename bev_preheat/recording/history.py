@@ -178,8 +178,8 @@ class History:
             self.columns[name].append(value)
 
     def _add_diagnostics(self, now_ns: int, played: Played) -> None:
-        for entry in planner_diagnostics('planner', played.state, played.now_ns):
-            name = entry.name.partition(': ')[2]
+        for entry in planner_diagnostics(played.state, played.now_ns):
+            name = entry.name
             # `preheating` repeats status and sentence.
             level = int.from_bytes(entry.level) if isinstance(entry.level, bytes) else int(entry.level)
             if name != 'preheating' or level:

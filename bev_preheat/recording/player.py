@@ -11,7 +11,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
 from bev_preheat.control.state_bytes import state_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.inputs import INPUTS, Reader, RouteIntake
+from bev_preheat.messages.inputs import INPUTS, RouteIntake
 from bev_preheat.recording.changes import Changes, with_keys
 from bev_preheat.recording.records import (
     event_of,
@@ -142,7 +142,7 @@ class Player:
                 self._alter(message)
             for change in self._changes.signals:
                 change.alter_battery(message)
-        return INPUTS[kind].event(message, Reader(state, self._routes, hint))
+        return INPUTS[kind].event(message, state, self._routes, hint)
 
     def _message(self, given: Given) -> Any:
         if given.message is None:

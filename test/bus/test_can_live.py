@@ -12,10 +12,9 @@ import pytest
 from slcan_port import SlcanPort
 from waiting import poll_until, TIME_LIMIT_S
 
-from bev_preheat.bus.can_decoder import CanDecoder
 from bev_preheat.bus.can_source import CanLink, CanSource
 from bev_preheat.bus.live_map import load_live_map
-from bev_preheat.bus.source import age_of_stamp, Readings, steady_s
+from bev_preheat.bus.source import age_of_stamp, steady_s
 
 pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')]
 
@@ -58,7 +57,7 @@ class Car:
         return self.source.battery(self.now_s)
 
     def doubts(self):
-        return ' '.join(self.source.doubts(self.now_s).values())
+        return ' '.join(self.source.doubts().values())
 
 
 @pytest.fixture
@@ -234,12 +233,11 @@ def test_readings_are_dropped_when_the_clock_falls_back(car):
 
 
 def test_frames_of_29_bits_with_the_same_number_are_not_used():
-    readings = Readings()
-    decoder = CanDecoder(load_live_map('example_car'))
-    decoder.take(STATUS, True, status_frame(0.5, 360.0, 0.0, 1), 0.0, readings)
-    assert readings.latest('soc', 'BMS_Status.BMS_SoC') is None
-    decoder.take(STATUS, False, status_frame(0.5, 360.0, 0.0, 1), 0.0, readings)
-    assert readings.latest('soc', 'BMS_Status.BMS_SoC').value == pytest.approx(0.5)
+    source = CanSource(load_live_map('example_car'), lambda: 0.0)
+    source.on_frame(0, STATUS, True, status_frame(0.5, 360.0, 0.0, 1), 0.0)
+    assert source.value('soc', 0.0) is None
+    source.on_frame(0, STATUS, False, status_frame(0.5, 360.0, 0.0, 1), 0.0)
+    assert source.value('soc', 0.0) == pytest.approx(0.5)
 
 
 def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
@@ -296,7 +294,7 @@ def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
         # The last temperature is refused; the one before counts, with its own instant.
         assert battery.temperature_c == pytest.approx(-5.0)
         assert 0.3 < now_s - battery.instant_s < 2.0
-        assert 'BMS_TempCrc is 0x' in ' '.join(source.doubts(now_s).values())
+        assert 'BMS_TempCrc is 0x' in ' '.join(source.doubts().values())
         # Frames that are sent go nowhere; after the end the readings expire.
         assert source.send_power(1000.0) == ''
         assert source.battery(now_s + 2.0)[0] is None

@@ -13,6 +13,7 @@ from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import Readings, steady_s
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.vehicle.description import HVCH
 
 pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck')]
 NS = 'VERSION ""\nBU_: CAR GW\n'
@@ -51,7 +52,7 @@ def written_map(folder, live='', dbc=BATTERY + HEATER, signals=''):
 def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER):
     live_map = load_live_map(written_map(
         folder, f'  heater_command: {{message: Heater, counter: Count, {command}}}', dbc))
-    return HeaterFrame(live_map.heater_command, BusMessages(live_map).by_name, str(live_map.signals.path),
+    return HeaterFrame(live_map.heaters[HVCH].command, BusMessages(live_map).by_name, str(live_map.signals.path),
                        vehicle_power_w)
 
 
@@ -96,10 +97,12 @@ def test_heater_is_at_fault_without_the_temperature_that_its_set_point_follows(t
     path = written_map(
         tmp_path, f'  heater_command: {{message: Heater, counter: Count, off_value: -20, {COOLANT}}}')
     source = CanSource(load_live_map(path), lambda: now_s[0])
-    assert source.heater_status(100.0)[1] == 'no valid HeaterState.Inlet for 2 s, which the set-point follows'
+    assert source.heater_status()[1] == 'no valid HeaterState.Inlet for 2 s, which the set-point follows'
     source.on_frame(0, 513, False, bytes([0, 100, 0, 0, 0, 0, 0, 0]), 0.0)
-    assert source.heater_status(101.9) == (None, '')
-    assert source.heater_status(102.1)[1]
+    now_s[0] = 101.9
+    assert source.heater_status() == (None, '')
+    now_s[0] = 102.1
+    assert source.heater_status()[1]
 
 
 # --- End-to-end protection ---
@@ -170,7 +173,8 @@ def receiver(folder, dbc, protection, counter='counter: Count, '):
         text = text.replace(before, after)
     path = written_map(folder, f'  required: [battery_temperature_c]\n  messages: {{BMS: {{{counter}checksum: '
                                f'{{signal: Crc, {protection}}}}}}}', text)
-    return CanDecoder(load_live_map(path))
+    live_map = load_live_map(path)
+    return CanDecoder(live_map, BusMessages(live_map), {})
 
 
 @pytest.mark.parametrize('dbc, protection, counts, _', VECTORS, ids=IDS)
@@ -266,10 +270,10 @@ live:
         battery = (-750).to_bytes(2, 'little', signed=True) + bytes([160, 0, 0, 0, 0, 0])
         first.send(can.Message(arbitration_id=256, is_extended_id=False, data=battery))
         second.send(can.Message(arbitration_id=256, is_extended_id=False, data=[100] + [0] * 7))
-        poll_until(lambda: source.battery(steady_s())[0] and source.heater_status(steady_s())[0] is not None,
+        poll_until(lambda: source.battery(steady_s())[0] and source.heater_status()[0] is not None,
                    'battery and heater')
         assert source.battery(steady_s())[0].temperature_c == pytest.approx(-7.5)
-        assert source.heater_status(steady_s())[0] == pytest.approx(2500.0)
+        assert source.heater_status()[0] == pytest.approx(2500.0)
         assert source.send_power(1000.0) == ''
         assert second.recv(5.0).data[0] == 40
         assert first.recv(0.05) is None
@@ -384,12 +388,12 @@ BO_ 601 PumpState: 8 CAR
     assert [source.frames['heat_pump'].next(power_w)[:2] for power_w in (2000.0, 9000.0)] == [
         b'\x64\x01', b'\x7d\x02']
     assert source.frames['hvch'].next(2500.0)[0] == 100 and source.frames['hvch'].next(0.0)[5] >> 4 == 2
-    assert source.heater_status(100.0, 'heat_pump')[1] == 'no valid PumpState.Fault for 1 s'
+    assert source.heater_status('heat_pump')[1] == 'no valid PumpState.Fault for 1 s'
     source.on_frame(0, 601, False, bytes([75, 0, 0, 0, 0, 0, 0, 0]), 0.0)
-    assert source.heater_status(100.0, 'heat_pump') == (1500.0, '')
-    assert source.heater_status(100.0)[1] == 'no valid HeaterState.Share for 1 s'
+    assert source.heater_status('heat_pump') == (1500.0, '')
+    assert source.heater_status()[1] == 'no valid HeaterState.Share for 1 s'
     source.on_frame(0, 601, False, bytes([0, 1, 0, 0, 0, 0, 0, 0]), 0.0)
-    assert source.heater_status(100.0, 'heat_pump') == (0.0, 'PumpState.Fault: 1')
+    assert source.heater_status('heat_pump') == (0.0, 'PumpState.Fault: 1')
 
 
 @pytest.mark.parametrize('entry, told', [

@@ -258,7 +258,7 @@ def test_a_chiller_that_refuses_is_told_by_its_own_words(start_c, estimation):
     words = 'The chiller does not cool (HEATER_FAULT): no refrigerant.'
     assert any(sentence.startswith(words) for sentence in told)
     assert not any('heat_pump' in sentence or 'heater' in sentence for sentence in told)
-    entry = next(entry for entry in planner_diagnostics('planner', supervisor.state, supervisor.state.now_ns)
+    entry = next(entry for entry in planner_diagnostics(supervisor.state, supervisor.state.now_ns)
                  if entry.name.endswith('status of chiller'))
     # It serves again.
     assert entry.message == 'the command is served'

@@ -198,7 +198,7 @@ def test_constants_of_the_message_are_those_of_the_program(kind):
 def test_heating_that_does_not_pay_is_no_fault():
     supervisor, plan = planned(charger_power=50e3)
     assert plan.status == PreheatPlan.NOT_WORTH_IT and not plan.heating_planned
-    entry = planner_diagnostics('/planner', supervisor.state, START_S * NS_PER_S)[0]
+    entry = planner_diagnostics(supervisor.state, START_S * NS_PER_S)[0]
     assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
     values = {pair.key: pair.value for pair in entry.values}
     assert values['target because'] == plan.target_reason

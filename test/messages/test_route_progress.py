@@ -66,13 +66,12 @@ def told(supervisor, at_s, **fields):
 
 
 def entries(supervisor, now_ns):
-    return [status for status in planner_diagnostics('/planner', supervisor.state, now_ns)
-            if status.name == 'planner: route progress']
+    return [status for status in planner_diagnostics(supervisor.state, now_ns)
+            if status.name == 'route progress']
 
 
 def said(supervisor, now_ns):
     status, = entries(supervisor, now_ns)
-    assert status.hardware_id == VEHICLE.name
     return status.level, status.message
 
 

@@ -117,8 +117,8 @@ class Cabin:
 
     def warning(self):
         """Return the sentence of the diagnostics, '' if they have no doubt."""
-        entry = self.part.entry('/bus_gateway', 'car')
-        assert entry.name == 'bus_gateway: conditioning'
+        entry = self.part.entry()
+        assert entry.name == 'conditioning'
         return entry.message if entry.level == DiagnosticStatus.WARN else ''
 
 
