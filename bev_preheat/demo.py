@@ -33,6 +33,8 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.commands.output import ENERGY_ROWS
 from bev_preheat.commands.parser import OneLineParser
 from bev_preheat.commands.terminal import print_figures, progress_bar, result_console
+from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
+from bev_preheat.drawing.figure import save_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.messages.fields import Figure, nanoseconds
@@ -280,8 +282,6 @@ def verdict(drive: ObservedDrive) -> tuple[bool, str]:
 
 
 def _draw(parsed: Namespace, scenario: Scenario, drive: ObservedDrive) -> None:
-    from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
-    from bev_preheat.drawing.figure import save_figure
     target_c, route = drive.target_c, scenario.first.route
     goal = replace(scenario.first.goal, target_temperature_c=target_c)
     unheated = plan_unheated(scenario.vehicle, route, scenario.state, goal)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.drawing.identification_figures import report_pictures
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
@@ -90,7 +91,6 @@ def run(arguments: Namespace) -> int:
 
         result = identify(start, trips, name, tell)
     if arguments.report:
-        from bev_preheat.drawing.identification_figures import report_pictures
         from bev_preheat.identification.result import report_text
         write_whole(arguments.report, report_text(result, report_pictures(result)))
     if arguments.json:

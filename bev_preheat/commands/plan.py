@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.stop import chance_text
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
-from bev_preheat.commands.parser import completed_by, given_options, NameCompleter
+from bev_preheat.commands.parser import completed_by, given_options
 from bev_preheat.commands.situation import (
     add_method_argument,
     add_prospect_arguments,
@@ -26,6 +26,7 @@ from bev_preheat.commands.situation import (
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.control.target import given_target_pays_from
+from bev_preheat.drawing.plan_figure import make_itinerary_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
@@ -55,7 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'stops, and the energy it takes.')
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
-    completed_by(NameCompleter('itineraries'), route_group.add_argument(
+    completed_by('itineraries', route_group.add_argument(
         '--itinerary', metavar='NAME|FILE',
         help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML file'))
     add_prospect_arguments(parser)
@@ -101,17 +101,13 @@ def run_itinerary(arguments: Namespace) -> int:
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.plan_figure import make_itinerary_figure
-        return make_itinerary_figure(vehicle, legs, plans, title)
-
     console = write_results(arguments, lambda: {
         'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
         'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
                    **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
                   for name, made_for, start_s, plan, leg in zip(
-                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]}, draw)
+                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]},
+        lambda: make_itinerary_figure(vehicle, legs, plans, title))
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
     for heading, plan, in_doubt in zip(headings, plans, doubts):

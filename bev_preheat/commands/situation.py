@@ -12,8 +12,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import ChargingProspect, check_prospect
-from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, ROUTES, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.program import say
+from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.inputs import route_or_log
 from bev_preheat.planning.planner import (
@@ -73,7 +74,6 @@ class PlanningArguments:
 
     def figure(self, plans: Sequence[Plan], title: str) -> Figure:
         """Return the figure of Plans for it."""
-        from bev_preheat.drawing.plan_figure import make_plan_figure
         return make_plan_figure(self.vehicle, self.route, self.goal, plans, title)
 
     def as_dictionary(self) -> dict[str, Any]:
@@ -95,10 +95,10 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
                         needs_state: bool = True, ambient_help: str = AMBIENT_HELP) -> None:
     """Add the arguments of a drive to a charger; without `needs_state` its state at the start is optional."""
     add_vehicle_argument(parser)
-    completed_by(ROUTES, (route_group or parser).add_argument(
+    completed_by('routes', (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes, a file of any known format (CSV, drive cycle, GPX, '
-        'GeoJSON, answer of a navigation service, ...), or the legs of a road: legs/NAME or a YAML file'))
+        'GeoJSON, answer of a navigation service, ...), or the legs of a road: legs/NAME or a YAML file'), '.csv')
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
@@ -140,7 +140,7 @@ def route_options(arguments: Namespace) -> RouteOptions:
 
 def add_vehicle_argument(parser: ArgumentParser, what: str = 'vehicle:', metavar: str = 'NAME|FILE') -> None:
     """Add `--vehicle`; `what` begins the help."""
-    completed_by(VEHICLES, parser.add_argument(
+    completed_by('vehicles', parser.add_argument(
         '--vehicle', required=True, metavar=metavar, help=f'{what} a name in config/vehicles or a YAML file'))
 
 
@@ -248,7 +248,7 @@ def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
 
 def add_signal_arguments(parser: ArgumentParser | ArgumentGroup) -> None:
     """Add `--signals` and `--repair`."""
-    completed_by(NameCompleter('signals'), parser.add_argument(
+    completed_by('signals', parser.add_argument(
         '--signals', metavar='NAME|FILE',
         help='signal map: a name in config/signals or a YAML file (default: the map that recognises the log)'))
     parser.add_argument('--repair', action='store_true',

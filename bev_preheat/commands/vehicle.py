@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
-from bev_preheat.commands.parser import completed_by, option_group, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import print_figures, print_records, result_console
+from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.plausibility import Meaning
@@ -87,7 +87,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'check', help='show the key figures of a vehicle file',
         description='Print the key figures of a vehicle file, with warnings about unusual ones. Exit '
                     'status 0, also with warnings; 2 if the file is refused.')
-    completed_by(VEHICLES, check.add_argument(
+    completed_by('vehicles', check.add_argument(
         'vehicle', metavar='NAME|FILE',
         help='a name in config/vehicles or a YAML file'))
     add_output_arguments(check)
@@ -177,13 +177,9 @@ def run_check(arguments: Namespace) -> int:
     vehicle = load_vehicle(arguments.vehicle)
     meaning = meaning_of(vehicle)
     sessions = {at_c: warm_session(vehicle, battery_c=at_c) for at_c in meaning.charging_power_kw}
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
-        return make_vehicle_figure(vehicle)
-
     console = write_results(arguments, lambda: {**meaning.as_dictionary(), 'charging_time_10_80_s': {
-        f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}}, draw)
+        f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}},
+        lambda: make_vehicle_figure(vehicle))
     _print_meaning(console, meaning, sessions)
     console.say(meaning.heat_path, meaning.charging)
     _print_assumed(console, vehicle)

@@ -16,7 +16,7 @@ from bev_preheat.charging.target_worth import check_prices, Prices
 from bev_preheat.charging.worth_search import find_worth, goal_of
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
-from bev_preheat.commands.parser import completed_by, given_options, NameCompleter, option_group, option_of
+from bev_preheat.commands.parser import completed_by, given_options, option_group, option_of
 from bev_preheat.commands.situation import (
     add_drive_arguments,
     add_prospect_arguments,
@@ -25,6 +25,7 @@ from bev_preheat.commands.situation import (
     read_situation,
 )
 from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.drawing.charging_figure import make_chargers_figure, make_worth_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.drawing.figure import Figure
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
@@ -63,7 +63,7 @@ def add_parser(subparsers: Subparsers) -> None:
     add_drive_arguments(parser)
     add_charger_arguments(parser, required=False)
     several = option_group(parser, 'several chargers')
-    completed_by(NameCompleter('chargers'), several.add_argument(
+    completed_by('chargers', several.add_argument(
         '--chargers', metavar='NAME|FILE',
         help='compare several chargers: a name in config/chargers or a YAML file; replaces '
         '--charger-power and --departure-soc'))
@@ -110,11 +110,6 @@ def run(arguments: Namespace) -> int:
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.charging_figure import make_worth_figure
-        return make_worth_figure(worth, title)
-
     console = write_results(arguments, lambda: {
         **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
         'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
@@ -125,7 +120,7 @@ def run(arguments: Namespace) -> int:
             'charging_known_before_s': prospect.known_before_arrival_s}),
         'sensitivity': sensitivity and sensitivity.as_dictionary(),
         'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
-        **situation.as_dictionary()}, draw)
+        **situation.as_dictionary()}, lambda: make_worth_figure(worth, title))
     _print_targets(console, title.replace('\n', ', '), [
         *((target, _names(worth, target)) for target in _shown(worth)),
         *((item, name) for name, item in worth.by_rule.items())])
@@ -264,16 +259,11 @@ def run_chargers(arguments: Namespace) -> int:
     verdict = ranking_verdict(ranked)
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, '
              f'{100.0 * arguments.end_soc:g} % at its end\n{arguments.value_of_time:g} per h')
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.charging_figure import make_chargers_figure
-        return make_chargers_figure(ranked, title)
-
     console = write_results(arguments, lambda: {
         'chargers': [item.as_dictionary() for item in ranked],
         'best': able[0].candidate.name if able else None, 'verdict': verdict,
         'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
-        **situation.as_dictionary()}, draw)
+        **situation.as_dictionary()}, lambda: make_chargers_figure(ranked, title))
     costs = ('energy', 'charging', 'detour', 'wait',
              *(('ageing',) if any(item.ageing_cost for item in ranked) else ()), 'total')
     print_records(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.dates import DateFormatter, DayLocator
 import numpy as np
 
 from bev_preheat.drawing import palette
@@ -96,6 +95,7 @@ S_PER_DAY = 86400.0
 def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
                      title: str) -> Figure:
     """Return the figure of the preparations of a week, in local time."""
+    from matplotlib.dates import DateFormatter, DayLocator
     figure, axes = stacked_figure(2 if prices is None else 3, title)
     temperature, power = axes[:2]
     for number, one in enumerate(prepared):

@@ -9,8 +9,6 @@ import textwrap
 from typing import overload, TYPE_CHECKING
 import warnings
 
-from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 import numpy as np
 
 from bev_preheat.files.output_files import write_whole
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike, NDArray
 
@@ -49,6 +48,8 @@ REACH = 0.6
 def grid_figure(rows: int, columns: int, title: str, height_in: float,
                 **options: Any) -> tuple[Figure, AxesGrid]:
     """Return (figure, array of axes): panels in `rows` and `columns` under a title."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
     figure = Figure(figsize=(WIDTH_IN, height_in),
                     layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
     axes = figure.subplots(rows, columns, squeeze=False, **options)
