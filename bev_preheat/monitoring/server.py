@@ -104,14 +104,8 @@ class PageHandler(Checked):
         self.set_header('Content-Type', 'text/html; charset=utf-8')
         self.finish(text)
 
-    def write_json(self, value: Any, status: int = 200) -> None:
-        """Answer with JSON."""
-        self.set_status(status)
-        self.set_header('Content-Type', 'application/json')
-        self.finish(written(value))
 
-
-class MissingHandler(PageHandler):
+class MissingHandler(Checked):
     """Any other address."""
 
     needs_session = False
@@ -168,7 +162,7 @@ async def exchange_token(handler: PageHandler, token: str) -> None:
     handler.write_page(login_page('This is not the token.'))
 
 
-class AssetHandler(PageHandler):
+class AssetHandler(Checked):
     """A script or a style."""
 
     needs_session = False
@@ -183,10 +177,16 @@ class AssetHandler(PageHandler):
         self.finish(file_of(name))
 
 
-class AskHandler(PageHandler):
+class AskHandler(Checked):
     """A request to a planner."""
 
     is_followed = True
+
+    def answer(self, is_accepted: bool, text: str, status: int = 200) -> None:
+        """Answer with JSON."""
+        self.set_status(status)
+        self.set_header('Content-Type', 'application/json')
+        self.finish(written({'isAccepted': is_accepted, 'text': text}))
 
     async def post(self) -> None:
         """Ask the planner and answer with its answer."""
@@ -199,19 +199,18 @@ class AskHandler(PageHandler):
             values = json.loads(self.request.body)
             asked = asked_of(values)
         except (ValueError, RecursionError) as error:
-            text = str(error) if isinstance(error, InvalidInput) else 'The request is not JSON.'
-            self.write_json({'isAccepted': False, 'text': text}, 400)
+            self.answer(False, str(error) if isinstance(error, InvalidInput) else 'The request is not JSON.', 400)
             return
         answered = source.ask(str(values.get('planner', '')), asked)
         if answered is None:
-            self.write_json({'isAccepted': False, 'text': 'There is no such planner.'}, 404)
+            self.answer(False, 'There is no such planner.', 404)
             return
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(answered), LONGEST_REQUEST_S)
         except TimeoutError:
-            self.write_json({'isAccepted': False, 'text': 'No answer in time; look at the status.'}, 504)
+            self.answer(False, 'No answer in time; look at the status.', 504)
             return
-        self.write_json({'isAccepted': answer.is_accepted, 'text': answer.text})
+        self.answer(*answer)
 
 
 class TabHandler(Checked, WebSocketHandler):
@@ -304,7 +303,8 @@ class PageServer:
                                'port:=, or 0 for any free one') from error
         self.port: int = self._sockets[0].getsockname()[1]
         self._shared = Shared(access, source, set(), log, set())
-        self._ready, self._thread = Event(), Thread(target=self._run, name='web page', daemon=True)
+        self._ready, self._thread = Event(), Thread(
+            target=lambda: asyncio.run(self._serve()), name='web page', daemon=True)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._end: asyncio.Event | None = None
 
@@ -330,9 +330,6 @@ class PageServer:
         if self._loop is not None and self._end is not None:
             self._loop.call_soon_threadsafe(self._end.set)
             self._thread.join(STOPPED_WITHIN_S)
-
-    def _run(self) -> None:
-        asyncio.run(self._serve())
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()

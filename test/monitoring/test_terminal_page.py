@@ -87,7 +87,7 @@ def test_no_message_ends_it(values, times, numbers, columns, words):
     board.see_diagnostics(values[2], entries_seen(DiagnosticArray(status=[DiagnosticStatus(
         name=f'planner: {words}', message=words, level=bytes([numbers[2]]))]), 'planner'), NOW_S)
     assert len(text(board, 80, 24).splitlines()) <= 24
-    assert line(board.view(NOW_S))
+    assert line(board)
 
 
 def test_each_of_several_heat_sources_has_a_line_with_its_plan_and_its_command():
@@ -99,4 +99,4 @@ def test_each_of_several_heat_sources_has_a_line_with_its_plan_and_its_command()
     shown = text(board)
     assert 'motor            ▁▅  700 W now' in shown and 'heat_pump        █▁  2500 W now' in shown
     assert 'hvch ' not in shown and 'on; ends in' in shown
-    assert 'heater 0 W  motor 700 W  heat_pump 2500 W  WAITING' in line(board.view(NOW_S))
+    assert 'heater 0 W  motor 700 W  heat_pump 2500 W  WAITING' in line(board)
