@@ -54,6 +54,8 @@ PLAN_FRESH_S = 10.0
 ANSWER_HOLDS_S = ANSWER_HOLDS_NS / NS_PER_S
 # A heater's controller refuses longer leases [s].
 LONGEST_LEASE_S = 60.0
+# The range of the stamps of messages [s].
+MOST_STAMP_S = 2.0**31
 
 
 class Trail:
@@ -396,4 +398,4 @@ def _note(spans: deque[Span], at_s: float, text: str) -> None:
 
 
 def _ns(at_s: float) -> int:
-    return round(at_s * NS_PER_S)
+    return round(min(max(at_s, -MOST_STAMP_S), MOST_STAMP_S) * NS_PER_S)

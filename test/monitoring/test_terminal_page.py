@@ -49,6 +49,11 @@ def test_ages_are_those_of_arrival_and_a_silent_planner_is_named(board):
     assert 'The planner has disappeared.' in text(board)
 
 
+def test_a_lease_that_ended_ages_ago_is_no_lease(board):
+    board.see_command(START_S + 1.0, 1000.0, int(Status.HEATING), NOW_S, -1.7e299)
+    assert '1000 W' in text(board)
+
+
 def test_what_was_never_heard_is_said():
     shown = text(Board())
     assert 'battery never' in shown and 'diagnostics never' in shown and 'Departure' not in shown
