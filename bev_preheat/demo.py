@@ -233,12 +233,12 @@ def _now(drive: ObservedDrive) -> str:
 def summary_rows(drive: ObservedDrive) -> list[tuple[str, str, str]]:
     """Return rows of a table: the first plan and the actual drive."""
     plan, report = drive.first_plan, _report(drive)
-    switching = drive.record.switching
+    switched_on_s = drive.record.switched_on_s
     planned_s = (nanoseconds(plan.heating_start) - START_NS) * 1e-9 if plan.heating_planned else None
     _, temperature_c, soc = drive.states[-1]
     rows = [
-        ('Heating starts', _instant_text(planned_s), _instant_text(switching.first_switch_on_s)),
-        ('Heater switched on [times]', str(int(plan.heating_planned)), str(switching.switch_ons)),
+        ('Heating starts', _instant_text(planned_s), _instant_text(next(iter(switched_on_s), None))),
+        ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(switched_on_s))),
         ('No valid command [s]', '0.0', f'{report.without_command_s:.1f}'),
         ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}', f'{temperature_c:.2f}'),
         ('Target [degC]', f'{plan.target_battery_temperature:.2f}', f'{drive.target_c:.2f}'),

@@ -182,20 +182,15 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
     from bev_preheat.simulation.phases import DrivePhase
     from bev_preheat.simulation.sensors import Sensors
-    from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
+    from bev_preheat.simulation.supervised_drive import instants
     goal = goal_of(vehicle, goal)
     car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
         heater_faults=tuple(heater_faults)), seed)
     supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))
-    rows, switching = [], Switching()
-    for _, instant in instants(car, supervisor):
-        if instant is not None:
-            rows.append(instant)
-            switching.note(instant.time_s, instant.command_w)
-    estimate, score = supervisor.state.estimate, score_of(car.plant, goal.target_temperature_c, switching)
-    time_s, true_c, measured_c, estimated_c, predicted_c, command_w = np.array(rows).T
+    time_s, true_c, measured_c, estimated_c, predicted_c, command_w = np.array(list(instants(car, supervisor))).T
+    plant, estimate = car.plant, supervisor.state.estimate
     return DriveResult(
-        time_s, true_c, measured_c, estimated_c, predicted_c, command_w, car.plant.temperature_c,
-        score.arrival_soc, goal.target_temperature_c, score.heating_energy_wh, score.battery_energy_wh,
+        time_s, true_c, measured_c, estimated_c, predicted_c, command_w, plant.temperature_c, plant.soc,
+        goal.target_temperature_c, plant.energy_wh.hvch_electric, plant.energy_wh.battery_total,
         'unknown' if estimate is None else estimate.heater.heater.value)

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
     ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
@@ -198,50 +197,6 @@ class _Drive:
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)
 
 
-class Switching:
-    """Counts the rises of the heater's command from 0 W; the first is at `first_switch_on_s` [s], None: never."""
-
-    def __init__(self) -> None:
-        """Start with 0 W."""
-        self.switch_ons = 0
-        self.first_switch_on_s: float | None = None
-        self.power_w = 0.0
-
-    def note(self, now_s: float, power_w: float) -> None:
-        """Record the command [W] from an instant [s] on."""
-        if power_w > 0.0 == self.power_w:
-            self.switch_ons += 1
-            if self.first_switch_on_s is None:
-                self.first_switch_on_s = now_s
-        self.power_w = power_w
-
-
-@dataclass(frozen=True)
-class DriveScore:
-    """
-    The score of one drive.
-
-    `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh` the HVCH's
-    energy for the battery, `battery_energy_wh` the energy from the cells. `switch_ons` and `first_switch_on_s` are
-    those of Switching.
-    """
-
-    arrival_error_k: float
-    arrival_soc: float
-    heating_energy_wh: float
-    battery_energy_wh: float
-    switch_ons: int
-    first_switch_on_s: float | None
-    ran_empty: bool
-
-
-def score_of(plant: VehiclePlant, target_c: float, switching: Switching) -> DriveScore:
-    """Return the DriveScore of a car that stands at the end of its drive; `target_c` [deg C]."""
-    return DriveScore(
-        plant.temperature_c - target_c, plant.soc, plant.energy_wh.hvch_electric, plant.energy_wh.battery_total,
-        switching.switch_ons, switching.first_switch_on_s, plant.empty_at_s is not None)
-
-
 class Instant(NamedTuple):
     """
     A drive at an instant [s], once the planner has answered all that came.
@@ -257,8 +212,8 @@ class Instant(NamedTuple):
     command_w: float
 
 
-def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[tuple[Moment, Instant | None]]:
-    """Drive a car under a Supervisor until it stands; yield Moments, the last of an instant with its Instant."""
+def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[Instant]:
+    """Drive a car under a Supervisor until it stands; yield each Instant."""
     plant, measured_c, power_w = car.plant, math.nan, 0.0
     for moment in moments(car, supervisor, lambda: plant.is_standing):
         if moment.reading is not None:
@@ -266,7 +221,7 @@ def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[tuple[Moment
         if moment.output.command is not None:
             power_w = moment.output.command.total_w
         estimate, plan = supervisor.state.estimate, supervisor.state.decision.plan
-        yield moment, Instant(
-            moment.time_s, plant.temperature_c, measured_c,
-            math.nan if estimate is None else estimate.temperature_c,
-            math.nan if plan is None else plan.arrival_temperature_c, power_w) if moment.is_last else None
+        if moment.is_last:
+            yield Instant(moment.time_s, plant.temperature_c, measured_c,
+                          math.nan if estimate is None else estimate.temperature_c,
+                          math.nan if plan is None else plan.arrival_temperature_c, power_w)
