@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.drawing import palette
-from bev_preheat.drawing.figure import draw_course, legend_above, show_range, stacked_figure, TimeAxis
+from bev_preheat.drawing.figure import draw_course, drawn, legend_above, show_range, stacked_figure, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, ORANGE, PREDICTION, TARGET, WITHOUT_PREHEATING
 from bev_preheat.numerics import NS_PER_S, W_PER_KW
 from bev_preheat.planning.explanation import duration_text
@@ -66,7 +66,7 @@ def make_drive_figure(title: str, temperatures_c: Mapping[str, Course], command_
         for name, (instants_s, soc) in (socs or {}).items():
             draw_course(charge, time(instants_s), 100.0 * soc, **STYLES[name],
                         label=f'{name}, ends at {100.0 * soc[-1]:.1f} %')
-        show_range(charge, *(line.get_ydata() for line in charge.get_lines()), least=5.0)
+        show_range(charge, *drawn(charge), least=5.0)
         charge.set_ylabel('state of charge\n[%]')
         legend_above(charge)
     time.finish(figure.axes[-1], 0.0, end_s)
@@ -82,7 +82,7 @@ def draw_temperatures(axis: Axes, temperatures_c: Mapping[str, Course], target_c
         draw_course(axis, time(times_s), values_c, **STYLES[name],
                     label=f'{name}, ends at {values_c[-1]:.1f} °C' if name in ENDS else name)
     axis.axhline(target_c, **TARGET, label=f'target {target_c:.1f} °C')
-    show_range(axis, *(line.get_ydata() for line in axis.get_lines()), least=5.0)
+    show_range(axis, *drawn(axis), least=5.0)
     axis.set_ylabel('temperature\n[°C]')
     legend_above(axis)
     time.finish(axis, 0.0, end_s)
