@@ -8,6 +8,7 @@ nor keeps samples for it.
 
 from __future__ import annotations
 
+from functools import partial
 import math
 from threading import Lock
 import time
@@ -70,7 +71,7 @@ class Planners:
         self.lock = Lock()
         self.boards: dict[str, Board] = {}
         self._found: dict[str, Topics] = {}
-        self._ears: dict[str, Ears] = {}
+        self._subscriptions: dict[str, list[Any]] = {}
         self._gone_s: dict[str, float] = {}
         node.create_subscription(
             DiagnosticArray, '/diagnostics', self.guarded('/diagnostics', self._on_diagnostics), QoSProfile(
@@ -90,7 +91,7 @@ class Planners:
         forgotten = [name for name in self._found
                      if name not in there and now_s - self._gone_s.setdefault(name, now_s) > FORGOTTEN_AFTER_S]
         for name in forgotten:
-            self._ears.pop(name).close()
+            self._unsubscribe(name)
             del self._found[name], self._gone_s[name]
             with self.lock:
                 del self.boards[name]
@@ -102,15 +103,52 @@ class Planners:
         return back, forgotten
 
     def _follow(self, name: str, topics: Topics) -> None:
-        if name in self._ears:
-            self._ears.pop(name).close()
+        if name in self._subscriptions:
+            self._unsubscribe(name)
         elif len(self.boards) >= MOST_PLANNERS:
             self.warn(f'{name}: is not shown; there is room for {MOST_PLANNERS} planners')
             return
         self._found[name] = topics
         with self.lock:
             board = self.boards.setdefault(name, Board())
-        self._ears[name] = Ears(self._node, topics, board, self.lock, self.guarded)
+        # Publishers of other qualities of service are not worth a warning each.
+        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscriptions[name] = [
+            self._node.create_subscription(
+                message, topics[kind], self.guarded(topics[kind], partial(self._take, board)), qos,
+                raw=kind == ROUTE, event_callbacks=quiet)
+            for kind, message, qos in (
+                (COMMAND, HvchCommand, LATEST), (SOURCE, HeatSourceCommand, SOURCES), (ANSWER, HvchStatus, LATEST),
+                (PLAN, PreheatPlan, LATCHED), (BATTERY, BatteryState, LATEST),
+                # A route may be published with any quality of service.
+                (ROUTE, RoutePlan, LATCHED), (ROUTE, RoutePlan, LATEST)) if topics[kind]]
+
+    def _unsubscribe(self, name: str) -> None:
+        for subscription in self._subscriptions.pop(name):
+            self._node.destroy_subscription(subscription)
+
+    def _take(self, board: Board, message: Any) -> None:
+        """Fill a Board with a message of its planner, or of the planner's inputs; a route comes as bytes."""
+        now_s = time.monotonic()
+        with self.lock:
+            match message:
+                case HvchCommand():
+                    board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
+                                      now_s, seconds(message.valid_until))
+                case HeatSourceCommand():
+                    board.see_source(seconds(message.header.stamp), message.name, message.battery_heating_power)
+                case HvchStatus():
+                    event = heater_status_event(message, math.inf)
+                    if isinstance(event, HeaterStatusArrived):
+                        board.see_answer(event.status)
+                case PreheatPlan():
+                    board.see_plan(plan_seen(message), now_s)
+                case BatteryState():
+                    board.see_battery(seconds(message.header.stamp), read_temperatures(message, []).battery_c,
+                                      message.percentage, now_s)
+                # The planner refuses longer ones unread, too.
+                case bytes() if len(message) <= LARGEST_ROUTE_BYTES:
+                    board.see_route(route_seen(deserialize_message(message, RoutePlan)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         at_s, now_s = seconds(message.header.stamp), time.monotonic()
@@ -133,67 +171,6 @@ class Planners:
         """Log a warning, once."""
         if self._news.has(sentence):
             self._node.get_logger().warning(sentence)
-
-
-class Ears:
-    """Fills a Board, under its lock, with the messages of a planner and of its inputs."""
-
-    def __init__(self, node: Node, topics: Topics, board: Board, lock: Lock,
-                 guarded: Callable[[str, Callable[..., None]], Callable[..., None]]) -> None:
-        """Subscribe; `guarded(what, action)` makes the callbacks."""
-        self._node, self._board, self._lock = node, board, lock
-        # Publishers of other qualities of service are not worth a warning each.
-        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._subscriptions = [
-            node.create_subscription(message, topics[kind], guarded(topics[kind], see), qos, raw=kind == ROUTE,
-                                     event_callbacks=quiet)
-            for kind, message, see, qos in (
-                (COMMAND, HvchCommand, self._on_command, LATEST), (PLAN, PreheatPlan, self._on_plan, LATCHED),
-                (BATTERY, BatteryState, self._on_battery, LATEST), (ANSWER, HvchStatus, self._on_answer, LATEST),
-                (SOURCE, HeatSourceCommand, self._on_source, SOURCES),
-                # A route may be published with any quality of service.
-                (ROUTE, RoutePlan, self._on_route, LATCHED), (ROUTE, RoutePlan, self._on_route, LATEST))
-            if topics[kind]]
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
-        self._subscriptions = []
-
-    def _on_command(self, message: HvchCommand) -> None:
-        with self._lock:
-            self._board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
-                                    time.monotonic(), seconds(message.valid_until))
-
-    def _on_source(self, message: HeatSourceCommand) -> None:
-        with self._lock:
-            self._board.see_source(seconds(message.header.stamp), message.name, message.battery_heating_power)
-
-    def _on_answer(self, message: HvchStatus) -> None:
-        event = heater_status_event(message, math.inf)
-        if isinstance(event, HeaterStatusArrived):
-            with self._lock:
-                self._board.see_answer(event.status)
-
-    def _on_plan(self, message: PreheatPlan) -> None:
-        plan = plan_seen(message)
-        with self._lock:
-            self._board.see_plan(plan, time.monotonic())
-
-    def _on_battery(self, message: BatteryState) -> None:
-        temperature_c = read_temperatures(message, []).battery_c
-        with self._lock:
-            self._board.see_battery(seconds(message.header.stamp), temperature_c, message.percentage,
-                                    time.monotonic())
-
-    def _on_route(self, data: bytes) -> None:
-        if len(data) > LARGEST_ROUTE_BYTES:
-            # The planner refuses it unread, too.
-            return
-        route = route_seen(deserialize_message(data, RoutePlan))
-        with self._lock:
-            self._board.see_route(route)
 
 
 def find_planners(node: Node, known: dict[str, Topics]) -> dict[str, Topics]:

@@ -85,6 +85,11 @@ class Checked(RequestHandler):
         """The cookie of the session, '' without one."""
         return str(self.get_cookie(COOKIE, '') or '')
 
+    def write_page(self, text: str) -> None:
+        """Answer with a page."""
+        self.set_header('Content-Type', 'text/html; charset=utf-8')
+        self.finish(text)
+
     def write_error(self, status_code: int, **options: Any) -> None:
         """Answer with one line."""
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
@@ -94,15 +99,6 @@ class Checked(RequestHandler):
         """Log an unexpected exception in one line, without the request's address."""
         if not isinstance(error, HTTPError | WebSocketClosedError):
             self.shared.log(f'web page: {type(error).__name__}: {error}')
-
-
-class PageHandler(Checked):
-    """A request for a page or a file."""
-
-    def write_page(self, text: str) -> None:
-        """Answer with a page."""
-        self.set_header('Content-Type', 'text/html; charset=utf-8')
-        self.finish(text)
 
 
 class MissingHandler(Checked):
@@ -116,7 +112,7 @@ class MissingHandler(Checked):
         raise HTTPError(404)
 
 
-class MainHandler(PageHandler):
+class MainHandler(Checked):
     """The page, or the form for the token."""
 
     needs_session = False
@@ -134,7 +130,7 @@ class MainHandler(PageHandler):
             self.write_page(login_page(''))
 
 
-class LoginHandler(PageHandler):
+class LoginHandler(Checked):
     """The token from the form."""
 
     needs_session, is_followed = False, True
@@ -144,7 +140,7 @@ class LoginHandler(PageHandler):
         await exchange_token(self, self.get_body_argument('token', ''))
 
 
-async def exchange_token(handler: PageHandler, token: str) -> None:
+async def exchange_token(handler: Checked, token: str) -> None:
     """Set the cookie and go to the page; answer a wrong token late."""
     access, waiting = handler.shared.access, handler.shared.wrong_tokens
     if access.is_token(token):
