@@ -109,7 +109,7 @@ def run(arguments: Namespace) -> int:
     rows: tuple[tuple[str, Callable[[Session], str]], ...] = (
         ('Arrival temp. [degC]', lambda session: f'{session.battery_temperature_c[0]:.2f}'),
         ('Arrival SoC [%]', lambda session: f'{100 * session.soc[0]:.2f}'),
-        ('Charging time', _time_text),
+        ('Charging time', time_text),
         ('Bought energy [kWh]', _energy_text),
         ('… by the heater', lambda session: f'{session.energy_wh.hvch_electric / WH_PER_KWH:.2f}'),
         *([('… by the cooling', lambda session: f'{session.energy_wh.cooling_electric / WH_PER_KWH:.2f}')]
@@ -181,7 +181,8 @@ def _after_arrival(
         for at_c in arguments.arrival_temperature}, {'vehicle_assumed': list(vehicle.assumed)}
 
 
-def _time_text(session: Session) -> str:
+def time_text(session: Session) -> str:
+    """Return the charging time of a Session as text."""
     return 'never' if session.problem else duration_text(session.charging_time_s)
 
 
@@ -198,7 +199,7 @@ def _sentences(sessions: dict[str, Session]) -> list[str]:
         saved_s = other.charging_time_s - one.charging_time_s
         more_kwh = (one.bought_energy_wh - other.bought_energy_wh) / WH_PER_KWH
         sentences.append(
-            f'{name[0].upper()}{name[1:]}, charging takes {_time_text(one)}, '
+            f'{name[0].upper()}{name[1:]}, charging takes {time_text(one)}, '
             f'{duration_text(abs(saved_s))} {"less" if saved_s >= 0.0 else "more"} than {other_name}, '
             f'and buys {abs(more_kwh):.2f} kWh {"more" if more_kwh >= 0.0 else "less"}.')
     return sentences

@@ -140,9 +140,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
 
 def print_findings(console: ResultConsole, findings: Mapping[str, Sequence[Finding]]) -> None:
     """Print the Findings of scenarios, a dictionary by name."""
-    rows = []
-    for name, found in findings.items():
-        for number, item in enumerate(found):
-            rows.append(('' if number else name, item.what, item.expected, item.seen,
-                         Text('good', 'green') if item.good else Text('BAD', 'red')))
-    print_records(console, 'Scenarios', ('scenario', 'what', 'expected', 'seen', ''), rows)
+    print_records(console, 'Scenarios', ('scenario', 'what', 'expected', 'seen', ''), [
+        ('' if number else name, item.what, item.expected, item.seen,
+         Text('good', 'green') if item.good else Text('BAD', 'red'))
+        for name, found in findings.items() for number, item in enumerate(found)])

@@ -55,11 +55,13 @@ PROSPECT_OPTIONS = 'charging_probability', 'arrival_deviation', 'charging_known_
 @dataclass(frozen=True)
 class PlanningArguments:
     """
-    The situation to plan for; `files` are the paths of the vehicle's and the route's file.
+    The situation to plan for, with a title of vehicle and route.
 
-    `route_made_for` is the name of the vehicle that the route's powers belong to, None if unknown.
+    `files` are the paths of the vehicle's and the route's file; `route_made_for` is the name of the vehicle that
+    the route's powers belong to, None if unknown.
     """
 
+    title: str
     vehicle: Vehicle
     route: Route
     state: BatteryState
@@ -72,9 +74,9 @@ class PlanningArguments:
         """What planning functions take."""
         return self.vehicle, self.route, self.state, self.goal
 
-    def figure(self, plans: Sequence[Plan], title: str) -> Figure:
+    def figure(self, plans: Sequence[Plan]) -> Figure:
         """Return the figure of Plans for it."""
-        return make_plan_figure(self.vehicle, self.route, self.goal, plans, title)
+        return make_plan_figure(self.vehicle, self.route, self.goal, plans, self.title)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the part of a command's JSON on the inputs."""
@@ -156,12 +158,12 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
         note(f'planned up to the {first}, after {route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    return PlanningArguments(vehicle, in_steps(route, arguments),
-                             BatteryState(arguments.temperature, arguments.soc),
-                             Goal(target_of(arguments, vehicle), arguments.min_soc,
-                                  not arguments.no_charging,
-                                  maximum_arrival_temperature_c=arguments.max_arrival_temperature),
-                             (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
+    goal = Goal(target_of(arguments, vehicle), arguments.min_soc, not arguments.no_charging,
+                maximum_arrival_temperature_c=arguments.max_arrival_temperature)
+    return PlanningArguments(
+        f'vehicle {vehicle.name}, route {arguments.route}', vehicle, in_steps(route, arguments),
+        BatteryState(arguments.temperature, arguments.soc), goal, (vehicle_file(arguments.vehicle), loaded.file),
+        loaded.made_for)
 
 
 def warn(*sentences: str | None) -> None:
@@ -285,8 +287,6 @@ def add_prospect_arguments(parser: ArgumentParser) -> None:
 def read_prospect(arguments: Namespace) -> ChargingProspect:
     """Return the ChargingProspect of parsed arguments; raise InvalidInput if they are not allowed."""
     probability, deviation_s, known_s = (getattr(arguments, name) for name in PROSPECT_OPTIONS)
-    prospect = ChargingProspect(
-        1.0 if probability is None else probability, 0.0 if deviation_s is None else deviation_s,
-        0.0 if known_s is None else known_s)
+    prospect = ChargingProspect(1.0 if probability is None else probability, deviation_s or 0.0, known_s or 0.0)
     check_prospect(prospect)
     return prospect

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
-HEADINGS = ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]', 'cost',
-            '')
 # Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')
 OF_SEVERAL = ('end_soc', 'only')
@@ -107,7 +105,7 @@ def run(arguments: Namespace) -> int:
     sensitivity = None
     if worth.best is not worth.without_heating:
         sensitivity = find_sensitivity(*inputs, goal, plan_preheating(*inputs, goal))
-    title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
+    title = (f'{situation.title}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
     console = write_results(arguments, lambda: {
@@ -161,14 +159,13 @@ def _names(worth: Worth, target: TargetWorth) -> str:
 
 def _print_targets(console: ResultConsole, title: str, targets: list[tuple[TargetWorth, str]]) -> None:
     """Print targets with their names; the cost of ageing, if it has a price, instead of the state of charge."""
-    rows, headings = [list(_row(*item)) for item in targets], list(HEADINGS)
-    if any(target.ageing_cost for target, _ in targets):
-        texts = ['ageing', *(f'{target.ageing_cost:.2f}' if math.isfinite(target.cost) else '–'
-                             for target, _ in targets)]
-        for row, text in zip((headings, *rows), texts):
-            row.insert(HEADINGS.index('cost'), text)
-            del row[HEADINGS.index('SoC [%]')]
-    print_records(console, title, headings, rows, (*('right',) * 7, 'left'))
+    headings = ['target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
+                'ageing', 'cost', '']
+    left_out = headings.index('SoC [%]' if any(target.ageing_cost for target, _ in targets) else 'ageing')
+    rows = [headings, *([*_row(*item)] for item in targets)]
+    for row in rows:
+        del row[left_out]
+    print_records(console, title, headings, rows[1:], (*('right',) * 7, 'left'))
 
 
 def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
@@ -178,7 +175,7 @@ def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
             f'{target.hvch_electric_wh:.0f}',
             f'{target.charging_time_s / S_PER_MIN:.1f}' if ends else 'never',
             f'{target.bought_energy_wh / WH_PER_KWH:.2f}' if ends else '–',
-            f'{target.cost:.2f}' if ends else '–', names)
+            f'{target.ageing_cost:.2f}' if ends else '–', f'{target.cost:.2f}' if ends else '–', names)
 
 
 def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviation) -> str | None:
@@ -236,7 +233,7 @@ def run_range(arguments: Namespace) -> int:
             'best': best.as_dictionary(), 'target_range_c': arguments.target_range, **situation.as_dictionary()})
     low_c, high_c = arguments.target_range
     console = result_console(arguments.json)
-    title = f'vehicle {vehicle.name}, route {arguments.route}, {low_c:g} ... {high_c:g} degC on arrival'
+    title = f'{situation.title}, {low_c:g} ... {high_c:g} degC on arrival'
     _print_targets(console, title, [(item, 'best' if item is best else '') for item in sorted(
         found, key=lambda item: item.target_c) if item is best or item.target_c % 1.0 == 0.0])
     console.say('No target within the range is reached with the reserve of charge and charged to the end.'
@@ -257,8 +254,8 @@ def run_chargers(arguments: Namespace) -> int:
     ranked = rank_chargers(*situation.inputs, chargers.candidates, arguments.end_soc, arguments.value_of_time)
     able = [item for item in ranked if item.problem is None]
     verdict = ranking_verdict(ranked)
-    title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, '
-             f'{100.0 * arguments.end_soc:g} % at its end\n{arguments.value_of_time:g} per h')
+    title = (f'{situation.title}, {100.0 * arguments.end_soc:g} % at its end\n'
+             f'{arguments.value_of_time:g} per h')
     console = write_results(arguments, lambda: {
         'chargers': [item.as_dictionary() for item in ranked],
         'best': able[0].candidate.name if able else None, 'verdict': verdict,

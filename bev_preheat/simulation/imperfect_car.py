@@ -289,11 +289,11 @@ class ImperfectCar:
     def _begin_drive(self, drive: DrivePhase, begins_s: float) -> Route:
         """Return the Route actually driven in a DrivePhase, and prepare its reports."""
         driven, news = drive_with_events(drive.route, drive.events, drive.goal.charging_planned)
-        route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
             news.insert(0, TrafficNews(0.0, drive.route, drive.goal.charging_planned))
         # Messages about the previous drive that have not arrived yet are dropped.
-        self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
+        self._letters = [
+            _Letter(begins_s + each.at_s, begins_s, drive, each, self._next_id) for each in news]
         random = self._random_of(self._drive_seed)
         self._position = Position(drive.position, driven, drive.events, self._random_of(self._position_seed))
         if drive.announced_s == 0.0:
@@ -305,13 +305,14 @@ class ImperfectCar:
         """Return the random generator of a drive; the first drive uses the seed's own."""
         return np.random.default_rng(seed if self._drives == 0 else seed.spawn(1)[0])
 
-    def _id_of(self, number: int) -> str:
-        return self._route_id if number == 0 else f'{self._route_id} {number + 1}'
+    @property
+    def _next_id(self) -> str:
+        return self._route_id if self._drives == 0 else f'{self._route_id} {self._drives + 1}'
 
     def _announce(self, drive: DrivePhase, begins_s: float) -> None:
         self._letters.append(_Letter(
             max(self.time_s, begins_s - drive.announced_s), begins_s, drive,
-            TrafficNews(0.0, drive.route, drive.goal.charging_planned), self._id_of(self._drives)))
+            TrafficNews(0.0, drive.route, drive.goal.charging_planned), self._next_id))
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase

@@ -41,19 +41,16 @@ class DriveRecord:
     Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
 
     `commands` holds (instant, power [W], reason's name) in order, `by_source` the Commands; `statuses` the names
-    of all statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics, with the
-    names of other heat sources that are faulty.
-    `arrival_c` is the true temperature at the end of the drive, NaN without an arrival.
-    `heater_verdicts` holds (instant, word of the diagnostics) at each change, `regimes` (instant, name),
-    `signals` (instant, name) at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at
-    which more than 0 W was commanded, -inf without such a command. `phases` are the records of all
-    phases, whose instants count from their start.
+    of all statuses of plans and commands. `arrival_c` is the true temperature at the end of the drive, NaN without
+    an arrival. `heater_verdicts` holds (instant, verdict of the diagnostics on the heater and on other faulty heat
+    sources) at each change, `regimes` (instant, name), `signals` (instant, name) at each new doubt.
+    `hottest_heated_c` is the highest temperature [deg C] at which more than 0 W was commanded, -inf without such a
+    command. `phases` are the records of all phases, whose instants count from their start.
     """
 
     target_c: float
     commands: list[tuple[float, float, str]] = field(default_factory=list)
     statuses: set[str] = field(default_factory=set)
-    heater: str = ''
     arrival_c: float = math.nan
     heater_verdicts: list[tuple[float, str]] = field(default_factory=list)
     regimes: list[tuple[float, str]] = field(default_factory=list)
@@ -63,11 +60,15 @@ class DriveRecord:
     by_source: list[Command] = field(default_factory=list)
     _doubted: frozenset[str] = frozenset()
 
+    @property
+    def heater(self) -> str:
+        """The last verdict on the heater, '' without any."""
+        return self.heater_verdicts[-1][1] if self.heater_verdicts else ''
+
     def note_heater(self, instant_s: float, said: str) -> None:
         """Record the verdict on the heater at an instant [s]."""
         if said != self.heater:
             self.heater_verdicts.append((instant_s, said))
-        self.heater = said
 
     def note_signals(self, instant_s: float, names: Collection[str]) -> None:
         """Record the signals in doubt at an instant [s]."""
@@ -93,10 +94,10 @@ class DriveRecord:
 
         commands = shifted(self.commands)
         before = [(0.0, said) for instant_s, said in self.heater_verdicts if instant_s < from_s][-1:]
-        verdicts = before + shifted(self.heater_verdicts)
         return DriveRecord(
-            target_c, commands, {reason for _, _, reason in commands}, verdicts[-1][1] if verdicts else '',
-            arrival_c, verdicts, shifted(self.regimes), shifted(self.signals), self.hottest_heated_c)
+            target_c, commands, {reason for _, _, reason in commands}, arrival_c,
+            before + shifted(self.heater_verdicts), shifted(self.regimes), shifted(self.signals),
+            self.hottest_heated_c)
 
 
 @dataclass(frozen=True)
