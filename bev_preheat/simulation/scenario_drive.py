@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.phases import DrivePhase
-from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.supervised_drive import moments, Wire
 from bev_preheat.simulation.traffic import clock_offset_s
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.state import State
     from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
     from bev_preheat.simulation.scenario import Expectations, Scenario
-    from bev_preheat.simulation.supervised_drive import Moment, Wire
+    from bev_preheat.simulation.supervised_drive import Moment
 
 # Word of the diagnostics for a heater without a fault.
 HEALTHY = 'answers'
@@ -195,7 +195,7 @@ AFTERWARDS_S = 120.0
 def drive_scenario(
         scenario: Scenario,
         progress: Callable[[float, float], object] = lambda time_s, total_s: None,
-        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
+        wire: Callable[[Supervisor], Wire] = Wire) -> DriveRecord:
     """Return the DriveRecord of a Scenario; calls `progress(time_s, total_s)`; `wire(supervisor)`: its Wire."""
     car = scenario.car()
     record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
@@ -207,7 +207,7 @@ def drive_scenario(
 def drive_observed(
         car: ImperfectCar, supervisor: Supervisor, target_c: float, afterwards_s: float = 0.0,
         progress: Callable[[float, float], object] = lambda time_s, total_s: None,
-        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
+        wire: Callable[[Supervisor], Wire] = Wire) -> DriveRecord:
     """Return the DriveRecord of a car under a Supervisor, until `afterwards_s` [s] after its last phase."""
     record = DriveRecord(target_c)
     ended_s = math.inf
@@ -218,7 +218,7 @@ def drive_observed(
             ended_s = min(ended_s, car.time_s)
         return car.time_s >= ended_s + afterwards_s
 
-    for moment in moments(car, supervisor, is_over, wire=None if wire is None else wire(supervisor)):
+    for moment in moments(car, supervisor, is_over, wire=wire(supervisor)):
         _note(record, moment, supervisor.state, car)
         progress(car.time_s, max(car.time_s, car.longest_s) + afterwards_s)
     return record
