@@ -26,8 +26,8 @@ from bev_preheat.control.departures import (
 )
 from bev_preheat.control.preparation import prepare_week
 from bev_preheat.drawing.drive_figure import make_week_figure
-from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.monitoring.end_signals import end_signals
+from bev_preheat.errors import InvalidInput, located, quoted
+from bev_preheat.monitoring.end_signals import EndSignals
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
@@ -99,7 +99,7 @@ def run(arguments: Namespace) -> int:
     require_ros()
     try:
         # Handle signals from here on, because importing ROS is slow, too.
-        with end_signals() as signals:
+        with EndSignals() as signals:
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
             from bev_preheat.nodes.listening import listening
             with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
@@ -218,12 +218,8 @@ def run_week(arguments: Namespace) -> int:
 
 
 def _from_ns(text: str | None, zone: tzinfo) -> int:
-    if text is None:
-        return time.time_ns()
-    try:
-        return dated_instant_ns(text, zone)
-    except InvalidInput as error:
-        raise InvalidInput(f'--from: {error}') from error
+    with located('--from'):
+        return time.time_ns() if text is None else dated_instant_ns(text, zone)
 
 
 def _row(one: PreparedDeparture, zone: tzinfo) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from bev_preheat.commands.output import add_json_argument, json_output, write_js
 from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
 from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
@@ -211,10 +211,8 @@ def changes_of(arguments: Namespace, planner: Changes) -> Changes:
         elif sign and name in FIELD_OF_PARAMETER:
             parameters[name] = _value('--change', name, value)
         elif sign and name in SIGNALS:
-            try:
+            with located('--change'):
                 signals.append(signal_change(name, value))
-            except InvalidInput as error:
-                raise InvalidInput(f'--change: {error}') from error
         elif sign and '.' in name:
             try:
                 keys[name] = json.loads(value)

@@ -67,7 +67,6 @@ class Trail:
     """
 
     def __init__(self, most: int = TRAIL_POINTS, horizon_s: float = HORIZON_S) -> None:
-        """Start empty."""
         self._most, self._horizon_s = most, horizon_s
         self._rows: list[tuple[float, ...]] = []
         self.generation = 0
@@ -79,10 +78,9 @@ class Trail:
     def add(self, row: tuple[float, ...]) -> None:
         """Add a row; one with the latest instant, or with an earlier one, replaces the later rows."""
         if self._rows and row[0] <= self._rows[-1][0]:
-            self._rows.pop()
-            while self._rows and row[0] <= self._rows[-1][0]:
-                self._rows.pop()
             self.generation += 1
+        while self._rows and row[0] <= self._rows[-1][0]:
+            self._rows.pop()
         self._rows.append(row)
         if len(self._rows) > self._most:
             self._thin(row[0])

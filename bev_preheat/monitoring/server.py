@@ -8,6 +8,7 @@ A tab that does not read gets no further messages, and is closed after a while, 
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from ipaddress import ip_address
 import json
 import os
@@ -344,10 +345,8 @@ class PageServer:
             while not self._end.is_set():
                 for tab in list(self._shared.tabs):
                     tab.send()
-                try:
+                with suppress(TimeoutError):
                     await asyncio.wait_for(self._end.wait(), EVENT_PERIOD_S)
-                except TimeoutError:
-                    pass
         finally:
             server.stop()
             for tab in list(self._shared.tabs):

@@ -198,7 +198,6 @@ class LiveView:
 
     def __init__(self, listener: Listener, planner: str, console: Console, signals: EndSignals,
                  seconds: float | None = None) -> None:
-        """Start; nothing is shown yet."""
         self._listener, self._planner, self._console = listener, planner, console
         self._signals, self._seconds = signals, seconds
         self._planners = Planners(listener.node, planner.__eq__)
