@@ -11,6 +11,7 @@ from bev_preheat.drawing import palette
 from bev_preheat.drawing.figure import (
     draw_course,
     draw_steps,
+    finish_panel,
     grid_figure,
     legend_above,
     literal,
@@ -89,15 +90,10 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
         temperature.axhline(charging.heating_limit_c, **palette.TARGET, label='heated up to')
         bounds.append(charging.heating_limit_c)
     soc.axhline(100.0 * stop.departure_soc, **palette.TARGET, label='departure')
-    show_range(power, *powers_kw, least=10.0)
-    show_range(temperature, *temperatures_c, least=10.0, bounds=bounds)
-    show_range(soc, *(100.0 * session.soc for session in sessions.values()),
-               [100.0 * stop.departure_soc], least=10.0)
-    power.set_ylabel('charging power\n[kW]')
-    temperature.set_ylabel('battery temperature\n[°C]')
-    soc.set_ylabel('state of charge\n[%]')
-    for axis in (power, temperature, soc):
-        legend_above(axis)
+    finish_panel(power, 'charging power\n[kW]', *powers_kw, least=10.0)
+    finish_panel(temperature, 'battery temperature\n[°C]', *temperatures_c, least=10.0, bounds=bounds)
+    finish_panel(soc, 'state of charge\n[%]', *(100.0 * session.soc for session in sessions.values()),
+                 [100.0 * stop.departure_soc], least=10.0)
     time.finish(soc, 0.0, shown_s, 'time at the charger')
     figure.align_ylabels()
     return figure

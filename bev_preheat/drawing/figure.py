@@ -203,6 +203,14 @@ def show_range(axis: Axes, *values: ArrayLike, least: float,
     return shown
 
 
+def finish_panel(axis: Axes, label: str, *values: ArrayLike, least: float,
+                 bounds: Iterable[ArrayLike] = ()) -> None:
+    """Show values and bounds of a panel as `show_range` does, label its y axis, and put its legend above."""
+    show_range(axis, *values, least=least, bounds=bounds)
+    axis.set_ylabel(label)
+    legend_above(axis)
+
+
 def drawn(axis: Axes) -> list[ArrayLike]:
     """Return the values of all lines on an axis."""
     return [line.get_ydata() for line in axis.get_lines()]

@@ -14,6 +14,7 @@ from bev_preheat.drawing.figure import (
     draw_course,
     draw_steps,
     drawn,
+    finish_panel,
     legend_above,
     shade_steps,
     show_range,
@@ -277,9 +278,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
     for axis, label, least, shown in (
             (temperature, 'temperature\n[°C]', 5.0, []), (heater, 'heater power for\nbattery [kW]', 1.0, [0.0]),
             (charge, 'state of\ncharge [%]', 5.0, []), (drive, 'speed\n[km/h]', 20.0, [0.0])):
-        show_range(axis, shown, *drawn(axis), least=least)
-        legend_above(axis)
-        axis.set_ylabel(label)
+        finish_panel(axis, label, shown, *drawn(axis), least=least)
     time.finish(drive, starts_s[0], starts_s[-1] + plans[-1].arrival_time_s)
     figure.align_ylabels()
     return figure
