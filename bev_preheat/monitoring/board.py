@@ -286,7 +286,7 @@ class Board:
         return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
 
     def ages_s(self, now_s: float) -> dict[str, float | None]:
-        """Return the ages of the latest messages by topic [s of real time]; None: there was none."""
+        """Return the age of the latest message of each topic [s of real time]; None before the first."""
         return {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()}
 
     def late(self, now_s: float) -> list[str]:
