@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 from time import process_time
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -181,33 +181,3 @@ class _Drive:
         if reading is not None and not output.refusals:
             self._stale_s = time_s + self._settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)
-
-
-class Instant(NamedTuple):
-    """
-    A drive at an instant [s], once the planner has answered all that came.
-
-    Temperature of the battery, true, measured and estimated [deg C]; predicted on arrival [deg C]; command [W].
-    """
-
-    time_s: float
-    true_c: float
-    measured_c: float
-    estimated_c: float
-    predicted_arrival_c: float
-    command_w: float
-
-
-def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[Instant]:
-    """Drive a car under a Supervisor until it stands; yield each Instant."""
-    plant, measured_c, power_w = car.plant, math.nan, 0.0
-    for moment in moments(car, supervisor, lambda: plant.is_standing):
-        if moment.reading is not None:
-            measured_c = moment.reading.temperature_c
-        if moment.output.command is not None:
-            power_w = moment.output.command.total_w
-        estimate, plan = supervisor.state.estimate, supervisor.state.decision.plan
-        if moment.is_last:
-            yield Instant(moment.time_s, plant.temperature_c, measured_c,
-                          math.nan if estimate is None else estimate.temperature_c,
-                          math.nan if plan is None else plan.arrival_temperature_c, power_w)
