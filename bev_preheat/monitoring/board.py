@@ -126,14 +126,13 @@ class Board:
     Temperatures in deg C, powers in W, charge 0 ... 1; None and NaN stand for unknown. `until_s` is the end of the
     latest command's lease, `sources_w` the commands to all heat sources by name, {} for the HVCH alone. `unheated`
     computes the temperature without heating; None: not known for this vehicle, with `unheated_problem` as the
-    reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
+    reason. `outcome` says how the latest goal of the page ended.
     """
 
     def __init__(self) -> None:
         self.unheated: Unheated | None = None
         self.unheated_problem = ''
         self.around = Surroundings()
-        self.version = 0
         self._route: RouteSeen | None = None
         self.forget()
 
@@ -151,7 +150,6 @@ class Board:
         self.regimes: deque[Span] = deque(maxlen=MOST_SPANS)
         self.doubts: deque[Span] = deque(maxlen=MOST_SPANS)
         self.plan: PlanSeen | None = None
-        self.plan_version = 0
         self.trip_from_s: float | None = None
         self._marked: PlanSeen | None = None
         self.temperature_c = self.soc = self.power_w = math.nan
@@ -209,7 +207,6 @@ class Board:
         if math.isfinite(power_w) and name != HVCH and (
                 name in self._coming_w or len(self._coming_w) < MOST_ENTRIES):
             self._coming_w[name] = power_w
-        self.version += 1
 
     def see_answer(self, status: HeaterStatus) -> None:
         """Take an answer of the heater's controller."""
@@ -224,7 +221,6 @@ class Board:
             self.deliveries.add((at_s, power_w))
         self._delivered = at_s, power_w
         self._account.answer(status)
-        self.version += 1
 
     def delivered_w(self, at_s: float | None) -> float:
         """Return the delivered power [W] at an instant [s]; NaN: no recent answer."""
@@ -252,7 +248,6 @@ class Board:
         if self.plan is None or plan.route_id != self.plan.route_id:
             self.trip_from_s = plan.at_s
         self.plan = plan
-        self.plan_version += 1
         mark = change_of(self._marked, plan)
         if mark is not None:
             self.marks.append(mark)
@@ -261,7 +256,6 @@ class Board:
     def see_route(self, route: RouteSeen) -> None:
         """Take a route."""
         self._route = route
-        self.version += 1
 
     def see_diagnostics(self, at_s: float, entries: Iterable[EntrySeen], now_s: float) -> None:
         """Take the planner's entries of /diagnostics."""
@@ -277,7 +271,6 @@ class Board:
         self._latest_s[topic] = at_s
         self.at_s = at_s if self.at_s is None else max(self.at_s, at_s)
         self.pulses[topic].beat(now_s, at_s)
-        self.version += 1
 
     # Values for page and terminal
 

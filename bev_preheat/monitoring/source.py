@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.monitoring.board import Board
+    from bev_preheat.monitoring.seen import PlanSeen
 
     # Asks a planner by name at an instant of its clock [s].
     Ask = Callable[[str, 'Asked', float | None], Future['Answer']]
@@ -73,11 +74,11 @@ def _number(values: dict[str, Any], name: str, limits: tuple[float, float], unit
 
 @dataclass
 class Cursor:
-    """Contents of a tab: generations and numbers of rows of the trails, version of the plan, events as text."""
+    """Contents of a tab: generations and numbers of rows of the trails, the plan, events as text."""
 
     generations: tuple[int, ...] = ()
     rows: tuple[int, int, int, int] = (0, 0, 0, 0)
-    plan_version: int = -1
+    plan: PlanSeen | None = None
     plan_at_s: float = float('-inf')
     events: str = ''
 
@@ -124,7 +125,6 @@ class LiveSource:
             board = self.boards.get(planner)
             if board is not None:
                 board.outcome = text
-                board.version += 1
 
 
 def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
@@ -139,9 +139,9 @@ def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
     if is_new or counts != cursor.rows:
         values['history'] = {'isWhole': is_new, **board.history(*cursor.rows)}
         cursor.rows = counts
-    if is_new or (board.plan_version != cursor.plan_version and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
+    if is_new or (board.plan is not cursor.plan and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
         values['plan'] = board.plan_curves()
-        cursor.plan_version, cursor.plan_at_s = board.plan_version, now_s
+        cursor.plan, cursor.plan_at_s = board.plan, now_s
     events = written(board.events())
     if events != cursor.events:
         values['events'] = board.events()
