@@ -15,7 +15,7 @@ from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits
 
 if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
+    from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterCommand, Verdict
 
 
@@ -111,6 +111,7 @@ class SimulatedSources:
         before its minimum time off.
         """
         self.off()
+        may_heat = '', 'standing' if speed_mps < STANDING_MPS else 'driving'
         for name, (source, most_w, hvch_watts) in self._sources.items():
             limit_w = float(most_w(ambient_c, temperature_c)) - (cabin_w if source.shares_cabin_limit else 0.0)
             limit_w = min(limit_w, room_w - self.drawn_w)
@@ -120,15 +121,10 @@ class SimulatedSources:
             wanted_w = math.inf if share == math.inf else share * command_w
             rests = 0.0 < self._off_s[name] < source.minimum_off_time_s - ROUNDING_S
             power_w = max(0.0, min(wanted_w, limit_w)) if (
-                _may(source, speed_mps) and not rests and (source.cools or not is_hot)) else 0.0
+                source.only_while in may_heat and not rests and (source.cools or not is_hot)) else 0.0
             self.powers_w[name] = power_w
             self.drawn_w += power_w
             self.heat_w += power_w * float(hvch_watts(ambient_c, temperature_c))
-
-
-def _may(source: HeatSource, speed_mps: float) -> bool:
-    """Return whether a source may heat at a speed [m/s]."""
-    return source.only_while in ('', 'standing' if speed_mps < STANDING_MPS else 'driving')
 
 
 # A test may command once for a long drive; another node's clock may be some ticks ahead [s].

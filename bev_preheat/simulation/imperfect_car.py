@@ -284,7 +284,10 @@ class ImperfectCar:
                 self._asleep_from_s = now_s + phase.awake_s
             next_phase = self._following[0] if self._following else None
             if isinstance(next_phase, DrivePhase) and next_phase.announced_s > 0.0:
-                self._announce(next_phase, self.plant.end_s)
+                begins_s = self.plant.end_s
+                self._letters.append(_Letter(
+                    max(now_s, begins_s - next_phase.announced_s), begins_s, next_phase,
+                    TrafficNews(0.0, next_phase.route, next_phase.goal.charging_planned), self._next_id))
 
     def _begin_drive(self, drive: DrivePhase, begins_s: float) -> Route:
         """Return the Route actually driven in a DrivePhase, and prepare its reports."""
@@ -308,11 +311,6 @@ class ImperfectCar:
     @property
     def _next_id(self) -> str:
         return self._route_id if self._drives == 0 else f'{self._route_id} {self._drives + 1}'
-
-    def _announce(self, drive: DrivePhase, begins_s: float) -> None:
-        self._letters.append(_Letter(
-            max(self.time_s, begins_s - drive.announced_s), begins_s, drive,
-            TrafficNews(0.0, drive.route, drive.goal.charging_planned), self._next_id))
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
