@@ -33,6 +33,8 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.commands.output import ENERGY_ROWS
 from bev_preheat.commands.parser import OneLineParser
 from bev_preheat.commands.terminal import print_figures, progress_bar, result_console
+from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
+from bev_preheat.drawing.figure import save_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.messages.fields import Figure, nanoseconds
@@ -231,12 +233,12 @@ def _now(drive: ObservedDrive) -> str:
 def summary_rows(drive: ObservedDrive) -> list[tuple[str, str, str]]:
     """Return rows of a table: the first plan and the actual drive."""
     plan, report = drive.first_plan, _report(drive)
-    switching = drive.record.switching
+    switched_on_s = drive.record.switched_on_s
     planned_s = (nanoseconds(plan.heating_start) - START_NS) * 1e-9 if plan.heating_planned else None
     _, temperature_c, soc = drive.states[-1]
     rows = [
-        ('Heating starts', _instant_text(planned_s), _instant_text(switching.first_switch_on_s)),
-        ('Heater switched on [times]', str(int(plan.heating_planned)), str(switching.switch_ons)),
+        ('Heating starts', _instant_text(planned_s), _instant_text(next(iter(switched_on_s), None))),
+        ('Heater switched on [times]', str(int(plan.heating_planned)), str(len(switched_on_s))),
         ('No valid command [s]', '0.0', f'{report.without_command_s:.1f}'),
         ('Arrival temperature [degC]', f'{plan.predicted_arrival_temperature:.2f}', f'{temperature_c:.2f}'),
         ('Target [degC]', f'{plan.target_battery_temperature:.2f}', f'{drive.target_c:.2f}'),
@@ -280,8 +282,6 @@ def verdict(drive: ObservedDrive) -> tuple[bool, str]:
 
 
 def _draw(parsed: Namespace, scenario: Scenario, drive: ObservedDrive) -> None:
-    from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
-    from bev_preheat.drawing.figure import save_figure
     target_c, route = drive.target_c, scenario.first.route
     goal = replace(scenario.first.goal, target_temperature_c=target_c)
     unheated = plan_unheated(scenario.vehicle, route, scenario.state, goal)

@@ -20,6 +20,7 @@ from bev_preheat.commands.output import add_output_arguments, check_output_argum
 from bev_preheat.commands.parser import given_options, option_group, option_of
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.commands.terminal import print_figures
+from bev_preheat.drawing.charging_figure import make_session_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.verdict import TooWarm
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.vehicle import Vehicle
 
 MOST_TEMPERATURES = 2
@@ -101,20 +101,15 @@ def run(arguments: Namespace) -> int:
     title = (f'vehicle {vehicle.name}, charger {arguments.charger_power / W_PER_KW:g} kW, ambient '
              f'{stop.ambient_c:g} degC, to {100.0 * stop.departure_soc:g} %')
     warm = {name: too_warm(vehicle, stop, session) for name, session in sessions.items()}
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.charging_figure import make_session_figure
-        return make_session_figure(vehicle, stop, sessions, title)
-
     console = write_results(arguments, lambda: {
         **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh, 'value_of_time_per_h': prices.time_per_h,
         'sessions': [{'name': name, **choice.session.as_dictionary(),
                       'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
-        **more}, draw)
+        **more}, lambda: make_session_figure(vehicle, stop, sessions, title))
     rows: tuple[tuple[str, Callable[[Session], str]], ...] = (
         ('Arrival temp. [degC]', lambda session: f'{session.battery_temperature_c[0]:.2f}'),
         ('Arrival SoC [%]', lambda session: f'{100 * session.soc[0]:.2f}'),
-        ('Charging time', _time_text),
+        ('Charging time', time_text),
         ('Bought energy [kWh]', _energy_text),
         ('… by the heater', lambda session: f'{session.energy_wh.hvch_electric / WH_PER_KWH:.2f}'),
         *([('… by the cooling', lambda session: f'{session.energy_wh.cooling_electric / WH_PER_KWH:.2f}')]
@@ -186,7 +181,8 @@ def _after_arrival(
         for at_c in arguments.arrival_temperature}, {'vehicle_assumed': list(vehicle.assumed)}
 
 
-def _time_text(session: Session) -> str:
+def time_text(session: Session) -> str:
+    """Return the charging time of a Session as text."""
     return 'never' if session.problem else duration_text(session.charging_time_s)
 
 
@@ -203,7 +199,7 @@ def _sentences(sessions: dict[str, Session]) -> list[str]:
         saved_s = other.charging_time_s - one.charging_time_s
         more_kwh = (one.bought_energy_wh - other.bought_energy_wh) / WH_PER_KWH
         sentences.append(
-            f'{name[0].upper()}{name[1:]}, charging takes {_time_text(one)}, '
+            f'{name[0].upper()}{name[1:]}, charging takes {time_text(one)}, '
             f'{duration_text(abs(saved_s))} {"less" if saved_s >= 0.0 else "more"} than {other_name}, '
             f'and buys {abs(more_kwh):.2f} kWh {"more" if more_kwh >= 0.0 else "less"}.')
     return sentences

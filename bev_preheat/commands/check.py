@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar
+from bev_preheat.drawing.identification_figures import check_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.trips import common_remarks
 from bev_preheat.vehicle import load_vehicle, vehicle_file
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.identification.check import Check
 
 BEYOND_BOUND = 1
@@ -59,11 +59,7 @@ def run(arguments: Namespace) -> int:
 
         check = check_trips(vehicle, trips, not arguments.no_replay, tell)
 
-    def draw() -> Figure:
-        from bev_preheat.drawing.identification_figures import check_figure
-        return check_figure(check)
-
-    console = write_results(arguments, check.as_dictionary, draw)
+    console = write_results(arguments, check.as_dictionary, lambda: check_figure(check))
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:
         console.say(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K')

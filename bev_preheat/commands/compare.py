@@ -59,7 +59,6 @@ def run(arguments: Namespace) -> int:
         return FAILED
     sensitivity = find_sensitivity(*inputs, plan_preheating(*inputs))
     rules = {name: plan_by_rule(name, *inputs) for name in MAKER_RULES}
-    title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
     differences = {plan.method: difference(plan, best) for plan in plans}
@@ -69,14 +68,14 @@ def run(arguments: Namespace) -> int:
         'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
         'difference': {method: text or None for method, text in differences.items()},
         'sensitivity': sensitivity and sensitivity.as_dictionary(), **situation.as_dictionary()},
-        lambda: situation.figure([*plans, best], title))
+        lambda: situation.figure([*plans, best]))
     rows = [('Solve time [ms]', *('' for _ in plans), f'{1e3 * optimum.solve_time_s:.1f}')]
     if any(differences.values()):
         rows.insert(0, ('Differs from optimum', *differences.values(), ''))
     if any(gap_wh is not None for gap_wh in gaps_wh.values()):
         rows.insert(0, ('Above optimum [Wh]', *(
             '–' if gap_wh is None else f'{gap_wh:+.4f}' for gap_wh in gaps_wh.values()), ''))
-    print_plans(console, [*plans, best], title, more_rows=rows)
+    print_plans(console, [*plans, best], situation.title, more_rows=rows)
     print_records(
         console, "Makers' rules",
         ('heater on', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'battery [Wh]', 'status'),

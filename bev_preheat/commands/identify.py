@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.drawing.identification_figures import report_pictures
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
@@ -63,6 +64,8 @@ def run(arguments: Namespace) -> int:
     if existing_file(arguments.output) is not None and not arguments.force:
         raise InvalidInput(f'--output: {arguments.output}: exists; --force replaces it')
     _refuse_other_arguments(arguments)
+    if arguments.name is None:
+        arguments.name = Path(arguments.output).stem
     if arguments.state_file is not None:
         return _export_learned(arguments, start_file)
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
@@ -72,7 +75,6 @@ def run(arguments: Namespace) -> int:
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.parameters import STRUCTURES
     from bev_preheat.identification.result import POOR_RMSE_K
-    name = Path(arguments.output).stem if arguments.name is None else arguments.name
     with progress_bar() as bar:
         alone = len(trips) if len(trips) >= LEAST_TRIPS else 0
         task = bar.add_task('', total=STAGES + len(STRUCTURES) * (1 + alone) + alone)
@@ -88,9 +90,8 @@ def run(arguments: Namespace) -> int:
                 print(f'preheat: {stage}, {bar.tasks[task].percentage:.0f} %, {now_s - began_s:.0f} s',
                       file=sys.stderr, flush=True)
 
-        result = identify(start, trips, name, tell)
+        result = identify(start, trips, arguments.name, tell)
     if arguments.report:
-        from bev_preheat.drawing.identification_figures import report_pictures
         from bev_preheat.identification.result import report_text
         write_whole(arguments.report, report_text(result, report_pictures(result)))
     if arguments.json:
@@ -123,7 +124,7 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
 def _export_learned(arguments: Namespace, start_file: Path) -> int:
     """Write the vehicle file with the values of a state file, print them, and return the exit status."""
     from bev_preheat.identification.vehicle_file import learned_vehicle
-    name = Path(arguments.output).stem if arguments.name is None else arguments.name
+    name = arguments.name
     learned = learned_vehicle(load_vehicle(arguments.vehicle), vehicle_fingerprint(start_file.read_bytes()),
                               arguments.state_file, name)
     words = ['preheat', 'identify', '--state-file', arguments.state_file, '--vehicle', arguments.vehicle,

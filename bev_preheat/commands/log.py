@@ -12,6 +12,7 @@ import numpy as np
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.situation import add_signal_arguments
 from bev_preheat.commands.terminal import print_records
+from bev_preheat.drawing.inputs_figure import make_recording_figure
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
 from bev_preheat.logs.reading import LONGEST_LIST, read_recording
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.logs.recording import Recording, Series
 
 
@@ -45,12 +45,8 @@ def run(arguments: Namespace) -> int:
     check_output_arguments(arguments, (path,))
     recording = read_recording(path, arguments.signals, arguments.repair)
     samplings = {signal: sampling(series) for signal, series in recording.signals.items()}
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.inputs_figure import make_recording_figure
-        return make_recording_figure(recording)
-
-    console = write_results(arguments, lambda: as_dictionary(recording, samplings), draw)
+    console = write_results(arguments, lambda: as_dictionary(recording, samplings),
+                            lambda: make_recording_figure(recording))
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
     print_records(console, f'Log {Path(path).name}',
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps (longest [s])'),

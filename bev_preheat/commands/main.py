@@ -11,33 +11,22 @@ from bev_preheat.commands.program import loading, run_program
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-# Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
-# exit status. The studies are a separate, optional package. They are grouped by what people do.
+# The subcommands, grouped by what people do.
 GROUPS = {
-    'plan a drive': {
-        'plan': 'bev_preheat.commands.plan',
-        'worth': 'bev_preheat.commands.worth',
-        'charge': 'bev_preheat.commands.charge',
-        'route': 'bev_preheat.commands.route',
-        'compare': 'bev_preheat.commands.compare',
-        'optimum': 'bev_preheat.commands.optimum'},
-    'your car': {
-        'vehicle': 'bev_preheat.commands.vehicle',
-        'identify': 'bev_preheat.commands.identify',
-        'export-ecu': 'bev_preheat.commands.export_ecu'},
-    'your drives': {
-        'log': 'bev_preheat.commands.log',
-        'check': 'bev_preheat.commands.check'},
-    'a running planner': {
-        'prepare': 'bev_preheat.commands.prepare',
-        'monitor': 'bev_preheat.commands.monitor',
-        'replay': 'bev_preheat.commands.replay'},
-    'studies': {
-        'scenario': 'bev_preheat.commands.scenario',
-        'sweep': 'bev_preheat_studies.optimality.sweep',
-        'robustness': 'bev_preheat_studies.robustness.command',
-        'reproduce': 'bev_preheat_studies.table_two'}}
-SUBCOMMANDS = {name: module for commands in GROUPS.values() for name, module in commands.items()}
+    'plan a drive': ('plan', 'worth', 'charge', 'route', 'compare', 'optimum'),
+    'your car': ('vehicle', 'identify', 'export-ecu'),
+    'your drives': ('log', 'check'),
+    'a running planner': ('prepare', 'monitor', 'replay'),
+    'studies': ('scenario', 'sweep', 'robustness', 'reproduce')}
+# The studies are a separate, optional package.
+STUDIES = {
+    'sweep': 'bev_preheat_studies.optimality.sweep',
+    'robustness': 'bev_preheat_studies.robustness.command',
+    'reproduce': 'bev_preheat_studies.table_two'}
+# Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
+# exit status.
+SUBCOMMANDS = {name: STUDIES.get(name, f'bev_preheat.commands.{name.replace("-", "_")}')
+               for names in GROUPS.values() for name in names}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, OutputFile
-from bev_preheat.monitoring.end_signals import end_signals
+from bev_preheat.monitoring.end_signals import EndSignals
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.monitoring.end_signals import EndSignals
 
 # --once waits this long for all topics [s].
 ONCE_LIMIT_S = 15.0
@@ -57,7 +56,7 @@ def run(arguments: Namespace) -> int:
     check_outputs([OutputFile('--picture', arguments.picture, ('.svg',))])
     try:
         # Handle signals from here on, because importing ROS is slow, too.
-        with end_signals() as signals:
+        with EndSignals() as signals:
             return _listen(arguments, signals)
     except KeyboardInterrupt:
         return 0

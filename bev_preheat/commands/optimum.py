@@ -41,13 +41,12 @@ def run(arguments: Namespace) -> int:
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     require('casadi')
-    title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     optimum = solved(situation, arguments)
     if optimum is None:
         return FAILED
     console = write_results(arguments, lambda: {**optimum.as_dictionary(), **situation.as_dictionary()},
-                            lambda: situation.figure([optimum.plan], title))
-    print_plans(console, [optimum.plan], title)
+                            lambda: situation.figure([optimum.plan]))
+    print_plans(console, [optimum.plan], situation.title)
     console.say(*optimum_lines(optimum))
     return 0
 

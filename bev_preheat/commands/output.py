@@ -12,6 +12,7 @@ import numpy as np
 
 from bev_preheat.commands.program import write_output
 from bev_preheat.commands.terminal import print_figures, result_console
+from bev_preheat.drawing.figure import save_figure
 from bev_preheat.files.output_files import (
     check_outputs,
     OutputFile,
@@ -89,8 +90,6 @@ def write_results(arguments: Namespace, contents: Callable[[], Json],
     if arguments.json:
         write_json(arguments.json, contents())
     if arguments.plot:
-        # matplotlib takes longer to import than most commands take.
-        from bev_preheat.drawing.figure import save_figure
         save_figure(draw(), arguments.plot)
     return result_console(arguments.json)
 

@@ -164,32 +164,15 @@ class VersionAction(argparse.Action):
         parser.exit()
 
 
-class NameCompleter:
-    """Completes a name of config/, and the paths of files of the same kind."""
-
-    def __init__(self, kind: str, suffix: str = '.yaml') -> None:
-        """Complete names of the folder `kind` below config/."""
-        self._kind = kind
-        self._suffix = suffix
-
-    def __call__(self, prefix: str, **_: object) -> list[str]:
-        """Return the names and paths that begin with a prefix."""
-        names = [path.stem for path in configuration_folder(self._kind).glob(f'*{self._suffix}')]
-        return sorted(name for name in names if name.startswith(prefix)) + self._files(prefix)
-
-    def _files(self, prefix: str) -> list[str]:
+def completed_by(kind: str, argument: Action, suffix: str = '.yaml') -> None:
+    """Complete an argument with the names in the folder `kind` of config/ and the paths of such files."""
+    def complete(prefix: str, **_: object) -> list[str]:
         from argcomplete.completers import FilesCompleter
-        paths: list[str] = FilesCompleter(allowednames=(self._suffix,))(prefix)
-        return paths
+        names = [path.stem for path in configuration_folder(kind).glob(f'*{suffix}')]
+        paths: list[str] = FilesCompleter(allowednames=(suffix,))(prefix)
+        return sorted(name for name in names if name.startswith(prefix)) + paths
 
-
-VEHICLES = NameCompleter('vehicles')
-ROUTES = NameCompleter('routes', '.csv')
-
-
-def completed_by(completer: NameCompleter, argument: Action) -> None:
-    """Attach a completer to an argument of the command line."""
-    argument.completer = completer  # type: ignore[attr-defined]  # argcomplete looks for it there
+    argument.completer = complete  # type: ignore[attr-defined]  # argcomplete looks for it there
 
 
 def complete(parser: ArgumentParser) -> None:
@@ -225,8 +208,8 @@ def _add_missing(subparsers: argparse._SubParsersAction[OneLineParser], name: st
     # No argument begins with a NUL, so argparse treats none as an option.
     parser = subparsers.add_parser(name, help='a study; not installed', add_help=False, prefix_chars='\0')
     parser.add_argument('arguments', nargs='*')
-    parser.set_defaults(run=lambda _: _refuse(name))
 
+    def refuse(_: argparse.Namespace) -> NoReturn:
+        raise InvalidInput(f'{name}: {NOT_INSTALLED}')
 
-def _refuse(name: str) -> int:
-    raise InvalidInput(f'{name}: {NOT_INSTALLED}')
+    parser.set_defaults(run=refuse)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.stop import chance_text
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
-from bev_preheat.commands.parser import completed_by, given_options, NameCompleter
+from bev_preheat.commands.parser import completed_by, given_options
 from bev_preheat.commands.situation import (
     add_method_argument,
     add_prospect_arguments,
@@ -26,6 +26,7 @@ from bev_preheat.commands.situation import (
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.control.target import given_target_pays_from
+from bev_preheat.drawing.plan_figure import make_itinerary_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -36,11 +37,9 @@ from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from typing import Any
 
     from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
@@ -55,7 +54,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'stops, and the energy it takes.')
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
-    completed_by(NameCompleter('itineraries'), route_group.add_argument(
+    completed_by('itineraries', route_group.add_argument(
         '--itinerary', metavar='NAME|FILE',
         help='a trip with stops, each leg with its target: a name in config/itineraries or a YAML file'))
     add_prospect_arguments(parser)
@@ -73,12 +72,11 @@ def run(arguments: Namespace) -> int:
     check_output_arguments(arguments, situation.files)
     plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)
     sensitivity = find_sensitivity(*situation.inputs, plan)
-    title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     doubt = {'charging_probability': prospect.probability, 'prospect_explanation': in_doubt} if in_doubt else {}
     console = write_results(arguments, lambda: {
         **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
-        **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan], title))
-    print_plans(console, [plan], title)
+        **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan]))
+    print_plans(console, [plan], situation.title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
     return 0
@@ -97,21 +95,19 @@ def run_itinerary(arguments: Namespace) -> int:
     legs = tuple(replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others))
     target_c = target_of(arguments, vehicle)
     check_mission(vehicle, replace(itinerary.mission, legs=legs), target_c)
-    plans, doubts = zip(*(_plan(vehicle, leg, target_c, arguments.method) for leg in legs))
+    situations = [_situation(vehicle, leg, target_c) for leg in legs]
+    plans, doubts = zip(*(_plan_in_doubt(*situation, leg.prospect, arguments.method)
+                          for situation, leg in zip(situations, legs)))
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.plan_figure import make_itinerary_figure
-        return make_itinerary_figure(vehicle, legs, plans, title)
-
     console = write_results(arguments, lambda: {
         'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
         'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
-                   **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
-                  for name, made_for, start_s, plan, leg in zip(
-                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]}, draw)
+                   **plan.as_dictionary(), 'sensitivity': (found := find_sensitivity(*situation, plan))
+                   and found.as_dictionary()} for name, made_for, start_s, plan, situation in zip(
+                       itinerary.route_names, itinerary.routes_made_for, starts_s, plans, situations)]},
+        lambda: make_itinerary_figure(vehicle, legs, plans, title))
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
     for heading, plan, in_doubt in zip(headings, plans, doubts):
@@ -119,16 +115,9 @@ def run_itinerary(arguments: Namespace) -> int:
     return 0
 
 
-def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> tuple[Plan, str]:
-    """Return the Plan of a Leg from its departure on, and the sentence on its prospect of charging."""
+def _situation(vehicle: Vehicle, leg: Leg, target_c: float) -> tuple[Vehicle, Route, BatteryState, Goal]:
     assert leg.departure is not None
-    return _plan_in_doubt(vehicle, leg.route, leg.departure, leg.goal(target_c), leg.prospect, method)
-
-
-def _sensitivity(vehicle: Vehicle, leg: Leg, target_c: float, plan: Plan) -> dict[str, Any] | None:
-    assert leg.departure is not None
-    found = find_sensitivity(vehicle, leg.route, leg.departure, leg.goal(target_c), plan)
-    return None if found is None else found.as_dictionary()
+    return vehicle, leg.route, leg.departure, leg.goal(target_c)
 
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:

@@ -25,8 +25,9 @@ from bev_preheat.control.departures import (
     local,
 )
 from bev_preheat.control.preparation import prepare_week
-from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.monitoring.end_signals import end_signals
+from bev_preheat.drawing.drive_figure import make_week_figure
+from bev_preheat.errors import InvalidInput, located, quoted
+from bev_preheat.monitoring.end_signals import EndSignals
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.control.preparation import PreparedDeparture
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.monitoring.planner_client import PreparationClient, Wanted
     from bev_preheat_msgs.action import PrepareBattery
 
@@ -99,7 +99,7 @@ def run(arguments: Namespace) -> int:
     require_ros()
     try:
         # Handle signals from here on, because importing ROS is slow, too.
-        with end_signals() as signals:
+        with EndSignals() as signals:
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
             from bev_preheat.nodes.listening import listening
             with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
@@ -194,13 +194,9 @@ def run_week(arguments: Namespace) -> int:
         0.8 if arguments.soc is None else arguments.soc, arguments.ambient, arguments.temperature)
     currency = '' if prices is None else prices.currency
     title = f'vehicle {vehicle.name}, departures of {os.path.basename(arguments.departures)}'
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.drive_figure import make_week_figure
-        return make_week_figure(prepared, prices, departures.zone, title)
-
     console = write_results(arguments, lambda: {
-        'currency': currency, 'departures': [one.as_dictionary() for one in prepared]}, draw)
+        'currency': currency, 'departures': [one.as_dictionary() for one in prepared]},
+        lambda: make_week_figure(prepared, prices, departures.zone, title))
     if not prepared:
         console.say('No departure within a week.')
         return 0
@@ -222,12 +218,8 @@ def run_week(arguments: Namespace) -> int:
 
 
 def _from_ns(text: str | None, zone: tzinfo) -> int:
-    if text is None:
-        return time.time_ns()
-    try:
-        return dated_instant_ns(text, zone)
-    except InvalidInput as error:
-        raise InvalidInput(f'--from: {error}') from error
+    with located('--from'):
+        return time.time_ns() if text is None else dated_instant_ns(text, zone)
 
 
 def _row(one: PreparedDeparture, zone: tzinfo) -> tuple[str, ...]:

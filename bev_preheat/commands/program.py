@@ -10,8 +10,9 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import one_line
+from bev_preheat.errors import InvalidInput, one_line, PlanningFailure
 from bev_preheat.files.output_files import STANDARD_OUTPUT
+from bev_preheat.optional_packages import advice, MissingPackage, PACKAGES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -66,7 +67,7 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
     `name`. With `ends_process` the process must end now; otherwise its signal handlers are restored.
     """
     simplify_streams()
-    heard = _Heard()
+    heard: list[int] = []
     try:
         work = load()
         with _signals_heard(heard, ends_process):
@@ -80,7 +81,7 @@ def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: 
             return _say(name, error)
         raise
     except BaseException as error:
-        if heard.any or isinstance(error, KeyboardInterrupt):
+        if heard or isinstance(error, KeyboardInterrupt):
             # Also if an interrupted library wrapped the signal in an exception of its own.
             say(f'{name}: interrupted {getattr(error, "kept", "")}'.rstrip())
             status = INTERRUPTED
@@ -148,17 +149,11 @@ def _readable(error: UnicodeError) -> tuple[str, int]:
     return ''.join(SIMPLER.get(character, '?') for character in missing), error.end
 
 
-class _Heard:
-    """Whether any signal has arrived."""
-
-    any = False
-
-
 @contextmanager
-def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
-    """Raise Interrupted on signals during the block, and record them in a _Heard."""
+def _signals_heard(heard: list[int], ends_process: bool) -> Iterator[None]:
+    """Raise Interrupted on signals during the block, and record their numbers."""
     def hear(number: int, frame: FrameType | None) -> None:
-        heard.any = True
+        heard.append(number)
         raise Interrupted
 
     def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
@@ -192,16 +187,11 @@ def _answer_signals(handler: Handler) -> dict[int, Handler]:
 
 def _say(name: str, error: BaseException) -> int:
     """Print the cause of the end, and return the exit status; re-raise unexpected errors."""
-    from bev_preheat.errors import InvalidInput, PlanningFailure
-    from bev_preheat.optional_packages import advice, MissingPackage, PACKAGES
     if isinstance(error, ModuleNotFoundError) and (module := (error.name or '').partition('.')[0]) in PACKAGES:
         error = MissingPackage(advice(module))
-    if isinstance(error, InvalidInput):
-        for problem in error.problems:
+    if isinstance(error, (InvalidInput, PlanningFailure)):
+        for problem in error.problems if isinstance(error, InvalidInput) else [error]:
             say(f'{name}: error: {problem}')
-        return REFUSED
-    if isinstance(error, PlanningFailure):
-        say(f'{name}: error: {error}')
         return REFUSED
     if isinstance(error, (OutputFailed, WorkerLost)):
         say(f'{name}: error: {error} {getattr(error, "kept", "")}'.rstrip())

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
 from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
@@ -52,14 +52,14 @@ def add_parser(subparsers: Subparsers) -> None:
                          help='a signal (target=30, temperature=+2, soc=*0.98, current=none, '
                          'ambient_temperature=-5: 5 K colder, ambient_temperature==-5: -5 degC), vehicle=FILE, a '
                          'key of the vehicle file (hvch.maximum_power_w=5000), or a parameter; may be repeated')
-    completed_by(VEHICLES, changes.add_argument(
+    completed_by('vehicles', changes.add_argument(
         '--vehicle', metavar='NAME|FILE', help='another vehicle file'))
     changes.add_argument('--method', metavar='NAME', help='another planning method')
     changes.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
                          help="another value of a planner's parameter; may be repeated")
     others = option_group(parser, 'logs and recordings of ros2 bag')
     others.add_argument('--route', metavar='NAME|FILE', help='route of a log: a file of any format')
-    completed_by(NameCompleter('signals'), others.add_argument(
+    completed_by('signals', others.add_argument(
         '--signals', metavar='NAME|FILE', help='signal map of a log (default: the map that recognises it)'))
     others.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')
     expected = option_group(parser, 'expected figures')
@@ -211,10 +211,8 @@ def changes_of(arguments: Namespace, planner: Changes) -> Changes:
         elif sign and name in FIELD_OF_PARAMETER:
             parameters[name] = _value('--change', name, value)
         elif sign and name in SIGNALS:
-            try:
+            with located('--change'):
                 signals.append(signal_change(name, value))
-            except InvalidInput as error:
-                raise InvalidInput(f'--change: {error}') from error
         elif sign and '.' in name:
             try:
                 keys[name] = json.loads(value)

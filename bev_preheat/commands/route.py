@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, NameCompleter, option_group
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.situation import (
     add_route_options,
     add_signal_arguments,
@@ -20,6 +20,8 @@ from bev_preheat.commands.situation import (
     route_options,
 )
 from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.drawing.figure import save_figure
+from bev_preheat.drawing.inputs_figure import make_route_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.identification.recorded_route import load_drive_logs
@@ -53,7 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
         description='Make a route file from any file with a route, from the legs of a road, or from drive logs.')
     source = parser.add_mutually_exclusive_group(required=True)
-    completed_by(NameCompleter('routes/legs'), source.add_argument(
+    completed_by('routes/legs', source.add_argument(
         '--legs', metavar='NAME|FILE',
         help='description of a trip: a name in config/routes/legs or a YAML file'))
     source.add_argument('--from', dest='source', metavar='FILE',
@@ -96,9 +98,6 @@ def run(arguments: Namespace) -> int:
             'means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude', 'root mean square'),
             comparison, ['right'] * 6)
     if arguments.plot:
-        # matplotlib takes longer to import than a route takes to make.
-        from bev_preheat.drawing.figure import save_figure
-        from bev_preheat.drawing.inputs_figure import make_route_figure
         save_figure(make_route_figure(name, route), arguments.plot)
         console.say(f'drawn: {arguments.plot}')
     return 0

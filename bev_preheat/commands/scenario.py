@@ -11,7 +11,7 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, NameCompleter
+from bev_preheat.commands.parser import completed_by
 from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.situation import warn
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
@@ -36,7 +36,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'scenario', help='drives with disturbances, compared with their expectations',
         description='Run scenarios with the planner, and compare each drive with its expectations. Exit status 1 '
         'if one is not met.')
-    completed_by(NameCompleter('scenarios'), parser.add_argument(
+    completed_by('scenarios', parser.add_argument(
         'scenarios', nargs='*', metavar='NAME|FILE',
         help='names or files (default: all of config/scenarios)'))
     parser.add_argument('--list', action='store_true', help='list the scenarios and exit')
@@ -140,9 +140,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
 
 def print_findings(console: ResultConsole, findings: Mapping[str, Sequence[Finding]]) -> None:
     """Print the Findings of scenarios, a dictionary by name."""
-    rows = []
-    for name, found in findings.items():
-        for number, item in enumerate(found):
-            rows.append(('' if number else name, item.what, item.expected, item.seen,
-                         Text('good', 'green') if item.good else Text('BAD', 'red')))
-    print_records(console, 'Scenarios', ('scenario', 'what', 'expected', 'seen', ''), rows)
+    print_records(console, 'Scenarios', ('scenario', 'what', 'expected', 'seen', ''), [
+        ('' if number else name, item.what, item.expected, item.seen,
+         Text('good', 'green') if item.good else Text('BAD', 'red'))
+        for name, found in findings.items() for number, item in enumerate(found)])

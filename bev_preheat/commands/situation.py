@@ -12,8 +12,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import ChargingProspect, check_prospect
-from bev_preheat.commands.parser import completed_by, NameCompleter, option_group, ROUTES, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.program import say
+from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.inputs import route_or_log
 from bev_preheat.planning.planner import (
@@ -54,11 +55,13 @@ PROSPECT_OPTIONS = 'charging_probability', 'arrival_deviation', 'charging_known_
 @dataclass(frozen=True)
 class PlanningArguments:
     """
-    The situation to plan for; `files` are the paths of the vehicle's and the route's file.
+    The situation to plan for, with a title of vehicle and route.
 
-    `route_made_for` is the name of the vehicle that the route's powers belong to, None if unknown.
+    `files` are the paths of the vehicle's and the route's file; `route_made_for` is the name of the vehicle that
+    the route's powers belong to, None if unknown.
     """
 
+    title: str
     vehicle: Vehicle
     route: Route
     state: BatteryState
@@ -71,10 +74,9 @@ class PlanningArguments:
         """What planning functions take."""
         return self.vehicle, self.route, self.state, self.goal
 
-    def figure(self, plans: Sequence[Plan], title: str) -> Figure:
+    def figure(self, plans: Sequence[Plan]) -> Figure:
         """Return the figure of Plans for it."""
-        from bev_preheat.drawing.plan_figure import make_plan_figure
-        return make_plan_figure(self.vehicle, self.route, self.goal, plans, title)
+        return make_plan_figure(self.vehicle, self.route, self.goal, plans, self.title)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the part of a command's JSON on the inputs."""
@@ -95,10 +97,10 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
                         needs_state: bool = True, ambient_help: str = AMBIENT_HELP) -> None:
     """Add the arguments of a drive to a charger; without `needs_state` its state at the start is optional."""
     add_vehicle_argument(parser)
-    completed_by(ROUTES, (route_group or parser).add_argument(
+    completed_by('routes', (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes, a file of any known format (CSV, drive cycle, GPX, '
-        'GeoJSON, answer of a navigation service, ...), or the legs of a road: legs/NAME or a YAML file'))
+        'GeoJSON, answer of a navigation service, ...), or the legs of a road: legs/NAME or a YAML file'), '.csv')
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
@@ -140,7 +142,7 @@ def route_options(arguments: Namespace) -> RouteOptions:
 
 def add_vehicle_argument(parser: ArgumentParser, what: str = 'vehicle:', metavar: str = 'NAME|FILE') -> None:
     """Add `--vehicle`; `what` begins the help."""
-    completed_by(VEHICLES, parser.add_argument(
+    completed_by('vehicles', parser.add_argument(
         '--vehicle', required=True, metavar=metavar, help=f'{what} a name in config/vehicles or a YAML file'))
 
 
@@ -156,12 +158,12 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
         note(f'planned up to the {first}, after {route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    return PlanningArguments(vehicle, in_steps(route, arguments),
-                             BatteryState(arguments.temperature, arguments.soc),
-                             Goal(target_of(arguments, vehicle), arguments.min_soc,
-                                  not arguments.no_charging,
-                                  maximum_arrival_temperature_c=arguments.max_arrival_temperature),
-                             (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
+    goal = Goal(target_of(arguments, vehicle), arguments.min_soc, not arguments.no_charging,
+                maximum_arrival_temperature_c=arguments.max_arrival_temperature)
+    return PlanningArguments(
+        f'vehicle {vehicle.name}, route {arguments.route}', vehicle, in_steps(route, arguments),
+        BatteryState(arguments.temperature, arguments.soc), goal, (vehicle_file(arguments.vehicle), loaded.file),
+        loaded.made_for)
 
 
 def warn(*sentences: str | None) -> None:
@@ -248,7 +250,7 @@ def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
 
 def add_signal_arguments(parser: ArgumentParser | ArgumentGroup) -> None:
     """Add `--signals` and `--repair`."""
-    completed_by(NameCompleter('signals'), parser.add_argument(
+    completed_by('signals', parser.add_argument(
         '--signals', metavar='NAME|FILE',
         help='signal map: a name in config/signals or a YAML file (default: the map that recognises the log)'))
     parser.add_argument('--repair', action='store_true',
@@ -285,8 +287,6 @@ def add_prospect_arguments(parser: ArgumentParser) -> None:
 def read_prospect(arguments: Namespace) -> ChargingProspect:
     """Return the ChargingProspect of parsed arguments; raise InvalidInput if they are not allowed."""
     probability, deviation_s, known_s = (getattr(arguments, name) for name in PROSPECT_OPTIONS)
-    prospect = ChargingProspect(
-        1.0 if probability is None else probability, 0.0 if deviation_s is None else deviation_s,
-        0.0 if known_s is None else known_s)
+    prospect = ChargingProspect(1.0 if probability is None else probability, deviation_s or 0.0, known_s or 0.0)
     check_prospect(prospect)
     return prospect

@@ -9,15 +9,16 @@ import shlex
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
+from bev_preheat.commands.charge import time_text
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
-from bev_preheat.commands.parser import completed_by, option_group, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import print_figures, print_records, result_console
+from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.numerics import S_PER_MIN
-from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.session import Session
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.drawing.figure import Figure
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.plausibility import Meaning
@@ -87,7 +87,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'check', help='show the key figures of a vehicle file',
         description='Print the key figures of a vehicle file, with warnings about unusual ones. Exit '
                     'status 0, also with warnings; 2 if the file is refused.')
-    completed_by(VEHICLES, check.add_argument(
+    completed_by('vehicles', check.add_argument(
         'vehicle', metavar='NAME|FILE',
         help='a name in config/vehicles or a YAML file'))
     add_output_arguments(check)
@@ -149,7 +149,7 @@ def run_new(arguments: Namespace) -> int:
     console = result_console(soft_wrap=True)
     console.say(f'written: {output}')
     console.say(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}')
-    console.say(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {USUAL_WARM_C:g} degC')
+    console.say(f'10 ... 80 % at a fast charger: {time_text(warm_session(vehicle))} from {USUAL_WARM_C:g} degC')
     _print_warnings(console, meaning)
     console.say(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}')
     return 0
@@ -177,13 +177,9 @@ def run_check(arguments: Namespace) -> int:
     vehicle = load_vehicle(arguments.vehicle)
     meaning = meaning_of(vehicle)
     sessions = {at_c: warm_session(vehicle, battery_c=at_c) for at_c in meaning.charging_power_kw}
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
-        return make_vehicle_figure(vehicle)
-
     console = write_results(arguments, lambda: {**meaning.as_dictionary(), 'charging_time_10_80_s': {
-        f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}}, draw)
+        f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}},
+        lambda: make_vehicle_figure(vehicle))
     _print_meaning(console, meaning, sessions)
     console.say(meaning.heat_path, meaning.charging)
     _print_assumed(console, vehicle)
@@ -253,10 +249,6 @@ def _print_warnings(console: ResultConsole, meaning: Meaning) -> None:
     console.say(*(f'warning: {warning}' for warning in meaning.warnings))
 
 
-def _time_text(session: Session) -> str:
-    return 'never' if session.problem else duration_text(session.charging_time_s)
-
-
 def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[float, Session]) -> None:
     """Print the figures of a car, its open-circuit voltage, and its power limits and times by temperature."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
@@ -278,7 +270,7 @@ def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[floa
         ('  net of cabin heating, 100 km/h',
          f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
         ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW'),
-        (f'10 ... 80 % from {USUAL_WARM_C:g} degC', _time_text(sessions[USUAL_WARM_C]))], ('left', 'right'))
+        (f'10 ... 80 % from {USUAL_WARM_C:g} degC', time_text(sessions[USUAL_WARM_C]))], ('left', 'right'))
     voltages_v = meaning.open_circuit_voltage_v
     print_figures(console, 'Open-circuit voltage at 25 degC',
                   ('charged', *(f'{100 * soc:.0f} %' for soc in voltages_v)),

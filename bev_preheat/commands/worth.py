@@ -16,7 +16,7 @@ from bev_preheat.charging.target_worth import check_prices, Prices
 from bev_preheat.charging.worth_search import find_worth, goal_of
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
-from bev_preheat.commands.parser import completed_by, given_options, NameCompleter, option_group, option_of
+from bev_preheat.commands.parser import completed_by, given_options, option_group, option_of
 from bev_preheat.commands.situation import (
     add_drive_arguments,
     add_prospect_arguments,
@@ -25,6 +25,7 @@ from bev_preheat.commands.situation import (
     read_situation,
 )
 from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.drawing.charging_figure import make_chargers_figure, make_worth_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
@@ -41,12 +42,9 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.drawing.figure import Figure
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
-HEADINGS = ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]', 'cost',
-            '')
 # Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')
 OF_SEVERAL = ('end_soc', 'only')
@@ -63,7 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
     add_drive_arguments(parser)
     add_charger_arguments(parser, required=False)
     several = option_group(parser, 'several chargers')
-    completed_by(NameCompleter('chargers'), several.add_argument(
+    completed_by('chargers', several.add_argument(
         '--chargers', metavar='NAME|FILE',
         help='compare several chargers: a name in config/chargers or a YAML file; replaces '
         '--charger-power and --departure-soc'))
@@ -107,14 +105,9 @@ def run(arguments: Namespace) -> int:
     sensitivity = None
     if worth.best is not worth.without_heating:
         sensitivity = find_sensitivity(*inputs, goal, plan_preheating(*inputs, goal))
-    title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
+    title = (f'{situation.title}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.charging_figure import make_worth_figure
-        return make_worth_figure(worth, title)
-
     console = write_results(arguments, lambda: {
         **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
         'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
@@ -125,7 +118,7 @@ def run(arguments: Namespace) -> int:
             'charging_known_before_s': prospect.known_before_arrival_s}),
         'sensitivity': sensitivity and sensitivity.as_dictionary(),
         'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
-        **situation.as_dictionary()}, draw)
+        **situation.as_dictionary()}, lambda: make_worth_figure(worth, title))
     _print_targets(console, title.replace('\n', ', '), [
         *((target, _names(worth, target)) for target in _shown(worth)),
         *((item, name) for name, item in worth.by_rule.items())])
@@ -166,14 +159,13 @@ def _names(worth: Worth, target: TargetWorth) -> str:
 
 def _print_targets(console: ResultConsole, title: str, targets: list[tuple[TargetWorth, str]]) -> None:
     """Print targets with their names; the cost of ageing, if it has a price, instead of the state of charge."""
-    rows, headings = [list(_row(*item)) for item in targets], list(HEADINGS)
-    if any(target.ageing_cost for target, _ in targets):
-        texts = ['ageing', *(f'{target.ageing_cost:.2f}' if math.isfinite(target.cost) else '–'
-                             for target, _ in targets)]
-        for row, text in zip((headings, *rows), texts):
-            row.insert(HEADINGS.index('cost'), text)
-            del row[HEADINGS.index('SoC [%]')]
-    print_records(console, title, headings, rows, (*('right',) * 7, 'left'))
+    headings = ['target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
+                'ageing', 'cost', '']
+    left_out = headings.index('SoC [%]' if any(target.ageing_cost for target, _ in targets) else 'ageing')
+    rows = [headings, *([*_row(*item)] for item in targets)]
+    for row in rows:
+        del row[left_out]
+    print_records(console, title, headings, rows[1:], (*('right',) * 7, 'left'))
 
 
 def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
@@ -183,7 +175,7 @@ def _row(target: TargetWorth, names: str) -> tuple[str, ...]:
             f'{target.hvch_electric_wh:.0f}',
             f'{target.charging_time_s / S_PER_MIN:.1f}' if ends else 'never',
             f'{target.bought_energy_wh / WH_PER_KWH:.2f}' if ends else '–',
-            f'{target.cost:.2f}' if ends else '–', names)
+            f'{target.ageing_cost:.2f}' if ends else '–', f'{target.cost:.2f}' if ends else '–', names)
 
 
 def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviation) -> str | None:
@@ -241,7 +233,7 @@ def run_range(arguments: Namespace) -> int:
             'best': best.as_dictionary(), 'target_range_c': arguments.target_range, **situation.as_dictionary()})
     low_c, high_c = arguments.target_range
     console = result_console(arguments.json)
-    title = f'vehicle {vehicle.name}, route {arguments.route}, {low_c:g} ... {high_c:g} degC on arrival'
+    title = f'{situation.title}, {low_c:g} ... {high_c:g} degC on arrival'
     _print_targets(console, title, [(item, 'best' if item is best else '') for item in sorted(
         found, key=lambda item: item.target_c) if item is best or item.target_c % 1.0 == 0.0])
     console.say('No target within the range is reached with the reserve of charge and charged to the end.'
@@ -262,18 +254,13 @@ def run_chargers(arguments: Namespace) -> int:
     ranked = rank_chargers(*situation.inputs, chargers.candidates, arguments.end_soc, arguments.value_of_time)
     able = [item for item in ranked if item.problem is None]
     verdict = ranking_verdict(ranked)
-    title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, '
-             f'{100.0 * arguments.end_soc:g} % at its end\n{arguments.value_of_time:g} per h')
-
-    def draw() -> Figure:
-        from bev_preheat.drawing.charging_figure import make_chargers_figure
-        return make_chargers_figure(ranked, title)
-
+    title = (f'{situation.title}, {100.0 * arguments.end_soc:g} % at its end\n'
+             f'{arguments.value_of_time:g} per h')
     console = write_results(arguments, lambda: {
         'chargers': [item.as_dictionary() for item in ranked],
         'best': able[0].candidate.name if able else None, 'verdict': verdict,
         'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
-        **situation.as_dictionary()}, draw)
+        **situation.as_dictionary()}, lambda: make_chargers_figure(ranked, title))
     costs = ('energy', 'charging', 'detour', 'wait',
              *(('ageing',) if any(item.ageing_cost for item in ranked) else ()), 'total')
     print_records(

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.drawing import palette
 from bev_preheat.drawing.figure import (
     draw_course,
     draw_steps,
+    finish_panel,
     grid_figure,
     legend_above,
     literal,
@@ -17,18 +19,7 @@ from bev_preheat.drawing.figure import (
     stacked_figure,
     TimeAxis,
 )
-from bev_preheat.drawing.palette import (
-    AMBIENT,
-    BLACK,
-    BLUE,
-    GRAY,
-    GREEN,
-    look_of,
-    ORANGE,
-    PURPLE,
-    TARGET,
-    WITHOUT_PREHEATING,
-)
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, GREEN, look_of, ORANGE, PURPLE, WITHOUT_PREHEATING
 from bev_preheat.numerics import W_PER_KW
 from bev_preheat.vehicle.charging import charging_of
 
@@ -93,21 +84,16 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
         draw_course(soc, edges, 100.0 * session.soc, **style)
         temperatures_c.append(session.battery_temperature_c[session.time_s <= shown_s])
     charging = charging_of(vehicle)
-    temperature.axhline(stop.ambient_c, **AMBIENT)
+    temperature.axhline(stop.ambient_c, **palette.AMBIENT)
     bounds = [stop.ambient_c]
     if charging.battery_heating and charging.heating_limit_c is not None:
-        temperature.axhline(charging.heating_limit_c, **TARGET, label='heated up to')
+        temperature.axhline(charging.heating_limit_c, **palette.TARGET, label='heated up to')
         bounds.append(charging.heating_limit_c)
-    soc.axhline(100.0 * stop.departure_soc, **TARGET, label='departure')
-    show_range(power, *powers_kw, least=10.0)
-    show_range(temperature, *temperatures_c, least=10.0, bounds=bounds)
-    show_range(soc, *(100.0 * session.soc for session in sessions.values()),
-               [100.0 * stop.departure_soc], least=10.0)
-    power.set_ylabel('charging power\n[kW]')
-    temperature.set_ylabel('battery temperature\n[°C]')
-    soc.set_ylabel('state of charge\n[%]')
-    for axis in (power, temperature, soc):
-        legend_above(axis)
+    soc.axhline(100.0 * stop.departure_soc, **palette.TARGET, label='departure')
+    finish_panel(power, 'charging power\n[kW]', *powers_kw, least=10.0)
+    finish_panel(temperature, 'battery temperature\n[°C]', *temperatures_c, least=10.0, bounds=bounds)
+    finish_panel(soc, 'state of charge\n[%]', *(100.0 * session.soc for session in sessions.values()),
+                 [100.0 * stop.departure_soc], least=10.0)
     time.finish(soc, 0.0, shown_s, 'time at the charger')
     figure.align_ylabels()
     return figure

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.dates import DateFormatter, DayLocator
 import numpy as np
 
 from bev_preheat.drawing import palette
-from bev_preheat.drawing.figure import draw_course, legend_above, show_range, stacked_figure, TimeAxis
+from bev_preheat.drawing.figure import draw_course, drawn, finish_panel, legend_above, stacked_figure, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, ORANGE, PREDICTION, TARGET, WITHOUT_PREHEATING
 from bev_preheat.numerics import NS_PER_S, W_PER_KW
 from bev_preheat.planning.explanation import duration_text
@@ -60,16 +59,12 @@ def make_drive_figure(title: str, temperatures_c: Mapping[str, Course], command_
     label = f'command, on after {duration_text(on_s[0])}' if len(on_s) else 'command, never on'
     heater.step(edges, [*power_w / 1e3, power_w[-1] / 1e3], where='post',
                 **look_of('planner').line(linewidth=1.6, label=label))
-    show_range(heater, [0.0], power_w / 1e3, least=1.0)
-    heater.set_ylabel('heater power\nfor the battery [kW]')
-    legend_above(heater)
+    finish_panel(heater, 'heater power\nfor the battery [kW]', [0.0], power_w / 1e3, least=1.0)
     for charge in charges:
         for name, (instants_s, soc) in (socs or {}).items():
             draw_course(charge, time(instants_s), 100.0 * soc, **STYLES[name],
                         label=f'{name}, ends at {100.0 * soc[-1]:.1f} %')
-        show_range(charge, *(line.get_ydata() for line in charge.get_lines()), least=5.0)
-        charge.set_ylabel('state of charge\n[%]')
-        legend_above(charge)
+        finish_panel(charge, 'state of charge\n[%]', *drawn(charge), least=5.0)
     time.finish(figure.axes[-1], 0.0, end_s)
     figure.align_ylabels()
     return figure
@@ -83,9 +78,7 @@ def draw_temperatures(axis: Axes, temperatures_c: Mapping[str, Course], target_c
         draw_course(axis, time(times_s), values_c, **STYLES[name],
                     label=f'{name}, ends at {values_c[-1]:.1f} °C' if name in ENDS else name)
     axis.axhline(target_c, **TARGET, label=f'target {target_c:.1f} °C')
-    show_range(axis, *(line.get_ydata() for line in axis.get_lines()), least=5.0)
-    axis.set_ylabel('temperature\n[°C]')
-    legend_above(axis)
+    finish_panel(axis, 'temperature\n[°C]', *drawn(axis), least=5.0)
     time.finish(axis, 0.0, end_s)
 
 
@@ -96,6 +89,7 @@ S_PER_DAY = 86400.0
 def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
                      title: str) -> Figure:
     """Return the figure of the preparations of a week, in local time."""
+    from matplotlib.dates import DateFormatter, DayLocator
     figure, axes = stacked_figure(2 if prices is None else 3, title)
     temperature, power = axes[:2]
     for number, one in enumerate(prepared):

@@ -6,11 +6,9 @@ from __future__ import annotations
 import io
 import os
 import textwrap
-from typing import overload, TYPE_CHECKING
+from typing import TYPE_CHECKING
 import warnings
 
-from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 import numpy as np
 
 from bev_preheat.files.output_files import write_whole
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike, NDArray
 
@@ -49,6 +48,8 @@ REACH = 0.6
 def grid_figure(rows: int, columns: int, title: str, height_in: float,
                 **options: Any) -> tuple[Figure, AxesGrid]:
     """Return (figure, array of axes): panels in `rows` and `columns` under a title."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
     figure = Figure(figsize=(WIDTH_IN, height_in),
                     layout=ConstrainedLayoutEngine(h_pad=0.06, w_pad=0.06))
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -85,8 +86,7 @@ def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str
     """
     Put a legend above an axis, so that it covers no curve; `handles` are those of the axis if None.
 
-    It has as many columns as fit if `columns` is None. There may be another legend on
-    the other side.
+    It has as many columns as fit if `columns` is None. There may be another legend on the other side.
     """
     others = axis.get_legend()
     handles = axis.get_legend_handles_labels()[0] if handles is None else handles
@@ -131,25 +131,20 @@ class TimeAxis:
         self.seconds, self.unit = next(
             (seconds, unit) for longest_s, seconds, unit in TIME_UNITS if duration_s <= longest_s)
 
-    @overload
-    def __call__(self, seconds: float) -> float: ...
-
-    @overload
-    def __call__(self, seconds: Sequence[float] | FloatArray) -> FloatArray: ...
-
-    def __call__(self, seconds: float | Sequence[float] | FloatArray) -> float | FloatArray:
+    def __call__(self, seconds: ArrayLike) -> FloatArray:
         """Return instants [s] in the unit."""
         return np.asarray(seconds, dtype=float) / self.seconds
 
     def finish(self, axis: Axes, start_s: float, end_s: float, name: str = 'trip time') -> None:
         """Label the x axis, and let it span the trip."""
         axis.set_xlabel(f'{name} [{self.unit}]')
-        axis.set_xlim(self(start_s), self(end_s))
+        axis.set_xlim(start_s / self.seconds, end_s / self.seconds)
 
 
 def draw_course(axis: Axes, instants: ArrayLike, values: ArrayLike, **style: Any) -> Line2D:
     """Draw a curve through values at instants, thinned if there are too many; returns it."""
-    line, = axis.plot(*_thinned(np.asarray(instants), np.asarray(values)), **style)
+    kept = _kept(np.asarray(values))
+    line, = axis.plot(np.asarray(instants)[kept], np.asarray(values)[kept], **style)
     return line
 
 
@@ -171,11 +166,6 @@ def _staircase(edges: FloatArray, values: ArrayLike) -> tuple[FloatArray, FloatA
     return np.repeat(edges, 2)[1:-1], np.repeat(values, 2)
 
 
-def _thinned(instants: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    kept = _kept(values)
-    return instants[kept], values[kept]
-
-
 def _kept(values: FloatArray) -> BoolArray:
     """Return which points of a curve are drawn, shape (N,): the extremes of each column if there are many."""
     kept = np.ones(len(values), dtype=bool)
@@ -192,8 +182,8 @@ def show_range(axis: Axes, *values: ArrayLike, least: float,
     """
     Show all finite values, with a margin, in a span of at least `least`, so that noise is not magnified.
 
-    A bound (value or array) near the curves is shown, too. Returns for each bound whether part
-    of it is in the panel.
+    A bound (value or array) near the curves is shown, too. Returns for each bound whether part of it is in the
+    panel.
     """
     low, high = _extent(values)
     # Quantities that start at 0, such as a power, need no space below it.
@@ -211,6 +201,19 @@ def show_range(axis: Axes, *values: ArrayLike, least: float,
     margin = MARGIN * (high - low)
     axis.set_ylim(low - margin, high + margin)
     return shown
+
+
+def finish_panel(axis: Axes, label: str, *values: ArrayLike, least: float,
+                 bounds: Iterable[ArrayLike] = ()) -> None:
+    """Show values and bounds of a panel as `show_range` does, label its y axis, and put its legend above."""
+    show_range(axis, *values, least=least, bounds=bounds)
+    axis.set_ylabel(label)
+    legend_above(axis)
+
+
+def drawn(axis: Axes) -> list[ArrayLike]:
+    """Return the values of all lines on an axis."""
+    return [line.get_ydata() for line in axis.get_lines()]
 
 
 def _extent(values: Iterable[ArrayLike]) -> tuple[float, float]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from bev_preheat.drawing.figure import (
     draw_steps,
+    finish_panel,
     legend_above,
     shade_steps,
-    show_range,
     stacked_figure,
     TimeAxis,
 )
@@ -52,8 +52,7 @@ def make_route_figure(name: str, route: Route) -> Figure:
         panel_height_in=2.2)
 
     draw_steps(speed, edges, 3.6 * route.speed_mps, color=ROUTE)
-    show_range(speed, [0.0], 3.6 * route.speed_mps, least=20.0)
-    speed.set_ylabel('speed\n[km/h]')
+    finish_panel(speed, 'speed\n[km/h]', [0.0], 3.6 * route.speed_mps, least=20.0)
 
     mean_kw = route.propulsion_power_w / 1000.0
     deviation_kw = np.sqrt(route.propulsion_power_variance_w2) / 1000.0
@@ -63,13 +62,10 @@ def make_route_figure(name: str, route: Route) -> Figure:
         shade_steps(power, edges, low_kw, high_kw, color=POWER, alpha=0.3,
                     label='± standard deviation within the segment (rms² = mean² + deviation²)')
     power.axhline(0.0, color='black', linewidth=0.6)
-    show_range(power, [0.0], low_kw, high_kw, least=10.0)
-    power.set_ylabel('propulsion power\n[kW]')
-    legend_above(power)
+    finish_panel(power, 'propulsion power\n[kW]', [0.0], low_kw, high_kw, least=10.0)
 
     draw_steps(ambient, edges, route.ambient_temperature_c, color=SKY_BLUE)
-    show_range(ambient, route.ambient_temperature_c, least=5.0)
-    ambient.set_ylabel('ambient temperature\n[°C]')
+    finish_panel(ambient, 'ambient temperature\n[°C]', route.ambient_temperature_c, least=5.0)
     time.finish(ambient, 0.0, route.total_duration_s)
     figure.align_ylabels()
     return figure

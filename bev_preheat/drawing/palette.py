@@ -49,12 +49,13 @@ LINES_ZORDER = 3.0
 
 @dataclass(frozen=True)
 class Look:
-    """Colour, dashes and width [points] of a method's lines, and its marker."""
+    """Colour, dashes and width [points] of a method's lines, its marker, and its name in legends ('': its own)."""
 
     colour: str
     dashes: str | tuple[float, tuple[float, ...]]
     width: float
     marker: str
+    name: str = ''
 
     def line(self, **changes: Any) -> Style:
         """Return the arguments of a line, wide ones below; `changes` have precedence."""
@@ -71,24 +72,16 @@ class Look:
 # In drawing order. The planner uses value_function, and replanned_paper is
 # the paper's method in closed loop: they share these colours.
 LOOKS = {
-    'value_function': Look(BLUE, 'solid', 3.2, 'o'),
+    'value_function': Look(BLUE, 'solid', 3.2, 'o', 'value_function (default)'),
     'planner': Look(BLUE, 'solid', 2.2, 'o'),
-    'optimal_switch': Look(ORANGE, (0, (4.0, 2.0)), 2.2, 'x'),
-    'paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
-    'replanned_paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
-    'always_on': Look(VERMILLION, (0, (1.5, 1.5)), 1.8, 's'),
-    'nlp': Look(BLACK, (0, (1.2, 2.4)), 1.5, 's'),
+    'optimal_switch': Look(ORANGE, (0, (4.0, 2.0)), 2.2, 'x', 'optimal_switch (one switch)'),
+    'paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+', 'paper (published heuristic)'),
+    'replanned_paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+', 'published heuristic, re-planned'),
+    'always_on': Look(VERMILLION, (0, (1.5, 1.5)), 1.8, 's', 'heater always on'),
+    'nlp': Look(BLACK, (0, (1.2, 2.4)), 1.5, 's', 'optimum (nonlinear program)'),
     WITHOUT_PREHEATING: Look(GRAY, (0, (6.0, 3.0)), 1.3, 'v'),
 }
 UNKNOWN = Look(PURPLE, 'solid', 1.5, 'D')
-NAMES = {
-    'value_function': 'value_function (default)',
-    'optimal_switch': 'optimal_switch (one switch)',
-    'paper': 'paper (published heuristic)',
-    'replanned_paper': 'published heuristic, re-planned',
-    'always_on': 'heater always on',
-    'nlp': 'optimum (nonlinear program)',
-}
 
 
 def look_of(method: str) -> Look:
@@ -99,4 +92,5 @@ def look_of(method: str) -> Look:
 def name_of(method: str) -> str:
     """Return the name of a method in legends; a plan shown as driven keeps the limits."""
     name, _, driven = method.partition(', ')
-    return NAMES.get(name, name) + (', limits kept' if driven == 'driven' else f', {driven}' if driven else '')
+    name = look_of(name).name or name
+    return name + (', limits kept' if driven == 'driven' else f', {driven}' if driven else '')

@@ -9,31 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.drawing import palette
 from bev_preheat.drawing.figure import (
     draw_course,
     draw_steps,
+    drawn,
+    finish_panel,
     legend_above,
     shade_steps,
     show_range,
     stacked_figure,
     TimeAxis,
 )
-from bev_preheat.drawing.palette import (
-    AMBIENT,
-    BLACK,
-    CHARGE_LIMIT,
-    DISCHARGE_LIMIT,
-    DRIVETRAIN,
-    HEAT_SOURCES,
-    HEATER_LIMIT,
-    look_of,
-    name_of,
-    RESERVE,
-    ROUTE,
-    STOP,
-    TARGET,
-    WITHOUT_PREHEATING,
-)
+from bev_preheat.drawing.palette import look_of, name_of, WITHOUT_PREHEATING
 from bev_preheat.numerics import ARRAYS, NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import accounts_of, driven_share
@@ -48,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from numpy.typing import ArrayLike
 
     from bev_preheat.control.inputs import Leg
     from bev_preheat.drawing.palette import Look, Style
@@ -111,8 +98,8 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
             _draw_heat(axes[4], axes[5], edges, plan, accounts, look, labelled=plan is first)
     _draw_temperatures(temperature, edges, trip, goal, plans, lines)
 
-    draw_steps(heater, edges, trip.drawing_limit_w / 1e3, **HEATER_LIMIT)
-    show_range(heater, [0.0], *_drawn(heater), least=1.0)
+    draw_steps(heater, edges, trip.drawing_limit_w / 1e3, **palette.HEATER_LIMIT)
+    show_range(heater, [0.0], *drawn(heater), least=1.0)
     heater.set_ylabel('heater power for\nbattery [kW]')
 
     _draw_reserve(charge, 100.0 * reserve_soc(vehicle, goal))
@@ -127,7 +114,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
 
     if first.stranding is not None:
         for axis in axes:
-            axis.axvline(time(first.stranding.at_s), color=RESERVE, linestyle='-.', linewidth=1.0,
+            axis.axvline(float(time(first.stranding.at_s)), color=palette.RESERVE, linestyle='-.', linewidth=1.0,
                          label='battery empty' if axis is charge else None)
     for axis in axes[1:]:
         legend_above(axis)
@@ -142,7 +129,7 @@ def draw_battery_temperatures(axis: Axes, plans: Sequence[Plan], goal: Goal) -> 
         draw_course(axis, time(plan.time_s), plan.battery_temperature_c,
                     **look_of(plan.method).line(label=name_of(plan.method)))
     if goal.charging_planned:
-        axis.axhline(goal.target_temperature_c, **TARGET, label='target')
+        axis.axhline(goal.target_temperature_c, **palette.TARGET, label='target')
     axis.set_ylabel('battery temperature [°C]')
     axis.legend(fontsize='small')
     time.finish(axis, 0.0, plans[0].arrival_time_s)
@@ -171,8 +158,8 @@ def _draw_heater(axis: Axes, edges: FloatArray, plan: Plan, line: Style, is_divi
         below_kw = power_kw if number else 0.0
         power_kw = below_kw + power_w / 1e3
         if is_divided and power_w.max() >= LEAST_SOURCE_W:
-            shade_steps(axis, edges, below_kw, power_kw, color=HEAT_SOURCES[number % len(HEAT_SOURCES)], alpha=0.6,
-                        label=name)
+            colour = palette.HEAT_SOURCES[number % len(palette.HEAT_SOURCES)]
+            shade_steps(axis, edges, below_kw, power_kw, color=colour, alpha=0.6, label=name)
     draw_steps(axis, edges, power_kw, **line)
 
 
@@ -192,18 +179,14 @@ def _draw_drive(axes: Sequence[Axes], edges: FloatArray, trip: Trip, plan: Plan)
     heat, leakage, drive = axes
     driven = driven_share(trip, plan)
     draw_steps(heat, edges, (driven * trip.drivetrain_heat_w - trip.vehicle.drivetrain.heat_share
-                             * plan.friction_brake_power_w) / 1e3, **DRIVETRAIN)
-    show_range(heat, [0.0], *_drawn(heat), least=0.5)
+                             * plan.friction_brake_power_w) / 1e3, **palette.DRIVETRAIN)
+    show_range(heat, [0.0], *drawn(heat), least=0.5)
     heat.set_ylabel('heat into\nbattery [kW]')
-    show_range(leakage, [0.0], *_drawn(leakage), least=0.2)
+    show_range(leakage, [0.0], *drawn(leakage), least=0.2)
     leakage.set_ylabel('heat from\nambient [kW]')
-    draw_steps(drive, edges, driven * trip.route.speed_mps * 3.6, color=ROUTE)
-    show_range(drive, [0.0], *_drawn(drive), least=20.0)
+    draw_steps(drive, edges, driven * trip.route.speed_mps * 3.6, color=palette.ROUTE)
+    show_range(drive, [0.0], *drawn(drive), least=20.0)
     drive.set_ylabel('speed\n[km/h]')
-
-
-def _drawn(axis: Axes) -> list[ArrayLike]:
-    return [line.get_ydata() for line in axis.get_lines()]
 
 
 def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
@@ -213,11 +196,11 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
     if goal.charging_planned:
         target_c, most_c, range_c = goal.target_temperature_c, goal.maximum_arrival_temperature_c, ''
         if math.isfinite(most_c):
-            axis.axhline(most_c, **TARGET)
+            axis.axhline(most_c, **palette.TARGET)
             range_c = f' … {most_c:.1f}'
-        others.append(axis.axhline(target_c, **TARGET, label=f'target {target_c:.1f}{range_c} °C'))
-    others.append(draw_steps(axis, edges, trip.route.ambient_temperature_c, **AMBIENT))
-    show_range(axis, *_drawn(axis), least=5.0)
+        others.append(axis.axhline(target_c, **palette.TARGET, label=f'target {target_c:.1f}{range_c} °C'))
+    others.append(draw_steps(axis, edges, trip.route.ambient_temperature_c, **palette.AMBIENT))
+    show_range(axis, *drawn(axis), least=5.0)
     axis.set_ylabel('temperature\n[°C]')
     legend_above(axis, courses, 'battery on arrival: temperature, state of charge, energy taken from it',
                  columns=1)
@@ -226,8 +209,8 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
 
 def _draw_reserve(axis: Axes, reserve_percent: float) -> None:
     """Draw the reserve, or state that it is below the panel."""
-    shown, = show_range(axis, *_drawn(axis), least=5.0, bounds=[reserve_percent])
-    axis.axhline(reserve_percent, color=RESERVE, linewidth=0.9, linestyle='--',
+    shown, = show_range(axis, *drawn(axis), least=5.0, bounds=[reserve_percent])
+    axis.axhline(reserve_percent, color=palette.RESERVE, linewidth=0.9, linestyle='--',
                  label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ' (below this range)'))
 
 
@@ -235,10 +218,10 @@ def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
     """Draw the battery's power limits along a plan; if they are far off, state by how much."""
     battery = trip.vehicle.battery
     states = plan.soc[:-1], plan.battery_temperature_c[:-1]
-    limits = [('charge limit', CHARGE_LIMIT, 'below', battery.charge_power_limit),
-              ('discharge limit', DISCHARGE_LIMIT, 'above', battery.discharge_power_limit)]
+    limits = [('charge limit', palette.CHARGE_LIMIT, 'below', battery.charge_power_limit),
+              ('discharge limit', palette.DISCHARGE_LIMIT, 'above', battery.discharge_power_limit)]
     values_kw = [limit.function(ARRAYS)(*states) / 1e3 for *_, limit in limits]
-    shown = show_range(axis, [0.0], *_drawn(axis), least=10.0, bounds=values_kw)
+    shown = show_range(axis, [0.0], *drawn(axis), least=10.0, bounds=values_kw)
     panel = axis.get_ylim()
     axis.axhline(0.0, color='black', linewidth=0.6)
     for (label, colour, side, _), limit_kw, is_shown in zip(limits, values_kw, shown):
@@ -279,26 +262,23 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
             draw_course(axis, edges, values, **idle.line(**named(WITHOUT_PREHEATING)))
         if leg.charging_planned:
             temperature.plot(
-                edges[-1], plan.target_temperature_c, '_', color=BLACK, markersize=14,
+                edges[-1], plan.target_temperature_c, '_', color=palette.BLACK, markersize=14,
                 label='target' if leg is next(item for item in legs if item.charging_planned)
                 else None)
         draw_steps(temperature, edges, trip.route.ambient_temperature_c,
-                   **{**AMBIENT, **named(AMBIENT['label'])})
+                   **{**palette.AMBIENT, **named(palette.AMBIENT['label'])})
         _draw_heater(heater, edges, plan, heated.line(linewidth=1.7, **named('for the battery')), number == 0)
         draw_steps(heater, edges, trip.drawing_limit_w / 1e3,
-                   **{**HEATER_LIMIT, **named(HEATER_LIMIT['label'])})
+                   **{**palette.HEATER_LIMIT, **named(palette.HEATER_LIMIT['label'])})
         draw_course(charge, edges[[0, -1]],
                     [100.0 * reserve_soc(vehicle, leg.goal(plan.target_temperature_c))] * 2,
-                    color=RESERVE, linestyle='--', linewidth=0.9, **named('reserve'))
-        draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=ROUTE)
+                    color=palette.RESERVE, linestyle='--', linewidth=0.9, **named('reserve'))
+        draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=palette.ROUTE)
     _draw_stops(axes, time, starts_s, plans, heated.colour)
-    for axis, least, shown in ((temperature, 5.0, []), (heater, 1.0, [0.0]), (charge, 5.0, []),
-                               (drive, 20.0, [0.0])):
-        show_range(axis, shown, *(line.get_ydata() for line in axis.get_lines()), least=least)
-        legend_above(axis)
-    for axis, label in zip(axes, ('temperature\n[°C]', 'heater power for\nbattery [kW]',
-                                  'state of\ncharge [%]', 'speed\n[km/h]')):
-        axis.set_ylabel(label)
+    for axis, label, least, shown in (
+            (temperature, 'temperature\n[°C]', 5.0, []), (heater, 'heater power for\nbattery [kW]', 1.0, [0.0]),
+            (charge, 'state of\ncharge [%]', 5.0, []), (drive, 'speed\n[km/h]', 20.0, [0.0])):
+        finish_panel(axis, label, shown, *drawn(axis), least=least)
     time.finish(drive, starts_s[0], starts_s[-1] + plans[-1].arrival_time_s)
     figure.align_ylabels()
     return figure
@@ -326,7 +306,7 @@ def _draw_stops(axes: Sequence[Axes], time: TimeAxis, starts_s: Sequence[float],
             zip(starts_s, plans, starts_s[1:], plans[1:])):
         stop = time([start_s + plan.arrival_time_s, next_start_s])
         for axis in axes:
-            axis.axvspan(*stop, color=STOP, alpha=0.2, linewidth=0.0,
+            axis.axvspan(*stop, color=palette.STOP, alpha=0.2, linewidth=0.0,
                          label='stop' if axis is axes[0] and number == 0 else None)
         for axis, before, after in (
                 (axes[0], plan.arrival_temperature_c, following.battery_temperature_c[0]),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
 import numpy as np
 
 from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
@@ -15,6 +14,7 @@ from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C,
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle import Vehicle
@@ -33,6 +33,7 @@ COOLING_FROM_C = 25.0
 
 def make_vehicle_figure(vehicle: Vehicle) -> Figure:
     """Return the figure of a Vehicle's curves, warming and cooling without the heat of driving."""
+    from matplotlib.figure import Figure
     figure = Figure(figsize=(11.0, 11.5), layout='constrained')
     panels = figure.subplots(3, 2)
     # A dollar sign would begin a formula.

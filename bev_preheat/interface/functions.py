@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -189,22 +190,28 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
     from bev_preheat.simulation.phases import DrivePhase
     from bev_preheat.simulation.sensors import Sensors
-    from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
+    from bev_preheat.simulation.supervised_drive import moments
     goal = goal_of(vehicle, goal)
     car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
         heater_faults=tuple(heater_faults)), seed)
     supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))
-    rows, switching = [], Switching()
-    for _, instant in instants(car, supervisor):
-        if instant is not None:
-            rows.append(instant)
-            switching.note(instant.time_s, instant.command_w)
-    estimate, score = supervisor.state.estimate, score_of(car.plant, goal.target_temperature_c, switching)
-    time_s, true_c, measured_c, estimated_c, predicted_c, command_w = np.array(rows).T
+    plant, latest_c, command_w, rows = car.plant, math.nan, 0.0, []
+    for moment in moments(car, supervisor, lambda: plant.is_standing):
+        if moment.reading is not None:
+            latest_c = moment.reading.temperature_c
+        if moment.output.command is not None:
+            command_w = moment.output.command.total_w
+        estimate, plan = supervisor.state.estimate, supervisor.state.decision.plan
+        if moment.is_last:
+            rows.append((moment.time_s, plant.temperature_c, latest_c,
+                         math.nan if estimate is None else estimate.temperature_c,
+                         math.nan if plan is None else plan.arrival_temperature_c, command_w))
+    time_s, true_c, measured_c, estimated_c, predicted_c, commands_w = np.array(rows).T
+    estimate = supervisor.state.estimate
     return DriveResult(
-        time_s, true_c, measured_c, estimated_c, predicted_c, command_w, car.plant.temperature_c,
-        score.arrival_soc, goal.target_temperature_c, score.heating_energy_wh, score.battery_energy_wh,
+        time_s, true_c, measured_c, estimated_c, predicted_c, commands_w, plant.temperature_c, plant.soc,
+        goal.target_temperature_c, plant.energy_wh.hvch_electric, plant.energy_wh.battery_total,
         'unknown' if estimate is None else estimate.heater.heater.value)
 
 

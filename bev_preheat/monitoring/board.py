@@ -20,7 +20,6 @@ from bev_preheat.monitoring.view import (
     Pulse,
     status_name,
     Surroundings,
-    View,
 )
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -55,6 +54,8 @@ PLAN_FRESH_S = 10.0
 ANSWER_HOLDS_S = ANSWER_HOLDS_NS / NS_PER_S
 # A heater's controller refuses longer leases [s].
 LONGEST_LEASE_S = 60.0
+# The range of the stamps of messages [s].
+MOST_STAMP_S = 2.0**31
 
 
 class Trail:
@@ -66,7 +67,6 @@ class Trail:
     """
 
     def __init__(self, most: int = TRAIL_POINTS, horizon_s: float = HORIZON_S) -> None:
-        """Start empty."""
         self._most, self._horizon_s = most, horizon_s
         self._rows: list[tuple[float, ...]] = []
         self.generation = 0
@@ -78,10 +78,9 @@ class Trail:
     def add(self, row: tuple[float, ...]) -> None:
         """Add a row; one with the latest instant, or with an earlier one, replaces the later rows."""
         if self._rows and row[0] <= self._rows[-1][0]:
-            self._rows.pop()
-            while self._rows and row[0] <= self._rows[-1][0]:
-                self._rows.pop()
             self.generation += 1
+        while self._rows and row[0] <= self._rows[-1][0]:
+            self._rows.pop()
         self._rows.append(row)
         if len(self._rows) > self._most:
             self._thin(row[0])
@@ -122,18 +121,18 @@ class Span(NamedTuple):
 
 class Board:
     """
-    The state of one planner, as it is shown; instants in seconds of its clock, `now_s` monotonic.
+    The state of one planner, as page and terminal show it; instants in seconds of its clock, `now_s` monotonic.
 
-    `unheated` computes the temperature without heating; None: not known for this vehicle, with `unheated_problem`
-    as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
+    Temperatures in deg C, powers in W, charge 0 ... 1; None and NaN stand for unknown. `until_s` is the end of the
+    latest command's lease, `sources_w` the commands to all heat sources by name, {} for the HVCH alone. `unheated`
+    computes the temperature without heating; None: not known for this vehicle, with `unheated_problem` as the
+    reason. `outcome` says how the latest goal of the page ended.
     """
 
     def __init__(self) -> None:
-        """Start without values."""
         self.unheated: Unheated | None = None
         self.unheated_problem = ''
         self.around = Surroundings()
-        self.version = 0
         self._route: RouteSeen | None = None
         self.forget()
 
@@ -141,23 +140,21 @@ class Board:
         """Start another drive: drop values and history."""
         self.temperatures, self.powers, self.deliveries, self.mixes = Trail(), Trail(), Trail(), Trail()
         # Powers [W] of the heat sources by name, the HVCH first: latest row of `mixes`, and next.
-        self._mix_w, self._coming_w = dict[str, float](), dict[str, float]()
+        self.sources_w, self._coming_w = dict[str, float](), dict[str, float]()
         self._coming_s = -math.inf
         self._account = HeaterAccount()
-        # Instant [s] and power [W] of the heater's latest answer; end of the latest command's lease [s].
+        # Instant [s] and power [W] of the heater's latest answer.
         self._delivered = (-math.inf, math.nan)
-        self._until_s = math.inf
+        self.until_s = math.inf
         self.marks: deque[Mark] = deque(maxlen=MOST_MARKS)
         self.regimes: deque[Span] = deque(maxlen=MOST_SPANS)
         self.doubts: deque[Span] = deque(maxlen=MOST_SPANS)
         self.plan: PlanSeen | None = None
-        self.plan_version = 0
         self.trip_from_s: float | None = None
         self._marked: PlanSeen | None = None
-        self._battery = (math.nan, math.nan)
-        self._power_w = math.nan
-        self._reason: int | None = None
-        self._diagnosis = Diagnosis()
+        self.temperature_c = self.soc = self.power_w = math.nan
+        self.reason: int | None = None
+        self.diagnosis = Diagnosis()
         # The planner's time; None before its first message.
         self.at_s: float | None = None
         self.outcome = ''
@@ -172,22 +169,22 @@ class Board:
     def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float) -> None:
         """Take a battery state."""
         self._advance('battery', at_s, now_s)
-        self._battery, plan = (temperature_c, soc), self.plan
+        self.temperature_c, self.soc, plan = temperature_c, soc, self.plan
         # With the heat under way, as far as a fresh plan tells it.
         settled_c = (plan.temperatures_c[0] if plan is not None and plan.times_s
                      and abs(at_s - plan.at_s) < PLAN_FRESH_S else math.nan)
         unheated_c = math.nan if self.unheated is None else self.unheated.unheated_c(
             at_s, settled_c, soc, *self._drawn_w(at_s, settled_c, {
-                HVCH: self._heat_w(at_s), **(self._coming_w if at_s <= self._until_s else {})}))
+                HVCH: self._heat_w(at_s), **(self._coming_w if at_s <= self.until_s else {})}))
         self.temperatures.add((at_s, temperature_c, soc, unheated_c))
 
     def see_command(self, at_s: float, power_w: float, reason: int, now_s: float,
                     until_s: float = math.inf) -> None:
         """Take a heater command with the end of its lease [s]."""
         self._advance('command', at_s, now_s)
-        if math.isfinite(power_w) and not abs(power_w - self._power_w) < LEAST_CHANGE_W:
+        if math.isfinite(power_w) and not abs(power_w - self.power_w) < LEAST_CHANGE_W:
             self.powers.add((at_s, power_w))
-        self._power_w, self._reason, self._until_s = power_w, reason, until_s
+        self.power_w, self.reason, self.until_s = power_w, reason, until_s
         if math.isfinite(power_w):
             self._account.command(_ns(at_s), power_w, _ns(min(until_s, at_s + LONGEST_LEASE_S)))
 
@@ -195,22 +192,21 @@ class Board:
         """Take a command to another heat source; those of an instant are shown once the next instant's begin."""
         if self.at_s is None or not abs(at_s - self.at_s) <= LONGEST_LEASE_S or at_s < self._coming_s:
             return
-        name, before_w = shortened(name, LONGEST_SOURCE), self._mix_w
+        name, before_w = shortened(name, LONGEST_SOURCE), self.sources_w
         if at_s > self._coming_s:
             # That of the HVCH comes last.
-            mix_w = {HVCH: self._power_w, **self._coming_w}
+            mix_w = {HVCH: self.power_w, **self._coming_w}
             if len(mix_w) > len(before_w):
                 # Rows with more columns.
                 self.mixes, self.generation = Trail(), self.generation + 1
             if self._coming_w and not all(abs(watts - before_w.get(each, math.nan)) < LEAST_CHANGE_W
                                           for each, watts in mix_w.items()):
                 self.mixes.add((self._coming_s, *mix_w.values()))
-                self._mix_w = mix_w
+                self.sources_w = mix_w
             self._coming_s, self._coming_w = at_s, dict(self._coming_w)
         if math.isfinite(power_w) and name != HVCH and (
                 name in self._coming_w or len(self._coming_w) < MOST_ENTRIES):
             self._coming_w[name] = power_w
-        self.version += 1
 
     def see_answer(self, status: HeaterStatus) -> None:
         """Take an answer of the heater's controller."""
@@ -225,19 +221,18 @@ class Board:
             self.deliveries.add((at_s, power_w))
         self._delivered = at_s, power_w
         self._account.answer(status)
-        self.version += 1
 
-    def _delivered_w(self, at_s: float) -> float:
-        """Return the delivered power [W]; NaN: no recent answer."""
+    def delivered_w(self, at_s: float | None) -> float:
+        """Return the delivered power [W] at an instant [s]; NaN: no recent answer."""
         answered_s, power_w = self._delivered
-        return power_w if at_s - answered_s <= ANSWER_HOLDS_S else math.nan
+        return power_w if at_s is not None and at_s - answered_s <= ANSWER_HOLDS_S else math.nan
 
     def _heat_w(self, at_s: float) -> float:
         """Return the heater's power [W] as delivered, else the estimated share of the command."""
-        delivered_w = self._delivered_w(at_s)
+        delivered_w = self.delivered_w(at_s)
         if not math.isnan(delivered_w):
             return delivered_w
-        return self._diagnosis.heater_share * self._power_w if at_s <= self._until_s else 0.0
+        return self.diagnosis.heater_share * self.power_w if at_s <= self.until_s else 0.0
 
     def _drawn_w(self, at_s: float, temperature_c: float,
                  powers_w: Mapping[str, float]) -> tuple[float, float | None]:
@@ -253,7 +248,6 @@ class Board:
         if self.plan is None or plan.route_id != self.plan.route_id:
             self.trip_from_s = plan.at_s
         self.plan = plan
-        self.plan_version += 1
         mark = change_of(self._marked, plan)
         if mark is not None:
             self.marks.append(mark)
@@ -262,14 +256,13 @@ class Board:
     def see_route(self, route: RouteSeen) -> None:
         """Take a route."""
         self._route = route
-        self.version += 1
 
     def see_diagnostics(self, at_s: float, entries: Iterable[EntrySeen], now_s: float) -> None:
         """Take the planner's entries of /diagnostics."""
         self._advance('diagnostics', at_s, now_s)
-        self._diagnosis = diagnose(entries)
-        _note(self.regimes, at_s, self._diagnosis.regime)
-        _note(self.doubts, at_s, ', '.join(self._diagnosis.doubts))
+        self.diagnosis = diagnose(entries)
+        _note(self.regimes, at_s, self.diagnosis.regime)
+        _note(self.doubts, at_s, ', '.join(self.diagnosis.doubts))
 
     def _advance(self, topic: str, at_s: float, now_s: float) -> None:
         """Note that a message came; start again if its clock was set back."""
@@ -278,26 +271,33 @@ class Board:
         self._latest_s[topic] = at_s
         self.at_s = at_s if self.at_s is None else max(self.at_s, at_s)
         self.pulses[topic].beat(now_s, at_s)
-        self.version += 1
 
-    # Output for the page
+    # Values for page and terminal
 
     def banner(self, now_s: float) -> Banner | None:
         """Return the Banner on a missing, silent or frozen planner; None if all is well."""
         return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
 
-    def view(self, now_s: float) -> View:
-        """Return the View of now."""
-        plan, (temperature_c, soc) = self.plan, self._battery
-        reserve = (None if self._route is None or plan is None
-                   else self._route.reserve_of_leg(plan.later_legs) or None)
-        return View(
-            self.at_s, self.banner(now_s), {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()},
-            sorted(topic for topic, pulse in self.pulses.items()
-                   if pulse.is_late(now_s) or not self.around.is_there),
-            temperature_c, soc, self._power_w,
-            math.nan if self.at_s is None else self._delivered_w(self.at_s), self._until_s, self._reason, plan,
-            reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome, self._mix_w)
+    def ages_s(self, now_s: float) -> dict[str, float | None]:
+        """Return the age of the latest message of each topic [s of real time]; None before the first."""
+        return {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()}
+
+    def late(self, now_s: float) -> list[str]:
+        """Return the overdue topics."""
+        return sorted(topic for topic, pulse in self.pulses.items()
+                      if pulse.is_late(now_s) or not self.around.is_there)
+
+    @property
+    def reserve(self) -> float | None:
+        """The charge asked for on arrival; None: none, or unknown."""
+        if self._route is None or self.plan is None:
+            return None
+        return self._route.reserve_of_leg(self.plan.later_legs) or None
+
+    @property
+    def sentence(self) -> str:
+        """The plan's sentence, '' without one."""
+        return '' if self.plan is None else shortened(self.plan.sentence, LONGEST_SENTENCE)
 
     def plan_curves(self) -> dict[str, Any]:
         """Return the trajectories of the plan, thinned; empty columns without one."""
@@ -325,26 +325,26 @@ class Board:
     def history(self, temperatures: int = 0, powers: int = 0, deliveries: int = 0,
                 mixes: int = 0) -> dict[str, Any]:
         """Return the history after the first rows of each trail, in columns."""
-        rows = self.temperatures.since(temperatures)
-        times, measured, socs, unheated = zip(*rows) if rows else ((), (), (), ())
-        values: dict[str, Any] = {
-            'time': instants(times), 'measured': numbers(measured, 2), 'soc': numbers(socs, 4),
-            'unheated': numbers(unheated, 2)}
         mix_rows = self.mixes.since(mixes)
-        values |= {'mixTime': instants([row[0] for row in mix_rows]),
-                   'mix': [numbers(row[1:], 0) for row in mix_rows]}
-        for name, trail, count in (('power', self.powers, powers), ('delivered', self.deliveries, deliveries)):
-            power_rows = trail.since(count)
-            power_times, watts = zip(*power_rows) if power_rows else ((), ())
-            values |= {f'{name}Time': instants(power_times), name: numbers(watts, 0)}
+        values: dict[str, Any] = {'mixTime': instants([row[0] for row in mix_rows]),
+                                  'mix': [numbers(row[1:], 0) for row in mix_rows]}
+        # The columns of each trail with their digits.
+        for trail, count, time, columns in (
+                (self.temperatures, temperatures, 'time', {'measured': 2, 'soc': 4, 'unheated': 2}),
+                (self.powers, powers, 'powerTime', {'power': 0}),
+                (self.deliveries, deliveries, 'deliveredTime', {'delivered': 0})):
+            rows = trail.since(count)
+            values[time] = instants([row[0] for row in rows])
+            values |= {name: numbers([row[at] for row in rows], digits)
+                       for at, (name, digits) in enumerate(columns.items(), start=1)}
         return values
 
     def events(self) -> dict[str, Any]:
         """Return what changed in the plan, the periods of regimes and doubts, and lapses of the command."""
         lapses = [Span(span.from_ns / NS_PER_S, span.to_ns / NS_PER_S, NO_COMMAND)
                   for span in self._account.latest_without_command(MOST_SPANS)]
-        if self.at_s is not None and self.at_s > self._until_s:
-            lapses.append(Span(self._until_s, None, NO_COMMAND))
+        if self.at_s is not None and self.at_s > self.until_s:
+            lapses.append(Span(self.until_s, None, NO_COMMAND))
         return {'marks': [[instant(mark.at_s), *mark[1:]] for mark in self.marks],
                 'regimes': [list(span) for span in self.regimes if span.text],
                 'doubts': [list(span) for span in self.doubts if span.text],
@@ -389,4 +389,4 @@ def _note(spans: deque[Span], at_s: float, text: str) -> None:
 
 
 def _ns(at_s: float) -> int:
-    return round(at_s * NS_PER_S)
+    return round(min(max(at_s, -MOST_STAMP_S), MOST_STAMP_S) * NS_PER_S)

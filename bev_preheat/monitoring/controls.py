@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING
 
@@ -59,7 +59,6 @@ class Controls:
     """
 
     def __init__(self, node: Node, on_outcome: Callable[[str, str], object]) -> None:
-        """Start without clients."""
         self._node, self._on_outcome = node, on_outcome
         self._asked: SimpleQueue[tuple[str, Asked, float | None, Future[Answer]]] = SimpleQueue()
         self._talks: list[tuple[Conversation, Future[Answer]]] = []
@@ -96,11 +95,8 @@ class Controls:
         return answer
 
     def _on_guard(self) -> None:
-        while True:
-            try:
-                planner, asked, at_s, answer = self._asked.get_nowait()
-            except Empty:
-                break
+        while not self._asked.empty():
+            planner, asked, at_s, answer = self._asked.get()
             self._talks.append((self._talk(planner, asked, at_s), answer))
         if self._talks:
             self._timer.reset()

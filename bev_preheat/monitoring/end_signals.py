@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 import signal
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from types import FrameType
 
 # A closed terminal ends the view like Ctrl-C.
@@ -16,26 +14,20 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class EndSignals:
-    """Whether SIGINT, SIGTERM or SIGHUP has come; a second one raises KeyboardInterrupt."""
+    """Whether SIGINT, SIGTERM or SIGHUP has come within the block; a second one raises KeyboardInterrupt."""
 
-    def __init__(self) -> None:
-        """Start without a signal."""
-        self.have_come = False
+    have_come = False
 
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Record a signal; the second one interrupts a blocked output."""
+    def __enter__(self) -> EndSignals:
+        self._before = {number: signal.signal(number, self._hear) for number in END_SIGNALS}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
         if self.have_come:
+            # A blocked output must end, too.
             raise KeyboardInterrupt
         self.have_come = True
-
-
-@contextmanager
-def end_signals() -> Iterator[EndSignals]:
-    """Yield the EndSignals that record signals during the block."""
-    taken = EndSignals()
-    before = {number: signal.signal(number, taken) for number in END_SIGNALS}
-    try:
-        yield taken
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

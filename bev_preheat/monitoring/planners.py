@@ -8,10 +8,11 @@ nor keeps samples for it.
 
 from __future__ import annotations
 
+from functools import partial
 import math
 from threading import Lock
 import time
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    # The full names of a planner's topics by the type of their messages; '' if it has none.
+    Topics = dict[str, str]
+
 PLAN, COMMAND, SOURCE, ROUTE, ANSWER = (f'bev_preheat_msgs/msg/{name}' for name in (
     'PreheatPlan', 'HvchCommand', 'HeatSourceCommand', 'RoutePlan', 'HvchStatus'))
 BATTERY = 'sensor_msgs/msg/BatteryState'
@@ -53,18 +57,6 @@ MOST_PLANNERS = 24
 FORGOTTEN_AFTER_S = 900.0
 
 
-class PlannerFound(NamedTuple):
-    """A planner by the full name of its node, and the full names of its topics; '' if it has none."""
-
-    name: str
-    plan_topic: str
-    command_topic: str
-    battery_topic: str
-    route_topic: str
-    answer_topic: str = ''
-    source_topic: str = ''
-
-
 class Planners:
     """
     Follows the planners of the ROS graph; `boards` has the Board of each by the full name of its node.
@@ -78,8 +70,8 @@ class Planners:
         self._node, self._wanted, self._news = node, wanted, RepetitionFilter()
         self.lock = Lock()
         self.boards: dict[str, Board] = {}
-        self._found: dict[str, PlannerFound] = {}
-        self._ears: dict[str, Ears] = {}
+        self._found: dict[str, Topics] = {}
+        self._subscriptions: dict[str, list[Any]] = {}
         self._gone_s: dict[str, float] = {}
         node.create_subscription(
             DiagnosticArray, '/diagnostics', self.guarded('/diagnostics', self._on_diagnostics), QoSProfile(
@@ -88,18 +80,18 @@ class Planners:
     def look(self) -> tuple[list[str], list[str]]:
         """Look for planners; return those that came back, perhaps with another vehicle, and lost ones, by name."""
         there, now_s, back = find_planners(self._node, self._found), time.monotonic(), list[str]()
-        for name, planner in there.items():
+        for name, topics in there.items():
             self._gone_s.pop(name, None)
             if not self._wanted(name):
                 continue
             if name in self.boards and not self.boards[name].around.is_there:
                 back.append(name)
-            if self._found.get(name) != planner:
-                self._follow(planner)
+            if self._found.get(name) != topics:
+                self._follow(name, topics)
         forgotten = [name for name in self._found
                      if name not in there and now_s - self._gone_s.setdefault(name, now_s) > FORGOTTEN_AFTER_S]
         for name in forgotten:
-            self._ears.pop(name).close()
+            self._unsubscribe(name)
             del self._found[name], self._gone_s[name]
             with self.lock:
                 del self.boards[name]
@@ -110,17 +102,53 @@ class Planners:
                 board.around = around
         return back, forgotten
 
-    def _follow(self, planner: PlannerFound) -> None:
-        name = planner.name
-        if name in self._ears:
-            self._ears.pop(name).close()
+    def _follow(self, name: str, topics: Topics) -> None:
+        if name in self._subscriptions:
+            self._unsubscribe(name)
         elif len(self.boards) >= MOST_PLANNERS:
             self.warn(f'{name}: is not shown; there is room for {MOST_PLANNERS} planners')
             return
-        self._found[name] = planner
+        self._found[name] = topics
         with self.lock:
             board = self.boards.setdefault(name, Board())
-        self._ears[name] = Ears(self._node, planner, board, self.lock, self.guarded)
+        # Publishers of other qualities of service are not worth a warning each.
+        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscriptions[name] = [
+            self._node.create_subscription(
+                message, topics[kind], self.guarded(topics[kind], partial(self._take, board)), qos,
+                raw=kind == ROUTE, event_callbacks=quiet)
+            for kind, message, qos in (
+                (COMMAND, HvchCommand, LATEST), (SOURCE, HeatSourceCommand, SOURCES), (ANSWER, HvchStatus, LATEST),
+                (PLAN, PreheatPlan, LATCHED), (BATTERY, BatteryState, LATEST),
+                # A route may be published with any quality of service.
+                (ROUTE, RoutePlan, LATCHED), (ROUTE, RoutePlan, LATEST)) if topics[kind]]
+
+    def _unsubscribe(self, name: str) -> None:
+        for subscription in self._subscriptions.pop(name):
+            self._node.destroy_subscription(subscription)
+
+    def _take(self, board: Board, message: Any) -> None:
+        """Fill a Board with a message of its planner, or of the planner's inputs; a route comes as bytes."""
+        now_s = time.monotonic()
+        with self.lock:
+            match message:
+                case HvchCommand():
+                    board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
+                                      now_s, seconds(message.valid_until))
+                case HeatSourceCommand():
+                    board.see_source(seconds(message.header.stamp), message.name, message.battery_heating_power)
+                case HvchStatus():
+                    event = heater_status_event(message, math.inf)
+                    if isinstance(event, HeaterStatusArrived):
+                        board.see_answer(event.status)
+                case PreheatPlan():
+                    board.see_plan(plan_seen(message), now_s)
+                case BatteryState():
+                    board.see_battery(seconds(message.header.stamp), read_temperatures(message, []).battery_c,
+                                      message.percentage, now_s)
+                # The planner refuses longer ones unread, too.
+                case bytes() if len(message) <= LARGEST_ROUTE_BYTES:
+                    board.see_route(route_seen(deserialize_message(message, RoutePlan)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         at_s, now_s = seconds(message.header.stamp), time.monotonic()
@@ -145,78 +173,9 @@ class Planners:
             self._node.get_logger().warning(sentence)
 
 
-class Ears:
-    """Fills a Board, under its lock, with the messages of a planner and of its inputs."""
-
-    def __init__(self, node: Node, planner: PlannerFound, board: Board, lock: Lock,
-                 guarded: Callable[[str, Callable[..., None]], Callable[..., None]]) -> None:
-        """Subscribe; `guarded(what, action)` makes the callbacks."""
-        self._node, self._board, self._lock = node, board, lock
-        # Publishers of other qualities of service are not worth a warning each.
-        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
-
-        def subscribe(kind: type, topic: str, see: Callable[[Any], None], qos: QoSProfile,
-                      raw: bool = False) -> Any:
-            return node.create_subscription(kind, topic, guarded(topic, see), qos, raw=raw,
-                                            event_callbacks=quiet)
-        self._subscriptions = [
-            subscribe(HvchCommand, planner.command_topic, self._on_command, LATEST),
-            subscribe(PreheatPlan, planner.plan_topic, self._on_plan, LATCHED),
-            subscribe(BatteryState, planner.battery_topic, self._on_battery, LATEST)]
-        if planner.source_topic:
-            self._subscriptions.append(subscribe(
-                HeatSourceCommand, planner.source_topic, self._on_source, SOURCES))
-        if planner.answer_topic:
-            self._subscriptions.append(subscribe(HvchStatus, planner.answer_topic, self._on_answer, LATEST))
-        if planner.route_topic:
-            # Of a route only the reserve is shown; it may be published with any quality of service.
-            self._subscriptions += [subscribe(RoutePlan, planner.route_topic, self._on_route, qos, raw=True)
-                                    for qos in (LATCHED, LATEST)]
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
-        self._subscriptions = []
-
-    def _on_command(self, message: HvchCommand) -> None:
-        with self._lock:
-            self._board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
-                                    time.monotonic(), seconds(message.valid_until))
-
-    def _on_source(self, message: HeatSourceCommand) -> None:
-        with self._lock:
-            self._board.see_source(seconds(message.header.stamp), message.name, message.battery_heating_power)
-
-    def _on_answer(self, message: HvchStatus) -> None:
-        event = heater_status_event(message, math.inf)
-        if isinstance(event, HeaterStatusArrived):
-            with self._lock:
-                self._board.see_answer(event.status)
-
-    def _on_plan(self, message: PreheatPlan) -> None:
-        plan = plan_seen(message)
-        with self._lock:
-            self._board.see_plan(plan, time.monotonic())
-
-    def _on_battery(self, message: BatteryState) -> None:
-        temperature_c = read_temperatures(message, []).battery_c
-        with self._lock:
-            self._board.see_battery(seconds(message.header.stamp), temperature_c, message.percentage,
-                                    time.monotonic())
-
-    def _on_route(self, data: bytes) -> None:
-        if len(data) > LARGEST_ROUTE_BYTES:
-            # The planner refuses it unread, too.
-            return
-        route = route_seen(deserialize_message(data, RoutePlan))
-        with self._lock:
-            self._board.see_route(route)
-
-
-def find_planners(node: Node, known: dict[str, PlannerFound]) -> dict[str, PlannerFound]:
-    """Return the planners that are there, by name; those in `known` are not examined again."""
-    found: dict[str, PlannerFound] = {}
+def find_planners(node: Node, known: dict[str, Topics]) -> dict[str, Topics]:
+    """Return the Topics of planners that are there, by full name; those in `known` are not examined again."""
+    found: dict[str, Topics] = {}
     for topic, types in node.get_topic_names_and_types():
         if PLAN not in types:
             continue
@@ -224,26 +183,23 @@ def find_planners(node: Node, known: dict[str, PlannerFound]) -> dict[str, Plann
             if endpoint.topic_type != PLAN or endpoint.node_name.startswith('_'):
                 continue
             name = endpoint_name(endpoint)
-            earlier = known.get(name)
-            if earlier is not None and earlier.plan_topic == topic:
-                found[name] = earlier
-                continue
-            planner = _examine(node, name, endpoint.node_name, endpoint.node_namespace, topic)
-            if planner is not None:
-                found[name] = planner
+            topics = known.get(name)
+            if topics is None or topics[PLAN] != topic:
+                topics = _examine(node, endpoint.node_name, endpoint.node_namespace, topic)
+            if topics is not None:
+                found[name] = topics
     return found
 
 
-def _examine(node: Node, full_name: str, name: str, namespace: str, plan_topic: str) -> PlannerFound | None:
+def _examine(node: Node, name: str, namespace: str, plan_topic: str) -> Topics | None:
     try:
         out = node.get_publisher_names_and_types_by_node(name, namespace)
         into = node.get_subscriber_names_and_types_by_node(name, namespace)
     except NodeNameNonExistentError:
         # Its endpoints are known before its name.
         return None
-    command, source, battery, route, answer = (
-        next((topic for topic, types in topics if kind in types), '')
-        for topics, kind in ((out, COMMAND), (out, SOURCE), (into, BATTERY), (into, ROUTE), (into, ANSWER)))
-    # Half discovered.
-    return (PlannerFound(full_name, plan_topic, command, battery, route, answer, source)
-            if command and battery else None)
+    topics = {PLAN: plan_topic} | {
+        kind: next((topic for topic, types in ends if kind in types), '')
+        for ends, kind in ((out, COMMAND), (out, SOURCE), (into, BATTERY), (into, ROUTE), (into, ANSWER))}
+    # Otherwise half discovered.
+    return topics if topics[COMMAND] and topics[BATTERY] else None

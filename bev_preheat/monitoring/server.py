@@ -8,6 +8,7 @@ A tab that does not read gets no further messages, and is closed after a while, 
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from ipaddress import ip_address
 import json
 import os
@@ -85,6 +86,11 @@ class Checked(RequestHandler):
         """The cookie of the session, '' without one."""
         return str(self.get_cookie(COOKIE, '') or '')
 
+    def write_page(self, text: str) -> None:
+        """Answer with a page."""
+        self.set_header('Content-Type', 'text/html; charset=utf-8')
+        self.finish(text)
+
     def write_error(self, status_code: int, **options: Any) -> None:
         """Answer with one line."""
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
@@ -96,22 +102,7 @@ class Checked(RequestHandler):
             self.shared.log(f'web page: {type(error).__name__}: {error}')
 
 
-class PageHandler(Checked):
-    """A request for a page or a file."""
-
-    def write_page(self, text: str) -> None:
-        """Answer with a page."""
-        self.set_header('Content-Type', 'text/html; charset=utf-8')
-        self.finish(text)
-
-    def write_json(self, value: Any, status: int = 200) -> None:
-        """Answer with JSON."""
-        self.set_status(status)
-        self.set_header('Content-Type', 'application/json')
-        self.finish(written(value))
-
-
-class MissingHandler(PageHandler):
+class MissingHandler(Checked):
     """Any other address."""
 
     needs_session = False
@@ -122,7 +113,7 @@ class MissingHandler(PageHandler):
         raise HTTPError(404)
 
 
-class MainHandler(PageHandler):
+class MainHandler(Checked):
     """The page, or the form for the token."""
 
     needs_session = False
@@ -140,7 +131,7 @@ class MainHandler(PageHandler):
             self.write_page(login_page(''))
 
 
-class LoginHandler(PageHandler):
+class LoginHandler(Checked):
     """The token from the form."""
 
     needs_session, is_followed = False, True
@@ -150,7 +141,7 @@ class LoginHandler(PageHandler):
         await exchange_token(self, self.get_body_argument('token', ''))
 
 
-async def exchange_token(handler: PageHandler, token: str) -> None:
+async def exchange_token(handler: Checked, token: str) -> None:
     """Set the cookie and go to the page; answer a wrong token late."""
     access, waiting = handler.shared.access, handler.shared.wrong_tokens
     if access.is_token(token):
@@ -168,7 +159,7 @@ async def exchange_token(handler: PageHandler, token: str) -> None:
     handler.write_page(login_page('This is not the token.'))
 
 
-class AssetHandler(PageHandler):
+class AssetHandler(Checked):
     """A script or a style."""
 
     needs_session = False
@@ -183,10 +174,16 @@ class AssetHandler(PageHandler):
         self.finish(file_of(name))
 
 
-class AskHandler(PageHandler):
+class AskHandler(Checked):
     """A request to a planner."""
 
     is_followed = True
+
+    def answer(self, is_accepted: bool, text: str, status: int = 200) -> None:
+        """Answer with JSON."""
+        self.set_status(status)
+        self.set_header('Content-Type', 'application/json')
+        self.finish(written({'isAccepted': is_accepted, 'text': text}))
 
     async def post(self) -> None:
         """Ask the planner and answer with its answer."""
@@ -199,19 +196,18 @@ class AskHandler(PageHandler):
             values = json.loads(self.request.body)
             asked = asked_of(values)
         except (ValueError, RecursionError) as error:
-            text = str(error) if isinstance(error, InvalidInput) else 'The request is not JSON.'
-            self.write_json({'isAccepted': False, 'text': text}, 400)
+            self.answer(False, str(error) if isinstance(error, InvalidInput) else 'The request is not JSON.', 400)
             return
         answered = source.ask(str(values.get('planner', '')), asked)
         if answered is None:
-            self.write_json({'isAccepted': False, 'text': 'There is no such planner.'}, 404)
+            self.answer(False, 'There is no such planner.', 404)
             return
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(answered), LONGEST_REQUEST_S)
         except TimeoutError:
-            self.write_json({'isAccepted': False, 'text': 'No answer in time; look at the status.'}, 504)
+            self.answer(False, 'No answer in time; look at the status.', 504)
             return
-        self.write_json({'isAccepted': answer.is_accepted, 'text': answer.text})
+        self.answer(*answer)
 
 
 class TabHandler(Checked, WebSocketHandler):
@@ -304,7 +300,8 @@ class PageServer:
                                'port:=, or 0 for any free one') from error
         self.port: int = self._sockets[0].getsockname()[1]
         self._shared = Shared(access, source, set(), log, set())
-        self._ready, self._thread = Event(), Thread(target=self._run, name='web page', daemon=True)
+        self._ready, self._thread = Event(), Thread(
+            target=lambda: asyncio.run(self._serve()), name='web page', daemon=True)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._end: asyncio.Event | None = None
 
@@ -331,9 +328,6 @@ class PageServer:
             self._loop.call_soon_threadsafe(self._end.set)
             self._thread.join(STOPPED_WITHIN_S)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         application = Application(
@@ -351,10 +345,8 @@ class PageServer:
             while not self._end.is_set():
                 for tab in list(self._shared.tabs):
                     tab.send()
-                try:
+                with suppress(TimeoutError):
                     await asyncio.wait_for(self._end.wait(), EVENT_PERIOD_S)
-                except TimeoutError:
-                    pass
         finally:
             server.stop()
             for tab in list(self._shared.tabs):

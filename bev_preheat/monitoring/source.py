@@ -9,20 +9,20 @@ import math
 from threading import Lock
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.monitoring.view import status_name, written
+from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.monitoring.view import instant, LONGEST_SENTENCE, number, status_name, written
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.monitoring.board import Board
+    from bev_preheat.monitoring.seen import PlanSeen
 
     # Asks a planner by name at an instant of its clock [s].
     Ask = Callable[[str, 'Asked', float | None], Future['Answer']]
 
-ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP = (
+KINDS = ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP = (
     'enable', 'disable', 'prepare', 'cancel', 'skip', 'unskip')
-KINDS = (ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP)
 # As the action has them: a day ahead, and the temperatures of batteries.
 MINUTES, TARGETS_C = (1.0, 1440.0), (-60.0, 60.0)
 # A tab gets the trajectories of a plan at most this often [s]: the planner makes a plan at each battery state.
@@ -74,11 +74,11 @@ def _number(values: dict[str, Any], name: str, limits: tuple[float, float], unit
 
 @dataclass
 class Cursor:
-    """Contents of a tab: generations and numbers of rows of the trails, version of the plan, events as text."""
+    """Contents of a tab: generations and numbers of rows of the trails, the plan, events as text."""
 
     generations: tuple[int, ...] = ()
     rows: tuple[int, int, int, int] = (0, 0, 0, 0)
-    plan_version: int = -1
+    plan: PlanSeen | None = None
     plan_at_s: float = float('-inf')
     events: str = ''
 
@@ -125,12 +125,11 @@ class LiveSource:
             board = self.boards.get(planner)
             if board is not None:
                 board.outcome = text
-                board.version += 1
 
 
 def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
     """Return the next message (JSON) to the tab of a Cursor, and advance that; `now_s` is monotonic."""
-    values: dict[str, Any] = {'planner': planner, 'view': board.view(now_s).as_dictionary()}
+    values: dict[str, Any] = {'planner': planner, 'view': view_values(board, now_s)}
     trails = board.temperatures, board.powers, board.deliveries, board.mixes
     generations = (board.generation, *(trail.generation for trail in trails))
     is_new = generations != cursor.generations
@@ -140,11 +139,41 @@ def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
     if is_new or counts != cursor.rows:
         values['history'] = {'isWhole': is_new, **board.history(*cursor.rows)}
         cursor.rows = counts
-    if is_new or (board.plan_version != cursor.plan_version and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
+    if is_new or (board.plan is not cursor.plan and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
         values['plan'] = board.plan_curves()
-        cursor.plan_version, cursor.plan_at_s = board.plan_version, now_s
+        cursor.plan, cursor.plan_at_s = board.plan, now_s
     events = written(board.events())
     if events != cursor.events:
         values['events'] = board.events()
         cursor.events = events
     return written(values)
+
+
+def view_values(board: Board, now_s: float) -> dict[str, Any]:
+    """Return the values of a Board for the page's JSON, rounded as they are shown; `now_s` is monotonic."""
+    banner = board.banner(now_s)
+    return {
+        'at': instant(board.at_s), 'banner': None if banner is None else banner._asdict(),
+        'ages': {topic: number(age_s, 1) for topic, age_s in board.ages_s(now_s).items()},
+        'late': board.late(now_s), 'temperature': number(board.temperature_c, 2), 'soc': number(board.soc, 4),
+        'power': number(board.power_w, 1), 'delivered': number(board.delivered_w(board.at_s), 1),
+        'sources': [[name, number(power_w, 1)] for name, power_w in board.sources_w.items()],
+        'reason': None if board.reason is None else status_name(board.reason),
+        **_plan_values(board), 'reserve': number(board.reserve, 4), 'unheatedProblem': board.unheated_problem,
+        'outcome': shortened(board.outcome, LONGEST_SENTENCE), 'tripFrom': instant(board.trip_from_s),
+        **board.diagnosis.as_dictionary()}
+
+
+def _plan_values(board: Board) -> dict[str, Any]:
+    plan = board.plan
+    if plan is None:
+        return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
+    return {
+        'status': status_name(plan.status), 'sentence': board.sentence,
+        'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
+        'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
+        'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
+        'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
+        'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE),
+        'arrivalSoc': number(plan.arrival_soc, 4),
+        'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of `preheat monitor`: listen briefly, show the planner's View as text, repeat."""
+"""The loop of `preheat monitor`: listen briefly, show the planner's Board as text, repeat."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.monitoring.end_signals import EndSignals
-    from bev_preheat.monitoring.view import View
     from bev_preheat.nodes.listening import Listener
 
 STYLES = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'bold red', 'STALE': 'red'}
@@ -50,43 +49,43 @@ LEAST_SPAN_K = 1.0
 
 def page(board: Board, now_s: float, name: str, height: int | None = None) -> Panel:
     """Return the page of a Board; beyond `height` rows the bottom is cut off, which matters least."""
-    view = board.view(now_s)
-    parts: list[RenderableType] = [] if view.banner is None else [
-        Text(view.banner.text, 'bold red' if view.banner.level == 'error' else 'bold yellow')]
-    parts.append(Columns([_figure(*pair) for pair in figures(view)], padding=(0, 2), equal=True))
-    if view.plan is not None:
-        parts.append(Text.assemble((status_name(view.plan.status), 'bold'),
-                                   f': {one_line(view.sentence) or UNKNOWN}'))
-        reason = one_line(shortened(view.plan.target_reason, LONGEST_SENTENCE))
-        if reason and reason not in view.sentence:
+    banner = board.banner(now_s)
+    parts: list[RenderableType] = [] if banner is None else [
+        Text(banner.text, 'bold red' if banner.level == 'error' else 'bold yellow')]
+    parts.append(Columns([_figure(*pair) for pair in figures(board)], padding=(0, 2), equal=True))
+    if board.plan is not None:
+        parts.append(Text.assemble((status_name(board.plan.status), 'bold'),
+                                   f': {one_line(board.sentence) or UNKNOWN}'))
+        reason = one_line(shortened(board.plan.target_reason, LONGEST_SENTENCE))
+        if reason and reason not in board.sentence:
             parts.append(Text.assemble(('Target', 'bold'), f': {reason}'))
-    return Panel(Group(*parts, *_courses(board), *_source_courses(view), _diagnostics(view), _ages(view)),
-                 title=name, height=height)
+    parts += [*_courses(board), *_source_courses(board), _diagnostics(board), _ages(board, now_s)]
+    return Panel(Group(*parts), title=name, height=height)
 
 
-def line(view: View) -> str:
+def line(board: Board) -> str:
     """Return the same data in one line of text, for an output that is not a terminal."""
-    plan = view.plan
-    told = 'no plan yet' if plan is None else f'{status_name(plan.status)}: {one_line(view.sentence)}'
-    others = ''.join(f'{one_line(name)} {_number(power_w, "W", 0)}  ' for name, power_w in view.sources_w.items()
+    plan = board.plan
+    told = 'no plan yet' if plan is None else f'{status_name(plan.status)}: {one_line(board.sentence)}'
+    others = ''.join(f'{one_line(name)} {_number(power_w, "W", 0)}  ' for name, power_w in board.sources_w.items()
                      if name != HVCH)
-    return (f'battery {_number(view.temperature_c, "degC")}  arrival {_prediction(view)}  '
-            f'heater {_number(view.power_w, "W", 0)}  {others}{told}')
+    return (f'battery {_number(board.temperature_c, "degC")}  arrival {_prediction(board)}  '
+            f'heater {_number(board.power_w, "W", 0)}  {others}{told}')
 
 
-def figures(view: View) -> list[tuple[str, str]]:
+def figures(board: Board) -> list[tuple[str, str]]:
     """Return the names and texts of the figures, current and predicted ones alternating."""
-    plan, departure = view.plan, view.diagnosis.departure
+    plan, departure = board.plan, board.diagnosis.departure
     arrival_soc = math.nan if plan is None else plan.arrival_soc
-    reserve = math.nan if view.reserve is None else view.reserve
+    reserve = math.nan if board.reserve is None else board.reserve
     return [
-        ('Battery', _number(view.temperature_c, 'degC')), ('State of charge', _percent(view.soc)),
+        ('Battery', _number(board.temperature_c, 'degC')), ('State of charge', _percent(board.soc)),
         ('Target', _number(None if plan is None else plan.target_c, 'degC')),
-        ('On arrival', _percent(arrival_soc)), ('Predicted', _prediction(view)),
+        ('On arrival', _percent(arrival_soc)), ('Predicted', _prediction(board)),
         ('Reserve', f'{_percent(reserve)}, spare {_percent(arrival_soc - reserve)}'),
-        ('Heater', _command(view)), ('Heating', _heating(view)),
-        ('Delivered', _number(view.delivered_w, 'W', 0)),
-        ('Arrival', _until(None if plan is None else plan.arrival_s, view.at_s)),
+        ('Heater', _command(board)), ('Heating', _heating(board)),
+        ('Delivered', _number(board.delivered_w(board.at_s), 'W', 0)),
+        ('Arrival', _until(None if plan is None else plan.arrival_s, board.at_s)),
         *([] if plan is None or not plan.sessions else zip(('Charging', 'Unheated'), plan.sessions)),
         *([] if departure is None else [('Departure', one_line(departure.next_words) or UNKNOWN),
                                         ('Preparation', one_line(departure.state) or UNKNOWN)])]
@@ -96,19 +95,19 @@ def _figure(name: str, text: str) -> Text:
     return Text.assemble((f'{name:<{NAME_WIDTH}}', 'bold'), text)
 
 
-def _command(view: View) -> str:
-    text = _number(view.power_w, 'W', 0)
-    lease_s = math.inf if view.at_s is None else view.until_s - view.at_s
+def _command(board: Board) -> str:
+    text = _number(board.power_w, 'W', 0)
+    lease_s = math.inf if board.at_s is None else board.until_s - board.at_s
     return f'{text}, lease {lease_s:.1f} s' if abs(lease_s) < LONGEST_LEFT_S else text
 
 
-def _heating(view: View) -> str:
-    plan = view.plan
+def _heating(board: Board) -> str:
+    plan = board.plan
     if plan is None or plan.heating_start_s is None:
         return UNKNOWN if plan is None else 'none planned'
-    if max(0.0, view.power_w, *view.sources_w.values()) > 0.0:
-        return f'on; ends {_until(plan.heating_end_s, view.at_s)}'
-    return f'starts {_until(plan.heating_start_s, view.at_s)}'
+    if max(0.0, board.power_w, *board.sources_w.values()) > 0.0:
+        return f'on; ends {_until(plan.heating_end_s, board.at_s)}'
+    return f'starts {_until(plan.heating_start_s, board.at_s)}'
 
 
 def _until(instant_s: float | None, now_s: float | None) -> str:
@@ -118,10 +117,10 @@ def _until(instant_s: float | None, now_s: float | None) -> str:
     return f'in {duration_text(left_s)}' if left_s >= 0.0 else f'{duration_text(-left_s)} ago'
 
 
-def _prediction(view: View) -> str:
-    if view.plan is None:
+def _prediction(board: Board) -> str:
+    if board.plan is None:
         return UNKNOWN
-    text, deviation_k = _number(view.plan.predicted_c, 'degC'), view.plan.deviation_k
+    text, deviation_k = _number(board.plan.predicted_c, 'degC'), board.plan.deviation_k
     return f'{text} +- {deviation_k:.1f}' if math.isfinite(deviation_k) and deviation_k > 0.0 else text
 
 
@@ -145,14 +144,14 @@ def _courses(board: Board) -> list[Text]:
             for name, values in (('Until now', measured), ('Planned', planned)) if len(values) > 1]
 
 
-def _source_courses(view: View) -> list[Text]:
+def _source_courses(board: Board) -> list[Text]:
     """Return the planned power of each heat source in use until arrival, on one scale, and its command."""
-    plans_w = {} if view.plan is None else view.plan.sources_w
+    plans_w = {} if board.plan is None else board.plan.sources_w
     planned_w = {name: [max(number(power_w) or 0.0, 0.0) for power_w in plans_w.get(name, ())]
-                 for name in view.sources_w}
-    most_w = max(1.0, *(power_w for powers_w in planned_w.values() for power_w in powers_w), 1.0)
+                 for name in board.sources_w}
+    most_w = max([1.0, *(power_w for powers_w in planned_w.values() for power_w in powers_w)])
     return [_figure(one_line(name), f'{course(planned_w[name], 0.0, most_w)}  {_number(power_w, "W", 0)} now')
-            for name, power_w in view.sources_w.items() if power_w > 0.0 or any(planned_w[name])]
+            for name, power_w in board.sources_w.items() if power_w > 0.0 or any(planned_w[name])]
 
 
 def _drawable(value_c: float) -> float:
@@ -168,22 +167,22 @@ def course(values: Sequence[float], low: float, span: float) -> str:
                    for value in chosen)
 
 
-def _diagnostics(view: View) -> Table:
+def _diagnostics(board: Board) -> Table:
     table = Table.grid(padding=(0, 2))
     # Written up to a second apart, they differ in the time left until arrival.
-    shown = None if view.plan is None else without_figures(f'{status_name(view.plan.status)}: {view.sentence}')
-    for entry in view.diagnosis.entries:
+    shown = None if board.plan is None else without_figures(f'{status_name(board.plan.status)}: {board.sentence}')
+    for entry in board.diagnosis.entries:
         level = level_name(entry.level)
         table.add_row(one_line(entry.name), Text(level, STYLES[level]), Text(
             'as above' if without_figures(entry.message) == shown else one_line(entry.message[:LONGEST_TOLD])))
     return table
 
 
-def _ages(view: View) -> Text:
-    text = Text('Heard: ')
-    for topic, age_s in view.ages_s.items():
+def _ages(board: Board, now_s: float) -> Text:
+    text, late = Text('Heard: '), board.late(now_s)
+    for topic, age_s in board.ages_s(now_s).items():
         text.append(f'{topic} never  ' if age_s is None else f'{topic} {age_s:.1f} s  ',
-                    'red' if age_s is None or topic in view.late else 'dim')
+                    'red' if age_s is None or topic in late else 'dim')
     return text
 
 
@@ -199,7 +198,6 @@ class LiveView:
 
     def __init__(self, listener: Listener, planner: str, console: Console, signals: EndSignals,
                  seconds: float | None = None) -> None:
-        """Start; nothing is shown yet."""
         self._listener, self._planner, self._console = listener, planner, console
         self._signals, self._seconds = signals, seconds
         self._planners = Planners(listener.node, planner.__eq__)
@@ -264,8 +262,8 @@ class LiveView:
         next_s = self._started_s + min(PATIENCE_S, LINE_PERIOD_S)
         while not self._is_over():
             self._listen()
-            if (now_s := time.monotonic()) >= next_s:
-                told = self._waiting() if self._board is None else Text(line(self._board.view(now_s)))
+            if time.monotonic() >= next_s:
+                told = self._waiting() if self._board is None else Text(line(self._board))
                 self._console.print(told, soft_wrap=True)
                 next_s += LINE_PERIOD_S
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view of a planner at an instant: the one value that the web page and the terminal lay out, also as JSON."""
+"""What web page and terminal show alike: the banner on a planner's health, and values as they are shown."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ import json
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.errors import shortened
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from bev_preheat.monitoring.seen import Diagnosis, PlanSeen
+    from collections.abc import Sequence
 
 # A message is late after this time [s of real time], or after LATE_INTERVALS of its usual intervals.
 LATE_S, LATE_INTERVALS, LONGEST_LATE_S = 3.0, 4.0, 40.0
@@ -84,12 +81,9 @@ def banner_of(around: Surroundings, command: Pulse, battery: Pulse, now_s: float
     if age_s is None:
         return Banner('warning', 'The planner is there; its first message has not arrived yet.', 'no message yet')
     if command.is_late(now_s):
-        if around.is_simulated and not around.has_clock:
-            return Banner('error', f'The clock stands: nothing publishes /clock. No message for {age_s:.0f} s.',
-                          'its clock stands')
         if around.is_simulated:
-            return Banner('error', f'The clock stands: /clock does not advance. No message for {age_s:.0f} s.',
-                          'its clock stands')
+            why = '/clock does not advance' if around.has_clock else 'nothing publishes /clock'
+            return Banner('error', f'The clock stands: {why}. No message for {age_s:.0f} s.', 'its clock stands')
         return Banner('error', f'The planner is silent: no message for {age_s:.0f} s. Without fresh commands the '
                       'heater is off.', 'silent')
     if command.stands_s(now_s) > FROZEN_S:
@@ -134,68 +128,6 @@ def numbers(values: Sequence[float], digits: int = 3) -> list[float | None]:
 def written(value: Any) -> str:
     """Return a value as JSON, without characters that end a script element."""
     return json.dumps(value, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
-
-
-@dataclass(frozen=True)
-class View:
-    """
-    Plain values: instants in s of the planner's clock, temperatures in deg C, powers in W, charge 0 ... 1.
-
-    None and NaN stand for unknown. `ages_s` [s of real time] are those of the latest messages by topic, `late` are
-    the overdue topics. `until_s` is the end of the command's lease, `reserve` the charge asked for on arrival;
-    `outcome` says how the latest goal ended,
-    `sources_w` the commands to all heat sources by name, {} for the HVCH alone.
-    """
-
-    at_s: float | None
-    banner: Banner | None
-    ages_s: dict[str, float | None]
-    late: list[str]
-    temperature_c: float
-    soc: float
-    power_w: float
-    delivered_w: float
-    until_s: float
-    reason: int | None
-    plan: PlanSeen | None
-    reserve: float | None
-    trip_from_s: float | None
-    diagnosis: Diagnosis
-    unheated_problem: str = ''
-    outcome: str = ''
-    sources_w: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def sentence(self) -> str:
-        """The plan's sentence, '' without one."""
-        return '' if self.plan is None else shortened(self.plan.sentence, LONGEST_SENTENCE)
-
-    def as_dictionary(self) -> dict[str, Any]:
-        """Return plain values for the page's JSON, rounded as they are shown."""
-        return {
-            'at': instant(self.at_s), 'banner': None if self.banner is None else self.banner._asdict(),
-            'ages': {topic: number(age_s, 1) for topic, age_s in self.ages_s.items()}, 'late': self.late,
-            'temperature': number(self.temperature_c, 2), 'soc': number(self.soc, 4),
-            'power': number(self.power_w, 1), 'delivered': number(self.delivered_w, 1),
-            'sources': [[name, number(power_w, 1)] for name, power_w in self.sources_w.items()],
-            'reason': None if self.reason is None else status_name(self.reason),
-            **self._plan_values(), 'reserve': number(self.reserve, 4), 'unheatedProblem': self.unheated_problem,
-            'outcome': shortened(self.outcome, LONGEST_SENTENCE), 'tripFrom': instant(self.trip_from_s),
-            **self.diagnosis.as_dictionary()}
-
-    def _plan_values(self) -> dict[str, Any]:
-        plan = self.plan
-        if plan is None:
-            return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
-        return {
-            'status': status_name(plan.status), 'sentence': self.sentence,
-            'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
-            'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
-            'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
-            'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
-            'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE),
-            'arrivalSoc': number(plan.arrival_soc, 4),
-            'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}
 
 
 def status_name(number: int) -> str:

@@ -16,7 +16,7 @@ from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario_drive import drive_scenario
-from bev_preheat.simulation.supervised_drive import START_NS
+from bev_preheat.simulation.supervised_drive import START_NS, Wire
 from bev_preheat.vehicle import vehicle_contents
 
 if TYPE_CHECKING:
@@ -61,11 +61,12 @@ def drive_recorded(scenario: Scenario, recording: Path, warn: Callable[[str], ob
     return record
 
 
-class MessageWire:
+class MessageWire(Wire):
     """Makes each input a message, reads it as the node does, and records the steps."""
 
     def __init__(self, supervisor: Supervisor, scenario: Scenario, folder: str,
                  warn: Callable[[str], object]) -> None:
+        super().__init__(supervisor)
         self._supervisor, self._capacity_ah = supervisor, scenario.vehicle.battery.capacity_ah
         self._routes = RouteIntake()
         # The events of an instant are made before the first of them is a step.

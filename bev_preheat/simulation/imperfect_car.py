@@ -10,7 +10,6 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.simulation.heater import fault_at, HeaterFault, HeaterLease, next_change_s
@@ -72,9 +71,8 @@ def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | Non
 
 def true_route(route: Route, mismatch: Mismatch, random: np.random.Generator) -> Route:
     """Return the Route as driven: other propulsion power, same speed and times."""
-    factor = vary(random, len(route), mismatch.propulsion_power,
-                  mismatch.propulsion_power_variability)
-    route = route.with_propulsion(factor)
+    route = route.with_propulsion(vary(
+        random, len(route), mismatch.propulsion_power, mismatch.propulsion_power_variability))
     return with_cycles(route) if mismatch.visible_variation else route
 
 
@@ -147,8 +145,7 @@ class ImperfectCar:
         self._heats_itself, self._asleep_from_s = False, math.inf
         self.plant = VehiclePlant(self._true_vehicle, self._begin_drive(drive, 0.0), state)
         self._latest_drive = self.plant
-        self.readings_of = SensorReadings(
-            imperfections.sensors, np.random.default_rng(sensor_seed))
+        self.readings_of = SensorReadings(imperfections.sensors, np.random.default_rng(sensor_seed))
         self.readings_of.take(self.plant)
 
     @property
@@ -224,8 +221,7 @@ class ImperfectCar:
         """Return the next instant of a reading, an arriving message or a phase's end [s]."""
         news_s = self._letters[0].at_s if self._letters else math.inf
         end_s = self.plant.end_s if self._following else math.inf
-        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._next_position_s,
-                   news_s, end_s)
+        return min(self.readings_of.next_s, self.readings_of.next_arrival_s, self._next_position_s, news_s, end_s)
 
     @property
     def _next_position_s(self) -> float:
@@ -280,25 +276,27 @@ class ImperfectCar:
             self.plant = self._latest_drive = (
                 VehiclePlant(vehicle, route, self._first_state, now_s) if phase.starts_over
                 else self.plant.followed_by(vehicle, route))
-            return
-        if isinstance(phase, Charge):
+        elif isinstance(phase, Charge):
             self.plant = self.plant.followed_by(phase.vehicle(vehicle), phase.route(), phase.cooling(vehicle))
-            return
-        self.plant = self.plant.followed_by(vehicle, phase.route())
-        if phase.awake_s < phase.duration_s:
-            self._asleep_from_s = now_s + phase.awake_s
-        next_phase = self._following[0] if self._following else None
-        if isinstance(next_phase, DrivePhase) and next_phase.announced_s > 0.0:
-            self._announce(next_phase, self.plant.end_s)
+        else:
+            self.plant = self.plant.followed_by(vehicle, phase.route())
+            if phase.awake_s < phase.duration_s:
+                self._asleep_from_s = now_s + phase.awake_s
+            next_phase = self._following[0] if self._following else None
+            if isinstance(next_phase, DrivePhase) and next_phase.announced_s > 0.0:
+                begins_s = self.plant.end_s
+                self._letters.append(_Letter(
+                    max(now_s, begins_s - next_phase.announced_s), begins_s, next_phase,
+                    TrafficNews(0.0, next_phase.route, next_phase.goal.charging_planned), self._next_id))
 
     def _begin_drive(self, drive: DrivePhase, begins_s: float) -> Route:
         """Return the Route actually driven in a DrivePhase, and prepare its reports."""
         driven, news = drive_with_events(drive.route, drive.events, drive.goal.charging_planned)
-        route_id = self._id_of(self._drives)
         if self._drives > 0 and drive.announced_s == 0.0:
             news.insert(0, TrafficNews(0.0, drive.route, drive.goal.charging_planned))
         # Messages about the previous drive that have not arrived yet are dropped.
-        self._letters = [_Letter(begins_s + each.at_s, begins_s, drive, each, route_id) for each in news]
+        self._letters = [
+            _Letter(begins_s + each.at_s, begins_s, drive, each, self._next_id) for each in news]
         random = self._random_of(self._drive_seed)
         self._position = Position(drive.position, driven, drive.events, self._random_of(self._position_seed))
         if drive.announced_s == 0.0:
@@ -310,16 +308,9 @@ class ImperfectCar:
         """Return the random generator of a drive; the first drive uses the seed's own."""
         return np.random.default_rng(seed if self._drives == 0 else seed.spawn(1)[0])
 
-    def _id_of(self, number: int) -> str:
-        return self._route_id if number == 0 else f'{self._route_id} {number + 1}'
-
-    def _announce(self, drive: DrivePhase, begins_s: float) -> None:
-        at_s = max(self.time_s, begins_s - drive.announced_s)
-        self._letters.append(
-            _Letter(
-                at_s, begins_s, drive, TrafficNews(
-                    0.0, drive.route, drive.goal.charging_planned), self._id_of(
-                    self._drives)))
+    @property
+    def _next_id(self) -> str:
+        return self._route_id if self._drives == 0 else f'{self._route_id} {self._drives + 1}'
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase
@@ -362,9 +353,5 @@ class ImperfectCar:
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
             goal.minimum_arrival_soc, charger=drive.charger or self._charger,
             maximum_arrival_temperature_c=goal.maximum_arrival_temperature_c,
-            prospect=_revised(drive.prospect, news.probability)),), standing_time_s)
-
-
-def _revised(prospect: ChargingProspect, probability: float | None) -> ChargingProspect:
-    """Return a ChargingProspect with another probability; None: the same."""
-    return prospect if probability is None else replace(prospect, probability=probability)
+            prospect=drive.prospect if news.probability is None else replace(
+                drive.prospect, probability=news.probability)),), standing_time_s)

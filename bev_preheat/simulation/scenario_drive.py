@@ -9,17 +9,17 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.phases import DrivePhase
-from bev_preheat.simulation.supervised_drive import moments, Switching
+from bev_preheat.simulation.supervised_drive import moments, Wire
 from bev_preheat.simulation.traffic import clock_offset_s
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.state import State
-    from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
     from bev_preheat.simulation.scenario import Expectations, Scenario
-    from bev_preheat.simulation.supervised_drive import Moment, Wire
+    from bev_preheat.simulation.supervised_drive import Moment
 
 # Word of the diagnostics for a heater without a fault.
 HEALTHY = 'answers'
@@ -41,19 +41,16 @@ class DriveRecord:
     Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
 
     `commands` holds (instant, power [W], reason's name) in order, `by_source` the Commands; `statuses` the names
-    of all statuses of plans and commands, `heater` the last verdict on the heater in the diagnostics, with the
-    names of other heat sources that are faulty.
-    `arrival_c` is the true temperature at the end of the drive, NaN without an arrival.
-    `heater_verdicts` holds (instant, word of the diagnostics) at each change, `regimes` (instant, name),
-    `signals` (instant, name) at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at
-    which more than 0 W was commanded, -inf without such a command. `phases` are the records of all
-    phases, whose instants count from their start.
+    of all statuses of plans and commands. `arrival_c` is the true temperature at the end of the drive, NaN without
+    an arrival. `heater_verdicts` holds (instant, verdict of the diagnostics on the heater and on other faulty heat
+    sources) at each change, `regimes` (instant, name), `signals` (instant, name) at each new doubt.
+    `hottest_heated_c` is the highest temperature [deg C] at which more than 0 W was commanded, -inf without such a
+    command. `phases` are the records of all phases, whose instants count from their start.
     """
 
     target_c: float
     commands: list[tuple[float, float, str]] = field(default_factory=list)
     statuses: set[str] = field(default_factory=set)
-    heater: str = ''
     arrival_c: float = math.nan
     heater_verdicts: list[tuple[float, str]] = field(default_factory=list)
     regimes: list[tuple[float, str]] = field(default_factory=list)
@@ -63,11 +60,15 @@ class DriveRecord:
     by_source: list[Command] = field(default_factory=list)
     _doubted: frozenset[str] = frozenset()
 
+    @property
+    def heater(self) -> str:
+        """The last verdict on the heater, '' without any."""
+        return self.heater_verdicts[-1][1] if self.heater_verdicts else ''
+
     def note_heater(self, instant_s: float, said: str) -> None:
         """Record the verdict on the heater at an instant [s]."""
         if said != self.heater:
             self.heater_verdicts.append((instant_s, said))
-        self.heater = said
 
     def note_signals(self, instant_s: float, names: Collection[str]) -> None:
         """Record the signals in doubt at an instant [s]."""
@@ -75,17 +76,16 @@ class DriveRecord:
         self._doubted = frozenset(names)
 
     @property
-    def switch_ons(self) -> int:
-        """Number of times that the command rose from 0 W."""
-        return self.switching.switch_ons
+    def switched_on_s(self) -> list[float]:
+        """The instants [s] at which the command rose from 0 W."""
+        powers_w = [0.0, *(power_w for _, power_w, _ in self.commands)]
+        return [instant_s for (instant_s, power_w, _), before_w in zip(self.commands, powers_w)
+                if power_w > 0.0 == before_w]
 
     @property
-    def switching(self) -> Switching:
-        """The rises of the command from 0 W."""
-        switching = Switching()
-        for instant_s, power_w, _ in self.commands:
-            switching.note(instant_s, power_w)
-        return switching
+    def switch_ons(self) -> int:
+        """Number of times that the command rose from 0 W."""
+        return len(self.switched_on_s)
 
     def during(self, from_s: float, until_s: float, target_c: float, arrival_c: float) -> DriveRecord:
         """Return the DriveRecord of the phase in a span [s] that ends at `arrival_c` [deg C]."""
@@ -94,10 +94,10 @@ class DriveRecord:
 
         commands = shifted(self.commands)
         before = [(0.0, said) for instant_s, said in self.heater_verdicts if instant_s < from_s][-1:]
-        verdicts = before + shifted(self.heater_verdicts)
         return DriveRecord(
-            target_c, commands, {reason for _, _, reason in commands}, verdicts[-1][1] if verdicts else '',
-            arrival_c, verdicts, shifted(self.regimes), shifted(self.signals), self.hottest_heated_c)
+            target_c, commands, {reason for _, _, reason in commands}, arrival_c,
+            before + shifted(self.heater_verdicts), shifted(self.regimes), shifted(self.signals),
+            self.hottest_heated_c)
 
 
 @dataclass(frozen=True)
@@ -110,72 +110,67 @@ class Finding:
     good: bool
 
 
-def evaluate(expectations: Expectations, record: DriveRecord) -> list[Finding]:
-    """Return a Finding for each of a scenario's Expectations, compared with a DriveRecord."""
-    findings: list[Finding] = []
-
-    def find(what: str, expected: str, seen: str, good: bool) -> None:
-        findings.append(Finding(what, expected, seen, bool(good)))
+def evaluate(expectations: Expectations, record: DriveRecord) -> Iterator[Finding]:
+    """Yield a Finding for each of a scenario's Expectations, compared with a DriveRecord."""
+    def unwanted(what: str, expected: str, seen: Collection[str]) -> Finding:
+        return Finding(what, expected, ', '.join(seen) or 'none', not seen)
 
     if expectations.arrival_error_k is not None:
         low, high = expectations.arrival_error_k
         error_k = record.arrival_c - record.target_c
-        find('arrival error [K]', f'{low:+g} ... {high:+g}', f'{error_k:+.2f}',
-             low <= error_k <= high)
+        yield Finding('arrival error [K]', f'{low:+g} ... {high:+g}', f'{error_k:+.2f}',
+                      bool(low <= error_k <= high))
     if expectations.most_switch_ons is not None:
-        find('heater switched on [times]', f'at most {expectations.most_switch_ons}',
-             str(record.switch_ons), record.switch_ons <= expectations.most_switch_ons)
+        yield Finding('heater switched on [times]', f'at most {expectations.most_switch_ons}',
+                      str(record.switch_ons), record.switch_ons <= expectations.most_switch_ons)
     if expectations.statuses:
         missing = [name for name in expectations.statuses if name not in record.statuses]
-        find('statuses', ', '.join(expectations.statuses),
-             f'all but {", ".join(missing)}' if missing else 'all', not missing)
+        yield Finding('statuses', ', '.join(expectations.statuses),
+                      f'all but {", ".join(missing)}' if missing else 'all', not missing)
     if expectations.never:
-        unwanted = [name for name in expectations.never if name in record.statuses]
-        find('statuses', f'none of {", ".join(expectations.never)}',
-             ', '.join(unwanted) or 'none', not unwanted)
-    for from_s, until_s in expectations.off_during:
-        most_w = max(_powers_w(record, from_s, until_s), default=math.nan)
-        find(f'command from {from_s:g} to {until_s:g} s [W]', '0', f'at most {most_w:.0f}',
-             most_w == 0.0)
-    for from_s, until_s in expectations.heats_during:
-        most_w = max(_powers_w(record, from_s, until_s), default=math.nan)
-        find(f'command from {from_s:g} to {until_s:g} s [W]', 'more than 0',
-             f'at most {most_w:.0f}', most_w > 0.0)
+        yield unwanted('statuses', f'none of {", ".join(expectations.never)}',
+                       [name for name in expectations.never if name in record.statuses])
+    for spans, expected, heats in ((expectations.off_during, '0', False),
+                                   (expectations.heats_during, 'more than 0', True)):
+        for from_s, until_s in spans:
+            most_w = max((power_w for instant_s, power_w, _ in record.commands if from_s <= instant_s < until_s),
+                         default=math.nan)
+            yield Finding(f'command from {from_s:g} to {until_s:g} s [W]', expected, f'at most {most_w:.0f}',
+                          most_w > 0.0 if heats else most_w == 0.0)
     for regime, from_s, until_s in expectations.regime_during:
         seen = sorted({name for instant_s, name in record.regimes if from_s <= instant_s < until_s})
-        find(f'regime from {from_s:g} to {until_s:g} s', regime, ', '.join(seen) or 'none', seen == [regime])
+        yield Finding(f'regime from {from_s:g} to {until_s:g} s', regime, ', '.join(seen) or 'none',
+                      seen == [regime])
     if expectations.never_regimes:
-        unwanted = sorted({name for _, name in record.regimes} & set(expectations.never_regimes))
-        find('regimes', f'none of {", ".join(expectations.never_regimes)}', ', '.join(unwanted) or 'none',
-             not unwanted)
+        yield unwanted('regimes', f'none of {", ".join(expectations.never_regimes)}',
+                       sorted({name for _, name in record.regimes} & set(expectations.never_regimes)))
     if expectations.not_heated_above_c is not None:
-        find('warmest battery that was heated [deg C]', f'at most {expectations.not_heated_above_c:g}',
-             f'{record.hottest_heated_c:.2f}', record.hottest_heated_c <= expectations.not_heated_above_c)
+        yield Finding('warmest battery that was heated [deg C]', f'at most {expectations.not_heated_above_c:g}',
+                      f'{record.hottest_heated_c:.2f}',
+                      bool(record.hottest_heated_c <= expectations.not_heated_above_c))
     if expectations.heater is not None:
-        find('heater', expectations.heater, record.heater or 'nothing',
-             record.heater == expectations.heater)
+        yield Finding('heater', expectations.heater, record.heater or 'nothing',
+                      record.heater == expectations.heater)
     if expectations.never_heater_verdict:
-        accused = sorted({said for _, said in record.heater_verdicts} - {HEALTHY})
-        find('verdicts on the heater', 'none', ', '.join(accused) or 'none', not accused)
+        yield unwanted('verdicts on the heater', 'none',
+                       sorted({said for _, said in record.heater_verdicts} - {HEALTHY}))
     for name in expectations.signals:
         named_s = min((instant_s for instant_s, each in record.signals if each == name), default=math.inf)
         within_s = expectations.named_within_s
-        find(f'signal {name}', 'named' if within_s is None else f'named within {within_s:g} s',
-             f'after {named_s:.1f} s' if named_s < math.inf else 'not named',
-             named_s < math.inf if within_s is None else named_s <= within_s)
+        yield Finding(f'signal {name}', 'named' if within_s is None else f'named within {within_s:g} s',
+                      f'after {named_s:.1f} s' if named_s < math.inf else 'not named',
+                      named_s < math.inf if within_s is None else named_s <= within_s)
     if expectations.no_signals:
-        named = sorted({name for _, name in record.signals})
-        find('signals in doubt', 'none', ', '.join(named) or 'none', not named)
-    return findings
+        yield unwanted('signals in doubt', 'none', sorted({name for _, name in record.signals}))
 
 
-def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd]) -> None:
+def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd | PhaseReport]) -> None:
     """Fill in the records of a Scenario's phases from their ends."""
     jumps = scenario.imperfections.clock_jumps
-    for phase, (started_s, ended_s, arrival_c) in zip(scenario.phases, ends):
+    for phase, end in zip(scenario.phases, ends):
+        from_s, until_s = (at_s + clock_offset_s(jumps, at_s) for at_s in (end.started_s, end.ended_s))
         record.phases.append(record.during(
-            started_s + clock_offset_s(jumps, started_s), ended_s + clock_offset_s(jumps, ended_s),
-            phase.wanted_c if isinstance(phase, DrivePhase) else math.nan, arrival_c))
+            from_s, until_s, phase.wanted_c if isinstance(phase, DrivePhase) else math.nan, end.arrival_c))
     if record.phases:
         record.arrival_c = record.phases[0].arrival_c
 
@@ -183,7 +178,7 @@ def fill_phases(record: DriveRecord, scenario: Scenario, ends: Iterable[PhaseEnd
 def evaluate_chain(expectations: Expectations, of_phases: Sequence[Expectations | None],
                    record: DriveRecord) -> list[Finding]:
     """Return the Findings of `evaluate` for the whole drive, then for each phase with expectations."""
-    findings = evaluate(expectations, record)
+    findings = list(evaluate(expectations, record))
     for number, (expected, phase) in enumerate(zip(of_phases, record.phases), start=1):
         if expected is not None:
             findings += [replace(finding, what=f'phase {number}: {finding.what}')
@@ -193,10 +188,6 @@ def evaluate_chain(expectations: Expectations, of_phases: Sequence[Expectations 
     return findings
 
 
-def _powers_w(record: DriveRecord, from_s: float, until_s: float) -> list[float]:
-    return [power_w for instant_s, power_w, _ in record.commands if from_s <= instant_s < until_s]
-
-
 # The planner is observed for this long after the arrival [s].
 AFTERWARDS_S = 120.0
 
@@ -204,20 +195,19 @@ AFTERWARDS_S = 120.0
 def drive_scenario(
         scenario: Scenario,
         progress: Callable[[float, float], object] = lambda time_s, total_s: None,
-        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
+        wire: Callable[[Supervisor], Wire] = Wire) -> DriveRecord:
     """Return the DriveRecord of a Scenario; calls `progress(time_s, total_s)`; `wire(supervisor)`: its Wire."""
     car = scenario.car()
     record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
                             scenario.first.wanted_c, AFTERWARDS_S, progress, wire)
-    fill_phases(record, scenario, [
-        PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
+    fill_phases(record, scenario, car.reports)
     return record
 
 
 def drive_observed(
         car: ImperfectCar, supervisor: Supervisor, target_c: float, afterwards_s: float = 0.0,
         progress: Callable[[float, float], object] = lambda time_s, total_s: None,
-        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
+        wire: Callable[[Supervisor], Wire] = Wire) -> DriveRecord:
     """Return the DriveRecord of a car under a Supervisor, until `afterwards_s` [s] after its last phase."""
     record = DriveRecord(target_c)
     ended_s = math.inf
@@ -228,7 +218,7 @@ def drive_observed(
             ended_s = min(ended_s, car.time_s)
         return car.time_s >= ended_s + afterwards_s
 
-    for moment in moments(car, supervisor, is_over, wire=None if wire is None else wire(supervisor)):
+    for moment in moments(car, supervisor, is_over, wire=wire(supervisor)):
         _note(record, moment, supervisor.state, car)
         progress(car.time_s, max(car.time_s, car.longest_s) + afterwards_s)
     return record

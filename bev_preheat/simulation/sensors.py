@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 # From, until [s].
 Span = tuple[float, float]
-# Source of power_supply_status: none, the plug, or the sign of the current.
-SUPPLY_STATUS = ('unknown', 'plugged', 'sign')
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,9 @@ class Sensors:
     `voltage_stuck_at_v` [V] replace the measured values; state of charge and voltage are multiplied by
     `soc_scale` and `voltage_scale`; `reverses_current` shows discharging as charging.
     Every `invalid_every`-th temperature is NaN, every `reordered_every`-th reading arrives after its
-    successor (0: never). `supply_status` is an item of SUPPLY_STATUS, `location` that field of the
-    battery states, and `other` a second battery on the topic.
+    successor (0: never). power_supply_status comes from no source (`supply_status` 'unknown'), from the plug
+    ('plugged') or from the sign of the current ('sign'); `location` is that field of the battery states, and
+    `other` a second battery on the topic.
     """
 
     temperature_noise_k: float = 0.0
@@ -112,7 +111,6 @@ class SensorReadings:
     """Takes Readings of a VehiclePlant, and returns those that have arrived."""
 
     def __init__(self, sensors: Sensors, random: np.random.Generator) -> None:
-        """Start without readings; `random` is a numpy Generator."""
         self.sensors = sensors
         self._random = random
         self._under_way: deque[Reading] = deque()
@@ -160,9 +158,9 @@ class SensorReadings:
     def read(self, plant: VehiclePlant, is_charging: bool = False) -> Reading:
         """Return a Reading of a plant now, at a charger or not, whether or not one is due."""
         sensors, random, now_s = self.sensors, self._random, plant.time_s
-        temperature_c = _measured(
-            random, plant.sensor_c + sensors.temperature_offset_k + _spike_k(now_s, sensors.spikes),
-            sensors.temperature_noise_k, sensors.temperature_resolution_k)
+        spike_k = sum(spike.by_k for spike in sensors.spikes if spike.from_s <= now_s < spike.until_s)
+        temperature_c = _measured(random, plant.sensor_c + sensors.temperature_offset_k + spike_k,
+                                  sensors.temperature_noise_k, sensors.temperature_resolution_k)
         if not within(now_s, sensors.stuck):
             self._stuck_at_c = None
         elif self._stuck_at_c is None:
@@ -189,32 +187,25 @@ class SensorReadings:
     @property
     def next_arrival_s(self) -> float:
         """Return the arrival of the oldest Reading on its way [s]; inf without one."""
-        return (self._under_way[0].instant_s + self.sensors.delay_s if self._under_way
-                else math.inf)
+        return self._under_way[0].instant_s + self.sensors.delay_s if self._under_way else math.inf
 
     def arrived(self, now_s: float) -> list[Reading]:
         """Return the Readings that have arrived since the last call, oldest first."""
         arrived = []
-        while self._under_way and self._under_way[0].instant_s + self.sensors.delay_s <= now_s:
+        while self.next_arrival_s <= now_s:
             arrived.append(self._under_way.popleft())
         return arrived
 
 
-def _spike_k(now_s: float, spikes: Iterable[Spike]) -> float:
-    """Return the excess of the temperature reading at an instant [K]."""
-    return sum(spike.by_k for spike in spikes if spike.from_s <= now_s < spike.until_s)
-
-
 def _supply_status(kind: str, is_charging: bool, current_a: float) -> SupplyStatus:
-    """Return power_supply_status for a `kind` of SUPPLY_STATUS; regeneration has the sign of charging."""
+    """Return power_supply_status for a `kind` of Sensors; regeneration has the sign of charging."""
     if kind == 'unknown':
         return SupplyStatus.UNKNOWN
     is_charging = is_charging if kind == 'plugged' else current_a < 0.0
     return SupplyStatus.CHARGING if is_charging else SupplyStatus.DISCHARGING
 
 
-def _measured(random: np.random.Generator, value: float, noise: float,
-              resolution: float = 0.0) -> float:
+def _measured(random: np.random.Generator, value: float, noise: float, resolution: float = 0.0) -> float:
     if noise > 0.0:
         value += noise * random.normal()
     return round(value / resolution) * resolution if resolution > 0.0 else value
@@ -222,10 +213,7 @@ def _measured(random: np.random.Generator, value: float, noise: float,
 
 def within(instant_s: float, spans: Iterable[Span]) -> bool:
     """Return whether an instant lies in one of the spans (from, until) [s]."""
-    for from_s, until_s in spans:
-        if from_s <= instant_s < until_s:
-            return True
-    return False
+    return any(from_s <= instant_s < until_s for from_s, until_s in spans)
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ The planner gets the same inputs at the same instants as the node: each battery 
 and position at the instant of its arrival, and the timers in between. Unlike in the node, planning
 takes no time. While the car's computers sleep the planner takes no step.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
 from time import process_time
-from typing import NamedTuple, Protocol, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -38,23 +39,35 @@ if TYPE_CHECKING:
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
     ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
 
 
-class Wire(Protocol):
-    """Carries the planner's inputs as messages, and hears of each step: for recordings of a drive."""
+class Wire:
+    """Carries inputs to a planner as they are; others carry them as messages, and record each step."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        self._planning_step_s = supervisor.state.settings.planning_step_s
 
     def route(self, mission: Mission) -> Event:
-        """Return the event of a Mission's message."""
+        """Return the event of a Mission."""
+        return RouteArrived(mission.in_planning_steps(self._planning_step_s))
 
     def progress(self, progress: Progress) -> Event:
-        """Return the event of a Progress's message."""
+        """Return the event of a Progress."""
+        return ProgressArrived(progress)
 
     def battery(self, reading: Reading, stamp_ns: int) -> Event:
-        """Return the event of a Reading's message with a stamp [ns]."""
+        """Return the event of a Reading with a stamp [ns]."""
+        if math.isnan(reading.temperature_c):
+            return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'), reading.soc)
+        if reading.soc > 1.0:
+            return BatteryStateUnreadable(InvalidInput(
+                f'percentage: {reading.soc:g} is not allowed; it must be 0 ... 1'), reading.soc)
+        return BatteryStateArrived(Measurement(
+            BatteryState(reading.temperature_c, reading.soc), stamp_ns, reading.voltage_v, reading.current_a,
+            supply_status=reading.supply_status, location=reading.location))
 
     def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
         """Hear of a step at an instant [ns]; `events` are of this Wire, or empty."""
@@ -85,37 +98,27 @@ class Moment:
 def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool],
             told_by_heater: ToldByHeater | None = None, wire: Wire | None = None) -> Iterator[Moment]:
     """
-    Drive a car under a Supervisor; yield the Moments until `until()`.
+    Drive a car from its start under a Supervisor; yield the Moments until `until()`.
 
-    With a Wire the planner gets its inputs rounded as its messages carry them.
-
-    `told_by_heater` makes the HeaterStatus that arrives with each reading, from the heater's answer and its actual
-    power [W], or None for none; without it the heater's controller is silent.
-
-    `car` (simulation.imperfect_car.ImperfectCar) stands at its start; between two Moments it drives
-    under the latest command until that expires.
+    Between two Moments the car drives under the latest command until that expires. `told_by_heater` makes the
+    HeaterStatus that arrives with each reading, from the heater's answer and its actual power [W], or None for
+    none; without it the heater's controller is silent.
     """
-    drive = _Drive(car, supervisor, told_by_heater, wire)
-    yield drive.step(drive.route_event(car.mission(START_NS)), is_last=False)
+    drive = _Drive(car, supervisor, told_by_heater, wire or Wire(supervisor))
+    yield drive.step(drive.wire.route(car.mission(START_NS)), is_last=False)
     while not until():
         yield from drive.due_now()
         drive.go_on()
 
 
 class _Drive:
-    def __init__(self, car: ImperfectCar, supervisor: Supervisor,
-                 told_by_heater: ToldByHeater | None = None, wire: Wire | None = None) -> None:
-        self._car, self._supervisor, self._told_by_heater = car, supervisor, told_by_heater
-        self._wire = wire
+    def __init__(self, car: ImperfectCar, supervisor: Supervisor, told_by_heater: ToldByHeater | None,
+                 wire: Wire) -> None:
+        self._car, self._supervisor, self._told_by_heater, self.wire = car, supervisor, told_by_heater, wire
         self._heater = HeaterSide(car)
         self._ticks = 0
         self._settings = supervisor.state.settings
         self._stale_s = self._settings.battery_state_timeout_s
-
-    def route_event(self, mission: Mission) -> Event:
-        if self._wire is not None:
-            return self._wire.route(mission)
-        return RouteArrived(mission.in_planning_steps(self._settings.planning_step_s))
 
     @property
     def _tick_s(self) -> float:
@@ -128,14 +131,14 @@ class _Drive:
         events: list[tuple[Reading | None, Event]] = []
         mission, progress = car.route_news(START_NS), car.progress(START_NS)
         if mission is not None:
-            events.append((None, self.route_event(mission)))
+            events.append((None, self.wire.route(mission)))
         if progress is not None:
-            events.append((None, ProgressArrived(progress) if self._wire is None
-                           else self._wire.progress(progress)))
+            events.append((None, self.wire.progress(progress)))
         readings = car.readings()
         if readings and self._told_by_heater is not None:
             events += [(None, event) for event in self._heater_events(self._told_by_heater)]
-        events += [(reading, self._battery_event(reading)) for reading in readings]
+        events += [(reading, self.wire.battery(
+            reading, START_NS + round(car.stamp_s(reading.instant_s) * NS_PER_S))) for reading in readings]
         ticks = self._tick_s <= now_s
         if ticks:
             self._ticks += 1
@@ -157,38 +160,20 @@ class _Drive:
     def go_on(self) -> None:
         """Drive on to the next instant with an event; sleeping computers have no events."""
         wakes_s, settings = self._car.asleep_until_s, self._settings
-        if wakes_s is None:
-            self._car.advance_under(self._heater.lease(START_NS), min(
-                self._tick_s, self._stale_s, self._car.next_event_s))
-            return
-        self._car.advance_under(self._heater.lease(START_NS), wakes_s)
-        self._ticks = math.ceil(wakes_s / settings.command_period_s)
-        self._stale_s = wakes_s + settings.battery_state_timeout_s
+        self._car.advance_under(self._heater.lease(START_NS), min(
+            self._tick_s, self._stale_s, self._car.next_event_s) if wakes_s is None else wakes_s)
+        if wakes_s is not None:
+            self._ticks = math.ceil(wakes_s / settings.command_period_s)
+            self._stale_s = wakes_s + settings.battery_state_timeout_s
 
-    def _battery_event(self, reading: Reading) -> Event:
-        stamp_ns = START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S)
-        if self._wire is not None:
-            return self._wire.battery(reading, stamp_ns)
-        if math.isnan(reading.temperature_c):
-            return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'), reading.soc)
-        if reading.soc > 1.0:
-            return BatteryStateUnreadable(InvalidInput(
-                f'percentage: {reading.soc:g} is not allowed; it must be 0 ... 1'), reading.soc)
-        return BatteryStateArrived(Measurement(
-            BatteryState(reading.temperature_c, reading.soc), stamp_ns,
-            reading.voltage_v, reading.current_a, supply_status=reading.supply_status,
-            location=reading.location))
-
-    def step(self, *events: Event, reading: Reading | None = None,
-             is_last: bool = True) -> Moment:
+    def step(self, *events: Event, reading: Reading | None = None, is_last: bool = True) -> Moment:
         """Return the Moment of a step, with its command in effect."""
         time_s, clock_s = self._car.time_s, self._car.clock_s
         now_ns = START_NS + round(clock_s * NS_PER_S)
         started = process_time()
         output = self._supervisor.step(now_ns, *events)
         cpu_s = process_time() - started
-        if self._wire is not None:
-            self._wire.stepped(now_ns, events, output)
+        self.wire.stepped(now_ns, events, output)
         if output.command is not None:
             for name in self._heater.names:
                 self._heater.take(HeaterCommand(
@@ -196,77 +181,3 @@ class _Drive:
         if reading is not None and not output.refusals:
             self._stale_s = time_s + self._settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)
-
-
-class Switching:
-    """Counts the rises of the heater's command from 0 W; the first is at `first_switch_on_s` [s], None: never."""
-
-    def __init__(self) -> None:
-        """Start with 0 W."""
-        self.switch_ons = 0
-        self.first_switch_on_s: float | None = None
-        self.power_w = 0.0
-
-    def note(self, now_s: float, power_w: float) -> None:
-        """Record the command [W] from an instant [s] on."""
-        if power_w > 0.0 == self.power_w:
-            self.switch_ons += 1
-            if self.first_switch_on_s is None:
-                self.first_switch_on_s = now_s
-        self.power_w = power_w
-
-
-@dataclass(frozen=True)
-class DriveScore:
-    """
-    The score of one drive.
-
-    `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh` the HVCH's
-    energy for the battery, `battery_energy_wh` the energy from the cells. `switch_ons` and `first_switch_on_s` are
-    those of Switching.
-    """
-
-    arrival_error_k: float
-    arrival_soc: float
-    heating_energy_wh: float
-    battery_energy_wh: float
-    switch_ons: int
-    first_switch_on_s: float | None
-    ran_empty: bool
-
-
-def score_of(plant: VehiclePlant, target_c: float, switching: Switching) -> DriveScore:
-    """Return the DriveScore of a car that stands at the end of its drive; `target_c` [deg C]."""
-    return DriveScore(
-        plant.temperature_c - target_c, plant.soc, plant.energy_wh.hvch_electric, plant.energy_wh.battery_total,
-        switching.switch_ons, switching.first_switch_on_s, plant.empty_at_s is not None)
-
-
-class Instant(NamedTuple):
-    """
-    A drive at an instant [s], once the planner has answered all that came.
-
-    Temperature of the battery, true, measured and estimated [deg C]; predicted on arrival [deg C]; command [W].
-    """
-
-    time_s: float
-    true_c: float
-    measured_c: float
-    estimated_c: float
-    predicted_arrival_c: float
-    command_w: float
-
-
-def instants(car: ImperfectCar, supervisor: Supervisor) -> Iterator[tuple[Moment, Instant | None]]:
-    """Drive a car under a Supervisor until it stands; yield Moments, the last of an instant with its Instant."""
-    plant, measured_c, power_w = car.plant, math.nan, 0.0
-    for moment in moments(car, supervisor, lambda: plant.is_standing):
-        if moment.reading is not None:
-            measured_c = moment.reading.temperature_c
-        if moment.output.command is not None:
-            power_w = moment.output.command.total_w
-        estimate, plan = supervisor.state.estimate, supervisor.state.decision.plan
-        yield moment, Instant(
-            moment.time_s, plant.temperature_c, measured_c,
-            math.nan if estimate is None else estimate.temperature_c,
-            math.nan if plan is None else plan.arrival_temperature_c, power_w) if moment.is_last else None

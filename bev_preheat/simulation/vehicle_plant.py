@@ -10,7 +10,7 @@ from bev_preheat.numerics import FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.simulation.heat_sources import SimulatedSources
+from bev_preheat.simulation.heater import SimulatedSources
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
 from bev_preheat.vehicle.model import (
     heat_under_w,

@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Common behaviour of all subcommands: JSON alone on standard output, version, one-line refusals, completion."""
 
+from argparse import ArgumentParser
 import importlib.util
 import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
 
 from bev_preheat.commands import parser as console_parser
 from bev_preheat.commands.main import SUBCOMMANDS
-from bev_preheat.commands.parser import NameCompleter
+from bev_preheat.commands.parser import completed_by
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.simulation import scenario_drive
 from bev_preheat.simulation.scenario_drive import DriveRecord
@@ -172,10 +174,13 @@ def test_the_shell_completes(line, expected):
     assert completions(line) >= expected
 
 
-def test_names_of_a_kind_are_completed():
-    class Nothing(NameCompleter):
-        def _files(self, prefix):
-            return []
-
-    assert Nothing('scenarios')('clock_') == ['clock_back', 'clock_forward']
-    assert Nothing('routes', '.csv')('m') == ['motorway_3h']
+@pytest.mark.parametrize('kind, suffix, prefix, names', [
+    ('scenarios', '.yaml', 'clock_', ['clock_back', 'clock_forward']), ('routes', '.csv', 'm', ['motorway_3h'])])
+def test_names_of_a_kind_are_completed_then_files(monkeypatch, kind, suffix, prefix, names):
+    # In place of the optional argcomplete.
+    files = SimpleNamespace(FilesCompleter=lambda allowednames: lambda begun: [begun, *allowednames])
+    monkeypatch.setitem(sys.modules, 'argcomplete', SimpleNamespace(completers=files))
+    monkeypatch.setitem(sys.modules, 'argcomplete.completers', files)
+    argument = ArgumentParser().add_argument('name')
+    completed_by(kind, argument, suffix)
+    assert argument.completer(prefix) == [*names, prefix, suffix]

@@ -12,7 +12,7 @@ from seen_examples import a_board, a_plan, NAN, START_S
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.monitoring.board import change_of, Trail
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
-from bev_preheat.monitoring.source import Cursor, message
+from bev_preheat.monitoring.source import Cursor, message, view_values
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
@@ -21,7 +21,7 @@ from bev_preheat.vehicle import load_vehicle
 def test_the_view_has_the_values_of_the_messages():
     board = a_board()
     board.see_route(RouteSeen((), 0, 0.2))
-    view = board.view(100.5).as_dictionary()
+    view = view_values(board, 100.5)
     expected = {'at': START_S, 'temperature': -7.0, 'soc': 0.9, 'power': 0.0, 'status': 'WAITING',
                 'predicted': 24.5, 'deviation': 0.4, 'target': 25.0, 'arrivalSoc': 0.61,
                 'arrival': START_S + 1800.0,
@@ -160,11 +160,11 @@ def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span(
             board.see_battery(at_s, 0.0, 0.8, at_s)
         gained_k.append(-board.temperatures.since(0)[-1][3])
     assert gained_k[0] > 2.0 and gained_k[1] == pytest.approx(0.5 * gained_k[0], rel=0.01)
-    assert board.history()['delivered'] == [2000.0] and board.view(at_s).delivered_w == 2000.0
+    assert board.history()['delivered'] == [2000.0] and board.delivered_w(board.at_s) == 2000.0
     assert board.events()['lapses'] == [[START_S + 102.0, START_S + 105.0, 'no valid command']]
     board.see_battery(at_s + 30.0, 0.0, 0.8, at_s)
     # The heater's answers and the commands are missing for a while.
-    assert math.isnan(board.view(at_s).delivered_w)
+    assert math.isnan(board.delivered_w(board.at_s))
     assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
 
 

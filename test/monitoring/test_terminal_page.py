@@ -49,6 +49,11 @@ def test_ages_are_those_of_arrival_and_a_silent_planner_is_named(board):
     assert 'The planner has disappeared.' in text(board)
 
 
+def test_a_lease_that_ended_ages_ago_is_no_lease(board):
+    board.see_command(START_S + 1.0, 1000.0, int(Status.HEATING), NOW_S, -1.7e299)
+    assert '1000 W' in text(board)
+
+
 def test_what_was_never_heard_is_said():
     shown = text(Board())
     assert 'battery never' in shown and 'diagnostics never' in shown and 'Departure' not in shown
@@ -87,7 +92,7 @@ def test_no_message_ends_it(values, times, numbers, columns, words):
     board.see_diagnostics(values[2], entries_seen(DiagnosticArray(status=[DiagnosticStatus(
         name=f'planner: {words}', message=words, level=bytes([numbers[2]]))]), 'planner'), NOW_S)
     assert len(text(board, 80, 24).splitlines()) <= 24
-    assert line(board.view(NOW_S))
+    assert line(board)
 
 
 def test_each_of_several_heat_sources_has_a_line_with_its_plan_and_its_command():
@@ -99,4 +104,4 @@ def test_each_of_several_heat_sources_has_a_line_with_its_plan_and_its_command()
     shown = text(board)
     assert 'motor            ▁▅  700 W now' in shown and 'heat_pump        █▁  2500 W now' in shown
     assert 'hvch ' not in shown and 'on; ends in' in shown
-    assert 'heater 0 W  motor 700 W  heat_pump 2500 W  WAITING' in line(board.view(NOW_S))
+    assert 'heater 0 W  motor 700 W  heat_pump 2500 W  WAITING' in line(board)

@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparison of a drive with its expectations, on records written by hand."""
 
-from math import isnan, nan
+from math import nan
 
+import numpy as np
 import pytest
 
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.planning.situation import BatteryState, Goal
+import bev_preheat as bp
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
-from bev_preheat.simulation.imperfect_car import ImperfectCar
-from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.scenario import Expectations, load_scenario
 from bev_preheat.simulation.scenario_drive import DriveRecord, evaluate, evaluate_chain, fill_phases, PhaseEnd
-from bev_preheat.simulation.supervised_drive import instants, score_of, Switching
 from bev_preheat.vehicle import load_vehicle
 
 COMMANDS = [(0.0, 0.0, 'WAITING'), (10.0, 5000.0, 'HEATING'), (20.0, 5000.0, 'HEATING'),
@@ -109,23 +106,17 @@ def test_a_chain_that_never_came_to_its_end_is_no_good():
 TARGET_C = 14.0
 
 
-def test_the_score_is_that_of_the_commands_that_the_car_got():
+def test_a_drive_heats_by_the_commands_of_its_instants():
     vehicle = load_vehicle('reference')
     route = make_route({'duration_s': [30.0] * 20, 'speed_mps': [15.0], 'propulsion_power_w': [15e3],
                         'ambient_temperature_c': [-5.0]}, vehicle.defaults)
-    car = ImperfectCar(vehicle, DrivePhase(route, Goal(TARGET_C)), BatteryState(8.0, 0.8))
-    supervisor, switching, energy_wh, before = Supervisor(vehicle, Settings()), Switching(), 0.0, None
-    for _, instant in instants(car, supervisor):
-        if instant is None:
-            continue
-        assert isnan(instant.measured_c) or instant.measured_c == pytest.approx(instant.true_c, abs=0.3)
-        switching.note(instant.time_s, instant.command_w)
-        if before is not None:
-            energy_wh += before.command_w * (instant.time_s - before.time_s) / 3600.0
-        before = instant
-    score = score_of(car.plant, TARGET_C, switching)
-    assert score.switch_ons >= 1 and score.first_switch_on_s < 600.0 and not score.ran_empty
+    drive = bp.drive(vehicle, route, BatteryState(8.0, 0.8), TARGET_C)
+    known = ~np.isnan(drive.measured_temperature_c)
+    assert known.sum() > 500
+    assert drive.measured_temperature_c[known] == pytest.approx(drive.true_temperature_c[known], abs=0.3)
+    assert (drive.command_w[drive.time_s < 600.0] > 0.0).any()
     # The command of an instant is in effect from then on.
-    assert score.heating_energy_wh == pytest.approx(energy_wh, rel=0.02)
-    assert score.arrival_error_k == car.plant.temperature_c - TARGET_C and abs(score.arrival_error_k) < 0.5
-    assert 0.0 < score.heating_energy_wh < score.battery_energy_wh
+    energy_wh = drive.command_w[:-1] @ np.diff(drive.time_s) / 3600.0
+    assert drive.heating_energy_wh == pytest.approx(energy_wh, rel=0.02)
+    assert abs(drive.arrival_error_k) < 0.5 and drive.arrival_soc > 0.0
+    assert 0.0 < drive.heating_energy_wh < drive.battery_energy_wh

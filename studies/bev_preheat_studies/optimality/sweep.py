@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, VEHICLES
+from bev_preheat.commands.parser import completed_by
 from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.optional_packages import require
@@ -105,7 +105,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help="free: only the heater's limit is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: %(default)s)')
     add_methods_argument(parser, ', '.join(METHODS))
-    completed_by(VEHICLES, parser.add_argument(
+    completed_by('vehicles', parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE', help='vehicle to scale (default: %(default)s)'))
     add_study_arguments(parser)
     parser.set_defaults(run=run)

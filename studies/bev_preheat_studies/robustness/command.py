@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.parser import completed_by, option_group, ROUTES, VEHICLES
+from bev_preheat.commands.parser import completed_by, option_group
 from bev_preheat.commands.situation import load_planned_vehicle, MethodNames, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -66,13 +66,13 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--trips', type=int, metavar='N',
                         help='number of trips (default: 300); with --days, of days (200); with --signals, of '
                         'cars for each case (20)')
-    completed_by(VEHICLES, parser.add_argument(
+    completed_by('vehicles', parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle before it is varied (default: %(default)s)'))
-    completed_by(ROUTES, parser.add_argument(
+    completed_by('routes', parser.add_argument(
         '--route', nargs='+', metavar='NAME|FILE',
         help='route before it is varied, or legs/NAME; trips use several routes alternately, days at random '
-        '(default: reference; with --days the five of config/routes)'))
+        '(default: reference; with --days the five of config/routes)'), '.csv')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
