@@ -21,7 +21,7 @@ from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
-from bev_preheat.route.road_load import propulsion_columns, road_vehicle
+from bev_preheat.route.road_load import propulsion_columns
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, SEGMENT_S
 from bev_preheat.route.sources.registry import read_journey
@@ -153,7 +153,7 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
         'auxiliary_power_w': journey.auxiliary_power_w}
     with located(path):
         if journey.consumption_wh is None or vehicle.road_load is not None:
-            columns.update(propulsion_columns(road_vehicle(vehicle), motion, ambient_c))
+            columns.update(propulsion_columns(vehicle, motion, ambient_c))
         if journey.consumption_wh is None:
             if options.with_auxiliaries is not None:
                 raise InvalidInput('has no consumption; leave out --consumption')

@@ -267,12 +267,18 @@ class HeatSource:
 
 @dataclass(frozen=True)
 class RoadLoad:
-    """Road load: mass, air and tyres (coefficients without a unit)."""
+    """Road load: mass, air and tyres (coefficients without a unit), and the drag area of what is on the roof."""
 
     mass_kg: float
     frontal_area_m2: float
     drag_coefficient: float
     rolling_resistance: float
+    additional_drag_area_m2: float = 0.0
+
+    @property
+    def drag_area_m2(self) -> float:
+        """Drag coefficient times frontal area [m^2], with the additional one."""
+        return self.drag_coefficient * self.frontal_area_m2 + self.additional_drag_area_m2
 
 
 @dataclass(frozen=True)
