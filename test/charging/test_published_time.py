@@ -43,6 +43,11 @@ def own_minutes(vehicle, start, end, resistance_at_c=25.0):
     return float(np.mean(1.0 / rate) * (end - start) / 60.0)
 
 
+def test_an_unknown_chemistry_is_refused_beside_a_published_time():
+    with pytest.raises(InvalidInput, match='--chemistry: \'nca\' is not one of nmc, lfp; NCA is given as nmc'):
+        describe_timed_car(replace(ID4, chemistry='nca', charging_time_10_80_min=29.0))
+
+
 def test_a_warm_session_in_closed_form():
     vehicle = plain_car(limit=constant(-60e3))
     expected_s = 3600.0 * 0.7 * VOLTAGE_V * CAPACITY_AH / 60e3
