@@ -44,7 +44,7 @@ def own_minutes(vehicle, start, end, resistance_at_c=25.0):
 
 
 def test_an_unknown_chemistry_is_refused_beside_a_published_time():
-    with pytest.raises(InvalidInput, match='--chemistry: \'nca\' is not one of nmc, lfp; NCA is given as nmc'):
+    with pytest.raises(InvalidInput, match="--chemistry: 'nca' is not one of nmc, lfp; NCA is given as nmc"):
         describe_timed_car(replace(ID4, chemistry='nca', charging_time_10_80_min=29.0))
 
 
