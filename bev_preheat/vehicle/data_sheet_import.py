@@ -22,7 +22,7 @@ from bev_preheat.vehicle.charging_curve import (
     HIGH_VOLTAGE_V,
     WARM_CURVE_C,
 )
-from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
+from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
 
 if TYPE_CHECKING:
@@ -221,7 +221,8 @@ def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
 
 def _cells_ohm(pack: Pack, chemistry: Chemistry) -> float:
     """Return the resistance of all cells at 25 degC and half charge [ohm]."""
-    return pack.cells_in_series * chemistry.resistance.specific_resistance_ohm_ah / pack.cell_capacity_ah
+    specific_ohm_ah: float = chemistry.resistance.specific_resistance_ohm_ah
+    return pack.cells_in_series * specific_ohm_ah / pack.cell_capacity_ah
 
 
 def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
@@ -232,7 +233,7 @@ def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
                         for factor in cell.temperature_factor] for soc_factor in factors]}
 
 
-def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileData]:
+def _power_table(pack: Pack, shares: Chemistry, most_w: float) -> dict[str, FileData]:
     return {'soc': list(map(float, shares.soc)),
             'temperature_c': list(map(float, shares.temperature_c)),
             # + 0.0 avoids -0 in the file.
