@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import csv
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 import io
 from pathlib import Path
 import re
@@ -39,32 +39,18 @@ STOP_COMMENT = re.compile(r'charging stop:\s*after segment ([0-9]{1,6}), ([0-9]{
 STOP_RANGE_S = (1.0, 86400.0)
 
 
-@dataclass(frozen=True)
-class FileRoute:
-    """The Route of a CSV file, the vehicle that its powers belong to (None: unknown), and its charging stops."""
-
-    route: Route
-    made_for: str | None
-    stops: tuple[ChargingStop, ...] = ()
-
-
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
     """Return the Route of a name in config/routes or of a CSV file; `defaults` fill missing columns."""
-    return load_file_route(name_or_file, defaults).route
+    route, _, _ = route_of_table(read_table(route_file(name_or_file)), defaults)
+    return route
 
 
-def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> FileRoute:
-    """Return the FileRoute of a name or a CSV file; see `load_route`."""
-    return route_of_table(read_table(route_file(name_or_file)), defaults)
-
-
-def route_of_table(table: Table, defaults: Defaults | None) -> FileRoute:
-    """Return the FileRoute of a Table with powers; see `load_route`."""
-    made_for = _vehicle_of(table)
-    stops = _stops_of(table)
+def route_of_table(table: Table, defaults: Defaults | None) -> tuple[Route, str | None, tuple[ChargingStop, ...]]:
+    """Return the Route of a Table with powers, the vehicle that they belong to (None: unknown), and its stops."""
+    made_for, stops = _vehicle_of(table), _stops_of(table)
     columns, names = _columns(table)
     try:
-        return FileRoute(make_route(columns, defaults, names), made_for, stops)
+        return make_route(columns, defaults, names), made_for, stops
     except InvalidInput as error:
         raise InvalidInput([_with_line(problem, table, set(names.values()))
                             for problem in error.problems]) from error

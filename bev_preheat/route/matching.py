@@ -158,7 +158,8 @@ class Matcher:
         same = self._same
         if same is None or same[1:3] != fix[1:3]:
             self._same, self._same_reading = fix, self.odometer.at(fix.stamp_ns)
-            self._was_moving = self._moves(fix)
+            speed_mps = self._speed_mps(fix)
+            self._was_moving = speed_mps is not None and speed_mps > MOVES_MPS
             return None
         seconds = (fix.stamp_ns - same.stamp_ns) / NS_PER_S
         moved_m = driven_m(self._same_reading, self.odometer.at(fix.stamp_ns))
@@ -170,10 +171,6 @@ class Matcher:
             return self.match._replace(stamp_ns=fix.stamp_ns, distance_m=None, deviation_m=None)
         return Match(Cause.FROZEN, f'The position has been the same to the last digit for {seconds:.0f} s',
                      fix.stamp_ns)
-
-    def _moves(self, fix: Fix) -> bool:
-        speed_mps = self._speed_mps(fix)
-        return speed_mps is not None and speed_mps > MOVES_MPS
 
     def _speed_mps(self, fix: Fix) -> float | None:
         """Return the vehicle's mean speed [m/s] over at least SPEED_OVER_S before a fix; None: not known."""
@@ -271,9 +268,7 @@ class Matcher:
     def _told(self, track: _Track, fix: Fix) -> Match:
         place, deviation_m = track.place, _deviation_m(track)
         if not _is_clear(place):
-            return Match(Cause.AMBIGUOUS, f'The position fits several places of the route: '
-                         f'{place.distance_m / 1000:.2f} km and {(place.other_m or 0.0) / 1000:.2f} km',
-                         fix.stamp_ns)
+            return Match(Cause.AMBIGUOUS, _ambiguous(place), fix.stamp_ns)
         if deviation_m > MOST_DEVIATION_M or place.deviation_m > WIDEST_DEVIATIONS * _sigma_m(fix):
             return Match(Cause.UNCERTAIN, f'The place has a deviation of {deviation_m:.0f} m, too much '
                          'for a position', fix.stamp_ns)
@@ -290,12 +285,9 @@ class Matcher:
             if track is not None and self.line.length_m - track.place.distance_m <= END_M:
                 cause = Cause.ARRIVED
         elif self._is_against(fix, near):
-            cause = Cause.AGAINST
-            sentence = 'The vehicle drives along the route, against its direction'
+            cause, sentence = Cause.AGAINST, 'The vehicle drives along the route, against its direction'
         elif trial is not None and not _is_clear(trial.place):
-            cause = Cause.AMBIGUOUS
-            sentence = (f'The position fits several places of the route: {trial.place.distance_m / 1000:.2f} km '
-                        f'and {(trial.place.other_m or 0.0) / 1000:.2f} km')
+            cause, sentence = Cause.AMBIGUOUS, _ambiguous(trial.place)
         elif is_tracked:
             cause = Cause.ELSEWHERE
             sentence = (f'The position is near {self.line.along_m[at] / 1000:.2f} km of the route, where the '
@@ -335,6 +327,11 @@ def _apart_m(one: Fix, other: Fix) -> float:
 
 def _is_clear(place: Place) -> bool:
     return place.probability >= LEAST_PROBABILITY
+
+
+def _ambiguous(place: Place) -> str:
+    return (f'The position fits several places of the route: {place.distance_m / 1000:.2f} km and '
+            f'{(place.other_m or 0.0) / 1000:.2f} km')
 
 
 def _deviation_m(track: _Track) -> float:

@@ -39,15 +39,6 @@ def parse_json(text: bytes) -> Any:
         raise InvalidInput(f'is not JSON: {error}') from error
 
 
-def number(node: Any, key: str, place: str, low: float = 0.0, high: float = MOST_NUMBER) -> float:
-    """Return the number of a key of an object; raise InvalidInput naming place and key."""
-    if not isinstance(node, dict):
-        raise InvalidInput(f'{place}: must be an object, not {in_words(node)}')
-    if key not in node:
-        raise InvalidInput(f'{place}: missing {key}')
-    return checked(node[key], f'{place}.{key}', low, high)
-
-
 def checked(value: Any, place: str, low: float = 0.0, high: float = MOST_NUMBER) -> float:
     """Return a number in a range; raise InvalidInput naming the place."""
     if isinstance(value, bool) or not isinstance(value, int | float):
