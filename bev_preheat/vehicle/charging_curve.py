@@ -67,10 +67,6 @@ class ChargingCurve:
     temperature_c: float
     note: str = 'given'
 
-    def scaled(self, factor: float) -> ChargingCurve:
-        """Return the curve with its power times a factor."""
-        return replace(self, power_kw=tuple(factor * power_kw for power_kw in self.power_kw))
-
 
 @dataclass(frozen=True)
 class ChargingLimit:

@@ -49,7 +49,7 @@ ARGUMENT = re.compile(r'(?:const )?(\w+) (\*?)\w+(\[\d+\])?')
 Fields: TypeAlias = tuple[tuple[str, str, int], ...]
 # Memory of a function: for each step, and once.
 Room: TypeAlias = tuple[int, int]
-LETTERS = {c_void_p: 'P', c_double: 'D', c_int32: 'I'}
+TYPES: Mapping[str, type[Any]] = {'P': c_void_p, 'D': c_double, 'I': c_int32}
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class Interface:
 
 def fields_of(struct: type[Structure], names: Mapping[type[Any], str]) -> Fields:
     """Return the Fields of a Structure; `names` are those in C of the structs within."""
-    found = []
+    found, letters = [], {kind: letter for letter, kind in TYPES.items()}
     declared: Any
     for name, declared, *_ in struct._fields_:
         is_array = issubclass(declared, Array)
         kind, count = (declared._type_, declared._length_) if is_array else (declared, 1)
-        found.append((name, LETTERS.get(kind) or names.get(kind, kind.__name__), count))
+        found.append((name, letters.get(kind) or names.get(kind, kind.__name__), count))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ Values missing from the data sheet come from `chemistry.yaml` or are assumed her
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,7 +106,8 @@ def describe_car(sheet: DataSheet, curve_fit: float = 1.0) -> dict[str, Entry]:
 def curves_of(sheet: DataSheet, curve_fit: float = 1.0) -> tuple[ChargingCurve, ...]:
     """Return the curves of a checked DataSheet times `curve_fit`, else that of the car's class with that fit."""
     if sheet.charging_curves:
-        return tuple(curve.scaled(curve_fit) for curve in sheet.charging_curves)
+        return tuple(replace(curve, power_kw=tuple(curve_fit * power_kw for power_kw in curve.power_kw))
+                     for curve in sheet.charging_curves)
     chemistry = load_chemistry(sheet.chemistry)
     pack, _ = _pack(sheet, chemistry)
     return (class_curve(chemistry, pack.cells_in_series * chemistry.nominal_cell_voltage_v, pack.gross_energy_kwh,

@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, TYPE_CHECKING, TypeVar
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -46,8 +46,6 @@ CHARGING_PER_H = (0.15, 6.0)
 MOST_COLD_CHARGING_SHARE = 0.5
 LEAST_DISCHARGE_SHARE = 0.8
 FAST_LEAKAGE_RATIO = 8.0
-
-Value = TypeVar('Value')
 
 
 @dataclass(frozen=True)
@@ -88,12 +86,13 @@ class Meaning:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the figures in JSON form: text keys, lists."""
-        values = asdict(self)
-        for name in ('resistance_ohm', 'discharging_power_kw', 'open_circuit_voltage_v'):
-            values[name] = _text_keys(values[name])
-        values['charging_power_kw'] = {
-            key: _text_keys(row) for key, row in _text_keys(self.charging_power_kw).items()}
-        return {**values, 'assumed': list(self.assumed), 'warnings': list(self.warnings)}
+        return {name: _in_json(value) for name, value in asdict(self).items()}
+
+
+def _in_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {f'{key:g}': _in_json(item) for key, item in value.items()}
+    return list(value) if isinstance(value, tuple) else value
 
 
 def meaning_of(vehicle: Vehicle) -> Meaning:
@@ -110,7 +109,8 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     grid = np.meshgrid(np.linspace(*battery.soc_range, 41), np.linspace(*battery.temperature_range_c, 41))
     charging = fast_limit.function(FLOATS)
     discharging = battery.discharge_power_limit.function(FLOATS)
-    leakage = battery.leakage
+    voltage_v = battery.open_circuit_voltage.function(FLOATS)
+    at_rest, fast = (battery.leakage.coefficient_w_per_k(speed) for speed in (0.0, KMH_100_MPS))
     all_w, left_w = heater.maximum_power_w, max(
         heater.maximum_power_w - vehicle.defaults.cabin_heating_power_w, 0.0)
     heat_capacity_kj = vehicle.pack_heat_capacity_j_per_k / JOULES_PER_KJ
@@ -128,21 +128,15 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'time_constant_h': _time_constant_h(vehicle, 0.0),
         'time_constant_at_100_kmh_h': _time_constant_h(vehicle, KMH_100_MPS),
         'heater_power_kw': all_w / W_PER_KW,
-        'heating_at_rest_k_per_10_min': warmed_by_k(
-            vehicle, all_w, leakage.coefficient_w_per_k(0.0)),
-        'heating_at_100_kmh_k_per_10_min': warmed_by_k(
-            vehicle, all_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
-        'heating_beside_cabin_k_per_10_min': warmed_by_k(
-            vehicle, left_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
+        'heating_at_rest_k_per_10_min': warmed_by_k(vehicle, all_w, at_rest),
+        'heating_at_100_kmh_k_per_10_min': warmed_by_k(vehicle, all_w, fast),
+        'heating_beside_cabin_k_per_10_min': warmed_by_k(vehicle, left_w, fast),
         'charging_power_kw': {
             at_c: {soc: abs(charging(soc, at_c)) / W_PER_KW for soc in CHARGING_SOCS}
             for at_c in CHARGING_TEMPERATURES_C},
         'most_charging_power_kw': -float(fast_limit.function(ARRAYS)(*grid).min()) / W_PER_KW,
-        'discharging_power_kw': {
-            at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
-        'open_circuit_voltage_v': {
-            soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
-            for soc in VOLTAGE_SOCS},
+        'discharging_power_kw': {at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
+        'open_circuit_voltage_v': {soc: voltage_v(soc, warm_c) for soc in VOLTAGE_SOCS},
         'heat_path': heat_path_in_words(vehicle),
         'charging': charging_in_words(vehicle),
         'assumed': vehicle.assumed,
@@ -160,15 +154,14 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
         parts.append('the heat of the heater arrives at once')
     if path.heater_lag_s > 0.0:
         parts.append(f'the heater follows its command with a time constant of {path.heater_lag_s:.0f} s')
+    heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
     if path.is_shell:
-        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         excess_k = (1.0 - path.shell_share) * heat_w / path.coolant_conductance_w_per_k
         parts.append(
             f'the shell, with {100.0 * path.shell_share:.0f} % of the heat capacity, gets {excess_k:.1f} K warmer '
             f'than the core at full heater power, with a time constant of {path.coolant_lag_s:.0f} s; plans are '
             'for the core')
     elif path.has_coolant:
-        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         parts.append(
             f'the coolant passes its heat on with a time constant of {path.coolant_lag_s:.0f} s and gets '
             f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery at full '
@@ -194,18 +187,17 @@ def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float, temper
     return float(voltage_v.mean() * battery.capacity_ah * (high_soc - low_soc) / WH_PER_KWH)
 
 
-def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
-                from_c: float = HEATED_FROM_C, ambient_c: float = AMBIENT_C,
+def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float, from_c: float = HEATED_FROM_C,
                 duration_s: float = TEN_MINUTES_S) -> float:
     """
-    Return the temperature rise of the battery [K] at constant heater power [W] and leakage [W/K].
+    Return the temperature rise of the battery [K] at constant heater power [W] and leakage [W/K], at AMBIENT_C.
 
     Eq. (3) without Joule and drivetrain heat, in closed form: an exponential approach to the temperature at
     which the leakage equals the heat.
     """
     capacity = vehicle.pack_heat_capacity_j_per_k
     heat_w = vehicle.hvch.efficiency * heater_w
-    initial_w = heat_w - leakage_w_per_k * (from_c - ambient_c)
+    initial_w = heat_w - leakage_w_per_k * (from_c - AMBIENT_C)
     decays = leakage_w_per_k * duration_s / capacity
     # The smallest leakages are 0 here.
     return initial_w * duration_s / capacity * (-math.expm1(-decays) / decays if decays else 1.0)
@@ -299,10 +291,6 @@ def _discharging(vehicle: Vehicle) -> Iterator[str]:
         yield (f'discharge limit: {limit_w / W_PER_KW:.0f} kW at 25 degC and soc 0.8 for a '
                f'drivetrain of {vehicle.drivetrain.maximum_power_w / W_PER_KW:.0f} kW; a warm '
                'battery usually delivers the full drivetrain power')
-
-
-def _text_keys(values: dict[float, Value]) -> dict[str, Value]:
-    return {f'{key:g}': value for key, value in values.items()}
 
 
 # Unit suffixes of keys, left out in sentences.
