@@ -116,20 +116,16 @@ def vehicle_at_charger(vehicle: Vehicle) -> Vehicle:
 
 def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:
     """Yield a sentence for each implausible value of a Charging from a file."""
-    limit_c, (lowest_c, highest_c) = charging.heating_limit_c, temperature_range_c
+    limit_c, cooling, (lowest_c, highest_c) = charging.heating_limit_c, charging.cooling, temperature_range_c
     if limit_c is None and charging.battery_heating:
         yield ('charging: battery_heating needs heating_limit_c, the battery temperature up '
                'to which the car heats')
-    if limit_c is not None and not lowest_c <= limit_c <= highest_c:
-        yield (f'charging.heating_limit_c: {limit_c:g} is outside battery.temperature_range_c '
-               f'{lowest_c:g} ... {highest_c:g}')
-    cooling = charging.cooling
-    if cooling is None:
-        return
-    if not lowest_c <= cooling.set_point_c <= highest_c:
-        yield (f'charging.cooling.set_point_c: {cooling.set_point_c:g} is outside battery.temperature_range_c '
-               f'{lowest_c:g} ... {highest_c:g}')
-    if cooling.set_point_c < charging.heated_below_c:
+    for key, value_c in (('heating_limit_c', limit_c),
+                         ('cooling.set_point_c', None if cooling is None else cooling.set_point_c)):
+        if value_c is not None and not lowest_c <= value_c <= highest_c:
+            yield (f'charging.{key}: {value_c:g} is outside battery.temperature_range_c {lowest_c:g} ... '
+                   f'{highest_c:g}')
+    if cooling is not None and cooling.set_point_c < charging.heated_below_c:
         yield (f'charging.cooling.set_point_c: {cooling.set_point_c:g} is below heating_limit_c, '
                f'{charging.heated_below_c:g}; the car would heat and cool its battery at once')
 

@@ -221,7 +221,7 @@ class NativeVehicle:
         struct.factor_count = len(factors)
         struct.factor[:len(factors)] = factors[::-1]
         if isinstance(curve, PolynomialVoltage):
-            coefficients_v = (*curve.coefficients_v, 0.0, 0.0, 0.0)[:4]
+            coefficients_v = (*curve.polynomial_v, 0.0, 0.0, 0.0)[:4]
             struct.kind = POLYNOMIAL_AND_LOGARITHM if curve.log_soc_v else POLYNOMIAL
             struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
         elif isinstance(curve, InverseTemperatureResistance):

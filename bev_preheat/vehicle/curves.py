@@ -37,12 +37,12 @@ LOWEST_SOC_IN_LOGARITHM = 1e-3
 class PolynomialVoltage:
     """Open-circuit voltage [V]: c0 + c1 s + c2 s^2 + c3 s^3 + log_soc ln(s), s = state of charge."""
 
-    coefficients_v: tuple[float, ...]
+    polynomial_v: tuple[float, ...]
     log_soc_v: float = 0.0
 
     def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)` [V] for the given kind of number."""
-        c0, c1, c2, c3 = (tuple(self.coefficients_v) + (0.0,) * 3)[:4]
+        c0, c1, c2, c3 = (tuple(self.polynomial_v) + (0.0,) * 3)[:4]
         log_soc_v, log, maximum = self.log_soc_v, arithmetic.log, arithmetic.maximum
         share = arithmetic.share
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,16 @@ if TYPE_CHECKING:
 SOURCE_RANGE_W = (0.0, 50e3)
 # Below the low end a source heats by waste; above the high end no heat pump works. Negative: a source that cools.
 HEAT_PER_WATT_RANGE = (0.05, 10.0)
-SWITCHING = ('minimum_on_time_s', 'minimum_off_time_s', 'switch_on_wh')
+
+
+def arguments_of(node: dict[str, FileData]) -> dict[str, Any]:
+    """Return a checked node as arguments of a dataclass: numbers as floats, lists as tuples."""
+    def plain(value: FileData) -> Any:
+        if isinstance(value, list):
+            return tuple(map(plain, value))
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    return {key: plain(value) for key, value in node.items()}
 
 
 def read_table(key: str, node: dict[str, FileData], problems: list[str], rows_over: str = 'soc') -> Table:
@@ -65,9 +74,9 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
     power, heat = curves
     hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
         tuple(value / efficiency for value in row) for row in heat.values))
-    return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False),
-                      cools, max(map(max, power.values)), tuple(map(float, node.get('power_steps_w', ()))),
-                      *(float(node.get(key, 0.0)) for key in SWITCHING))
+    others = {key: value for key, value in node.items() if key not in ('maximum_power_w', 'heat_per_watt')}
+    return HeatSource(name, power, hvch_watts, cools=cools, most_w=max(map(max, power.values)),
+                      **arguments_of(others))
 
 
 def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath) -> Iterator[str]:
