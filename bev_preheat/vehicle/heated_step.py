@@ -42,11 +42,8 @@ if TYPE_CHECKING:
 # kept at least this far apart, which changes the result by a relative 4e-8.
 APART_SQUARED = 1e-6
 
-# `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w, heat_w, leakage_w_per_k)`.
 HeatStep = Callable[[Number, Number, Number, Number, Number, Number, Number, Number],
                     tuple[Number, Number, Number, Number]]
-# `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
-# leakage_w_per_k, command_w)`.
 HeatedStep = Callable[
     [Number, Number, Number, Number, Number, Number, Number, Number, Number, Number],
     tuple[Number, Number, Number, Number, Number, Number, Number, Number]]

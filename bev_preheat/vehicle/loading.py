@@ -165,15 +165,15 @@ def _charging(contents: dict[str, FileData], charge: Table, heat_sources: dict[s
     """Return the Charging of a checked file, None without the block; add problems to `problems`."""
     if 'charging' not in contents:
         return None
-    node, limit = dict(contents['charging']), charge
-    has_own_limit = 'power_limit' in node
+    node, table = dict(contents['charging']), contents['battery']['power_limits']['charge']
+    key, has_own_limit = 'battery.power_limits.charge (there is no charging.power_limit)', 'power_limit' in node
     if has_own_limit:
-        table = node.pop('power_limit')
-        problems += _no_cold('charging.power_limit', table)
-        limit = read_table('charging.power_limit', table, problems)
-    else:
-        problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
-                             contents['battery']['power_limits']['charge'])
+        key, table = 'charging.power_limit', node.pop('power_limit')
+    if 'temperature_c' not in table:
+        problems.append(f'{key}: has no temperature_c, so a cold battery would charge like a warm one and '
+                        'preheating would gain nothing; add the axis, or let preheat vehicle new --charging-curve '
+                        'combine the curve with the cold')
+    limit = read_table(key, table, problems) if has_own_limit else charge
     lowest_c, highest_c = map(float, contents['battery']['temperature_range_c'])
     cooling = _cooling(node.pop('cooling', None), heat_sources, contents['hvch']['efficiency'], problems)
     ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
@@ -210,9 +210,8 @@ def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSourc
                         'heat_source without these')
         return None
     if power_w is None:
-        assert ratio is not None
         power_w = ratio * values['electrical_power_w']
-    return Cooling(cooling_power_w=power_w, curves=None, **values)
+    return Cooling(cooling_power_w=power_w, **values)
 
 
 def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
@@ -239,14 +238,6 @@ def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSo
         tuple(-efficiency * value for value in row) for row in source.hvch_watts.values))
     return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
                    curves=(power, ratio), **arguments_of(values))
-
-
-def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:
-    """Yield a sentence if the charging power of sessions does not depend on the temperature."""
-    if 'temperature_c' not in table:
-        yield (f'{key}: has no temperature_c, so a cold battery would charge like a warm one and preheating would '
-               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with '
-               'the cold')
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:

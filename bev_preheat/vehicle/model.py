@@ -100,7 +100,6 @@ def idle_heat_w(leakage_w_per_k: AnyNumber, ambient_c: AnyNumber, drivetrain_hea
 # Cached per vehicle and kind of number: nominal and corrected vehicles of several cars.
 KEPT_LIMITS = 64
 
-# `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
 
 

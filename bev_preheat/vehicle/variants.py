@@ -199,7 +199,6 @@ def with_other_sources(drive: DriveInputs, drawn_w: float, heat_w: float) -> Dri
                    auxiliary_power_w=drive.auxiliary_power_w + drawn_w - heat_w)
 
 
-# `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 DriveRates = Callable[[AnyNumber, AnyNumber, Sequence[AnyNumber], DriveInputs],
                       tuple[AnyNumber, AnyNumber, AnyNumber]]
 # `mean_magnitude(mean, variance)`: see numerics.
@@ -269,7 +268,6 @@ class Lagging:
     sensor_place: AnyNumber
 
 
-# `step(lagging, rates, heat_capacity, duration_s)` -> temperature, charge, heat under way, sensor, local rise.
 LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber, AnyNumber], AnyNumber, AnyNumber],
                        tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
 
