@@ -19,7 +19,6 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Fix, Match, offset_m, unit_vector
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import (
-    begin,
     carried_on,
     FASTEST_MPS,
     GATE_DEVIATIONS,
@@ -27,6 +26,7 @@ from bev_preheat.route.place_belief import (
     place_of,
     PlaceBelief,
     updated,
+    weighed,
 )
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ class Matcher:
                        furthest_m=max(track.furthest_m, place.distance_m))
 
     def _begun(self, fix: Fix, near: Nearby) -> _Track | None:
-        belief = begin(self.line, near, _sigma_m(fix), self._prior(fix, near))
+        belief = weighed(self.line, near, _sigma_m(fix), self._prior(fix, near))
         if belief is None:
             return None
         place = place_of(self.line, belief)

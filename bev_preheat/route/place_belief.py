@@ -66,13 +66,6 @@ class Place(NamedTuple):
     other_m: float | None
 
 
-def begin(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray) -> PlaceBelief | None:
-    """Return the belief after a first fix [deviation: m] with a prior density [1/m], shape (K,); None if empty."""
-    if len(near.at) == 0:
-        return None
-    return _updated(line, near, fix_deviation_m, prior, 1.0)
-
-
 def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
                odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> FloatArray:
     """
@@ -100,13 +93,11 @@ def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
 def updated(line: MapLine, belief: PlaceBelief, near: Nearby, fix_deviation_m: float, seconds: float,
             odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> PlaceBelief | None:
     """Return the belief after the next fix; None if it is not near any place that the vehicle can have reached."""
-    if len(near.at) == 0:
-        return None
     carried = carried_on(line, belief, near, seconds, odometer_m, fastest_mps)
     evidence = float(carried @ _likelihood(near, fix_deviation_m)) * line.spacing_m
     if evidence < LEAST_EVIDENCE:
         return None
-    return _updated(line, near, fix_deviation_m, carried, min(1.0, seconds / CORRELATED_S))
+    return weighed(line, near, fix_deviation_m, carried, min(1.0, seconds / CORRELATED_S))
 
 
 def place_of(line: MapLine, belief: PlaceBelief) -> Place:
@@ -122,13 +113,14 @@ def place_of(line: MapLine, belief: PlaceBelief) -> Place:
                  float(means_m[order[1]]) if len(order) > 1 else None)
 
 
-def _updated(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray,
-             trust: float) -> PlaceBelief | None:
+def weighed(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray,
+            trust: float = 1.0) -> PlaceBelief | None:
     """
-    Return the belief with prior times likelihood within each pass, and prior times likelihood^trust between them.
+    Return the belief after a fix [deviation: m] with a prior density [1/m] at the points near it, shape (K,).
 
-    The errors of consecutive fixes are almost equal. Within a pass that does no harm, because the vehicle moves;
-    between parallel passes, the same error would count as new evidence each time.
+    That is prior times likelihood within each pass, and prior times likelihood^trust between them; None if it is 0
+    everywhere. The errors of consecutive fixes are almost equal. Within a pass that does no harm, because the
+    vehicle moves; between parallel passes, the same error would count as new evidence each time.
     """
     passes = _passes(line, near.at)
     joint = prior * _likelihood(near, fix_deviation_m)

@@ -157,7 +157,7 @@ def propulsion_columns(vehicle: Vehicle, motion: Motion,
     force_n = road_load.mass_kg * GRAVITY_MPS2 * (road_load.rolling_resistance + sine) + 3.0 * drag * speed_mps**2
     deviation_w = np.sqrt(road_load.mass_kg**2 * changes.kinetic_power_variance
                           + force_n**2 * changes.speed_variance_m2ps2)
-    mean_w, rms_w, magnitude_w = (np.empty(len(duration_s)) for _ in range(3))
+    mean_w, rms_w, magnitude_w = np.empty((3, len(duration_s)))
     for start in range(0, len(duration_s), AT_ONCE):
         part = slice(start, start + AT_ONCE)
         power_w = battery_power_w(

@@ -221,9 +221,9 @@ class NativeVehicle:
         struct.factor_count = len(factors)
         struct.factor[:len(factors)] = factors[::-1]
         if isinstance(curve, PolynomialVoltage):
-            coefficients_v = (*curve.polynomial_v, 0.0, 0.0, 0.0)[:4]
+            polynomial_v = (*curve.polynomial_v, 0.0, 0.0, 0.0)[:4]
             struct.kind = POLYNOMIAL_AND_LOGARITHM if curve.log_soc_v else POLYNOMIAL
-            struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
+            struct.parameter[:] = (*polynomial_v, curve.log_soc_v)
         elif isinstance(curve, InverseTemperatureResistance):
             struct.kind = INVERSE_TEMPERATURE
             struct.parameter[:3] = curve.k_ohm_k, curve.reference_temperature_c, curve.connection_ohm

@@ -90,6 +90,15 @@ class Table:
     temperature_c: tuple[float, ...]
     values: tuple[tuple[float, ...], ...]
 
+    @classmethod
+    def constant(cls, value: float) -> Table:
+        """Return the table of one value."""
+        return cls((0.0,), (0.0,), ((value,),))
+
+    def changed(self, change: Callable[[float], float]) -> Table:
+        """Return the table with each value changed by a function."""
+        return replace(self, values=tuple(tuple(map(change, row)) for row in self.values))
+
     def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)`, bilinear, for the given kind of number."""
         if arithmetic is FLOATS or arithmetic is SATURATING_FLOATS:
@@ -172,8 +181,7 @@ def with_connections(resistance: Curve, connection_ohm: float) -> Curve:
     if isinstance(resistance, InverseTemperatureResistance):
         return replace(resistance, connection_ohm=resistance.connection_ohm + connection_ohm)
     assert isinstance(resistance, Table)
-    return replace(resistance, values=tuple(
-        tuple(value + connection_ohm for value in row) for row in resistance.values))
+    return resistance.changed(lambda value: value + connection_ohm)
 
 
 def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:

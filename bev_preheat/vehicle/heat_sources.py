@@ -63,7 +63,7 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
                                    ('heat_per_watt', HEAT_PER_WATT_RANGE, '')):
         value, place = node[key], f'heat_sources.{name}.{key}'
         table = (read_table(place, value, problems, 'ambient_c') if isinstance(value, dict) else
-                 Table((0.0,), (0.0,), ((float(value),),)))
+                 Table.constant(float(value)))
         cools = table.values[0][0] < 0.0 and key == 'heat_per_watt'
         if cools:
             low, high = -high, -low
@@ -72,8 +72,7 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
                      for number in bad[:1]]
         curves.append(table)
     power, heat = curves
-    hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
-        tuple(value / efficiency for value in row) for row in heat.values))
+    hvch_watts = heat.changed(lambda value: value / efficiency)
     others = {key: value for key, value in node.items() if key not in ('maximum_power_w', 'heat_per_watt')}
     return HeatSource(name, power, hvch_watts, cools=cools, most_w=max(map(max, power.values)),
                       **arguments_of(others))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
@@ -233,9 +232,8 @@ def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSo
     assert isinstance(source.hvch_watts, Table) and isinstance(power, Table)
     # A compressor with steps delivers lower powers in the mean of its steps.
     most_w = (source.power_steps_w or (source.most_w,))[-1]
-    power = replace(power, values=tuple(tuple(min(value, most_w) for value in row) for row in power.values))
-    ratio = replace(source.hvch_watts, values=tuple(
-        tuple(-efficiency * value for value in row) for row in source.hvch_watts.values))
+    power = power.changed(lambda value: min(value, most_w))
+    ratio = source.hvch_watts.changed(lambda value: -efficiency * value)
     return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
                    curves=(power, ratio), **arguments_of(values))
 

@@ -79,8 +79,8 @@ def test_a_session_takes_the_published_time(sheet):
      'fit --charging-curve, which takes '),
     ({'charging_time_10_80_min': 0.53}, '--charging-time-10-80-min: 0.53 min is implausible; it must be 4 ... '
      '240 min; 0.53 h would be 31.8 min'),
-    ({'charging_curves': (CURVE.scaled(1.2),)}, '--charging-curve: its maximum of 162 kW exceeds '
-     '--charging-power-kw 135 kW')])
+    ({'charging_curves': (replace(CURVE, power_kw=(162.0, 162.0, 84.0, 24.0)),)},
+     '--charging-curve: its maximum of 162 kW exceeds --charging-power-kw 135 kW')])
 def test_a_time_that_cannot_be_is_refused_in_words(changes, problem):
     with pytest.raises(InvalidInput) as refused:
         describe_timed_car(replace(ID4, **changes))

@@ -28,23 +28,20 @@ if TYPE_CHECKING:
 MOST_DEPTH = 50
 
 
-class _Refusal(Exception):
-    """Ends the parser."""
-
-
 def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None] | None = None) -> None:
     """Refuse a text that is no plain XML, by line; `on_element` gets name, attributes and line of each element."""
     parser = expat.ParserCreate()
     depth = 0
 
     def refuse(*_: object) -> None:
-        raise _Refusal('has a document type (<!DOCTYPE …>); delete it: routes need none')
+        raise InvalidInput(f'line {parser.CurrentLineNumber}: has a document type (<!DOCTYPE …>); delete it: '
+                           'routes need none')
 
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
         if depth > MOST_DEPTH:
-            raise _Refusal(f'elements are nested more than {MOST_DEPTH} deep')
+            raise InvalidInput(f'line {parser.CurrentLineNumber}: elements are nested more than {MOST_DEPTH} deep')
         if on_element is not None:
             on_element(name.rpartition(':')[2], attributes, parser.CurrentLineNumber)
 
@@ -57,8 +54,6 @@ def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None
     parser.EndElementHandler = end
     try:
         parser.Parse(text, True)
-    except _Refusal as error:
-        raise InvalidInput(f'line {parser.CurrentLineNumber}: {error}') from error
     except expat.ExpatError as error:
         raise InvalidInput(f'line {error.lineno}: is not XML: {expat.ErrorString(error.code)}; is the file '
                            'complete?') from error
