@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 from bev_preheat.optional_packages import require
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 AnyPath = str | os.PathLike[str]
 LARGEST_TEXT = 64_000_000

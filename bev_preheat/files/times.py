@@ -7,14 +7,12 @@ from collections.abc import Callable, Sequence
 from datetime import datetime, UTC
 from functools import partial
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.files.units import conversion, read_numbers
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
+from bev_preheat.numerics import FloatArray
 
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0

@@ -9,7 +9,6 @@ from dataclasses import fields, replace
 import io
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,14 +16,12 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.files.output_files import AnyPath, write_whole
 from bev_preheat.files.table import read_table, Table
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import ChargingStop
 from bev_preheat.route.sources.table import motion_of_segments
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.description import Defaults
 
 # The line above the header that names the vehicle of the route.
 VEHICLE_COMMENT = re.compile(r'vehicle:\s*(.*)')

@@ -13,12 +13,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
@@ -26,10 +26,7 @@ from bev_preheat.route.road_load import propulsion_columns
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, SEGMENT_S
 from bev_preheat.route.sources.registry import read_journey
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 LEGS_PREFIX = 'legs/'
 LEGS_SUFFIXES = ('.yaml', '.yml')

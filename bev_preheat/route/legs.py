@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,7 @@ from bev_preheat.numerics import first_true, JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
 from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 

@@ -6,15 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import AnyNumber, first_true
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.numerics import AnyNumber, first_true, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -11,28 +11,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import NS_PER_S
-from bev_preheat.route.line import Cause, Fix, Match, offset_m, unit_vector
+from bev_preheat.numerics import FloatArray, NS_PER_S
+from bev_preheat.route.line import Cause, Fix, MapLine, Match, Nearby, offset_m, unit_vector
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import (
     carried_on,
     FASTEST_MPS,
     GATE_DEVIATIONS,
     ODOMETER_DEVIATION,
+    Place,
     place_of,
     PlaceBelief,
     updated,
     weighed,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.line import MapLine, Nearby
-    from bev_preheat.route.place_belief import Place
 
 # Deviation of a fix that names none, and the least that is used: receivers underrate correlated errors [m].
 USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0

@@ -11,13 +11,12 @@ the true position.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
-    from bev_preheat.route.line import MapLine, Nearby
+from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.route.line import MapLine, Nearby
 
 # A fix further than this many deviations from a place speaks against it: exp(-3.5^2 / 2), 0.2 % of good fixes in
 # the plane.

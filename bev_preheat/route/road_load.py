@@ -5,17 +5,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.route.speed_changes import FULLY_SAMPLED_S, speed_changes
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import RoadLoad, Vehicle
+from bev_preheat.vehicle.description import RoadLoad, Vehicle
 
 GRAVITY_MPS2 = 9.80665
 # International standard atmosphere (ISO 2533): pressure over elevation in the troposphere.

@@ -7,16 +7,13 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self, TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
 from bev_preheat.errors import figure_beyond, InvalidInput, range_problem
-from bev_preheat.numerics import first_true, mean_magnitude
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults
+from bev_preheat.numerics import first_true, FloatArray, mean_magnitude
+from bev_preheat.vehicle.description import Defaults
 
 # Valid range of a segment's values: (low, high). Wide enough for a truck on a pass, narrow enough to
 # detect wrong units: a speed in km/h, a power in kW squared, a temperature in kelvin.

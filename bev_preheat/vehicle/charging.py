@@ -12,19 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import W_PER_KW
+from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging
+from bev_preheat.vehicle.description import Charging, Vehicle
 from bev_preheat.vehicle.variants import ScaledCurve
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 # The assumed fall [K]: wide enough for steps of a session, and above all batteries that are merely warm.
 FALL_K = 5.0

@@ -19,18 +19,14 @@ import csv
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
-from bev_preheat.numerics import W_PER_KW
+from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.vehicle.chemistry import Chemistry
 from bev_preheat.vehicle.curves import Table
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')

@@ -7,23 +7,18 @@ An object here keeps alive all memory that its struct points to. `address` is th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import addressof, c_double, c_int32, c_void_p, Structure
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bev_preheat.numerics import Curve, FloatArray
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS
+from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS, TripColumns
 from bev_preheat.vehicle.variants import ScaledCurve
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from bev_preheat.numerics import Curve, FloatArray
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import TripColumns
 
 MOST_STEPS = 1_000_000
 ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16

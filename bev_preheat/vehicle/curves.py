@@ -11,7 +11,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +20,11 @@ from bev_preheat.numerics import (
     ARRAYS,
     Curve,
     CurveFunction,
+    FloatArray,
     FLOATS,
     Number,
     SATURATING_FLOATS,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # ln(soc) diverges for an empty battery; below this state of charge the voltage is constant.
 LOWEST_SOC_IN_LOGARITHM = 1e-3

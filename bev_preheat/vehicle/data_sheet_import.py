@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
+from bev_preheat.files.checked_yaml import FileData
+from bev_preheat.numerics import FloatArray, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging_curve import (
     charging_map,
     ChargingCurve,
@@ -24,11 +24,6 @@ from bev_preheat.vehicle.charging_curve import (
 )
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
-
-if TYPE_CHECKING:
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics import FloatArray
-
 
 # A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.
 CELL_SHARE_OF_PACK_MASS = 0.7

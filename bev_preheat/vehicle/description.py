@@ -7,21 +7,16 @@ Built and checked by `vehicle.loading` from a YAML file; nothing is checked here
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.numerics import Curve, Number
+from bev_preheat.numerics import Curve, FloatArray, Number
 from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from bev_preheat.numerics import FloatArray
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,15 @@
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import figure, quoted
+from bev_preheat.files.checked_yaml import FileData
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import HeatSource, HVCH, step_problems
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, HeatSource, HVCH, step_problems
 
 SOURCE_RANGE_W = (0.0, 50e3)
 # Below the low end a source heats by waste; above the high end no heat pump works. Negative: a source that cools.

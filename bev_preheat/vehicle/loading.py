@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
-from bev_preheat.numerics import ARRAYS, Curve
+from bev_preheat.numerics import ARRAYS, Curve, FloatArray
 from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
 from bev_preheat.vehicle.description import (
@@ -27,6 +26,7 @@ from bev_preheat.vehicle.description import (
     gate_problems,
     HeatingGates,
     HeatPath,
+    HeatSource,
     Hvch,
     Leakage,
     RoadLoad,
@@ -35,10 +35,6 @@ from bev_preheat.vehicle.description import (
 )
 from bev_preheat.vehicle.heat_sources import arguments_of, heat_source_problems, read_heat_source, read_table
 from bev_preheat.vehicle.variants import with_shell
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import HeatSource
 
 SCHEMA = Path(__file__).with_name('schema.yaml')
 BATTERY_NUMBERS = ('capacity_ah', 'heat_capacity_j_per_k', 'soc_range', 'temperature_range_c')

@@ -9,15 +9,13 @@ from pathlib import Path
 import re
 import shlex
 from types import SimpleNamespace
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS, FLOATS, S_PER_H, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_in_words, session_charging
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Battery, Vehicle
+from bev_preheat.vehicle.description import Battery, Vehicle
 
 JOULES_PER_KJ = 1000.0
 KMH_100_MPS = 100.0 / 3.6

@@ -8,20 +8,24 @@ of the line from properties.segments[].steps[] with way_points, as openrouteserv
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.times import iso_seconds
-from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of_pieces, Pieces
+from bev_preheat.numerics import FloatArray
+from bev_preheat.route.sources.journey import (
+    check_coordinates,
+    distances_m,
+    Journey,
+    journey_of_pieces,
+    Pieces,
+    RouteOptions,
+)
 from bev_preheat.route.sources.json_values import checked, in_words, items
 from bev_preheat.route.sources.navigation import leg_of, points_of, Service
 from bev_preheat.route.sources.track import journey_of_points
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 KIND = 'GeoJSON line'
 OPENROUTESERVICE = Service(KIND, '', 'segments', ('distance',), ('duration',), (), 'steps', ('duration',))

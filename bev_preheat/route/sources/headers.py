@@ -6,19 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from difflib import get_close_matches
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
+from bev_preheat.files.table import Table
 from bev_preheat.files.units import Conversion, conversion, split_unit, TO_OWN
-from bev_preheat.numerics import first_true
+from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import SLOPE_RANGE
-
-if TYPE_CHECKING:
-    from bev_preheat.files.table import Table
-    from bev_preheat.numerics import FloatArray
 
 
 class Quantity(NamedTuple):

@@ -3,22 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import EARTH_RADIUS_M, first_true
+from bev_preheat.numerics import EARTH_RADIUS_M, first_true, FloatArray
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.road_load import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
 
 # Duration [s] of the segments that samples are joined to.
 SEGMENT_S = 30.0

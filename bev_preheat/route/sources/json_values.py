@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.files.table import Table
 from bev_preheat.files.units import split_unit
 from bev_preheat.numerics import FloatArray
+from bev_preheat.route.sources.journey import Journey
 from bev_preheat.route.sources.table import journey_of_table
-
-if TYPE_CHECKING:
-    from bev_preheat.route.sources.journey import Journey
 
 MOST_NUMBER = 1e15
 

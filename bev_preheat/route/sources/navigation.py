@@ -11,19 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located, quoted
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import ELEVATION_RANGE_M
-from bev_preheat.route.sources.journey import journey_of_pieces, Pieces
+from bev_preheat.route.sources.journey import Journey, journey_of_pieces, Pieces, RouteOptions
 from bev_preheat.route.sources.json_values import checked, in_words, items, numbers
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # Durations as a text; the longest leg and charging stop [s], and the longest leg [m].
 SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')

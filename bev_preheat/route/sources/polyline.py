@@ -3,15 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.sources.journey import distances_m
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # Bits of a number in each character, and the sign that another one follows.
 BITS, MORE, FIRST = 5, 0x20, 63

@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.input_files import beginning_of
 from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.sources.headers import headers_of
+from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # Largest file [bytes]; a day of samples at 10 Hz has less.
 LARGEST_FILE = 64_000_000

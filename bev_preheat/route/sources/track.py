@@ -4,22 +4,23 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import EARTH_RADIUS_M
+from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray
 from bev_preheat.route.kinematics import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
-from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of, Timeline
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import BoolArray, FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
+from bev_preheat.route.sources.journey import (
+    check_coordinates,
+    distances_m,
+    Journey,
+    journey_of,
+    RouteOptions,
+    Timeline,
+)
 
 # No car is faster [m/s]; a fix beyond is an error of the receiver.
 MOST_SPEED_MPS = 83.0

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -14,15 +14,11 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table import Table
 from bev_preheat.files.times import iso_seconds
 from bev_preheat.files.units import NUMBER, split_unit
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import distances_m, Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
 from bev_preheat.route.sources.track import journey_of_points
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import FloatArray
 
 # Deeper nesting is no route.
 MOST_DEPTH = 50
