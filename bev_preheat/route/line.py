@@ -153,8 +153,7 @@ class MapLine:
     def planned_m(self, from_m: FloatArray, seconds: float) -> FloatArray:
         """Return the planned distances [m] `seconds` after the vehicle was at distances [m], stops included."""
         from_s = np.interp(from_m, self._planned_m, self._planned_s)
-        reached_m: FloatArray = np.interp(from_s + seconds, self._planned_s, self._planned_m)
-        return reached_m
+        return np.interp(from_s + seconds, self._planned_s, self._planned_m)
 
     def planned_s(self, distance_m: float) -> float:
         """Return the planned time [s] at a distance [m]."""

@@ -85,8 +85,7 @@ def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
         moving = (1.0 - by_plan) * ahead / reach_m + by_plan * ahead * _normal(
             gain_m - planned_m, np.hypot(PACE_DEVIATION * planned_m, JUMP_M))
         density = STANDING_SHARE * _normal(gain_m, drift_m) + (1.0 - STANDING_SHARE) * moving
-    carried: FloatArray = belief.share @ density
-    return carried
+    return belief.share @ density
 
 
 def updated(line: MapLine, belief: PlaceBelief, near: Nearby, fix_deviation_m: float, seconds: float,
@@ -138,17 +137,14 @@ def weighed(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArr
 
 def _likelihood(near: Nearby, fix_deviation_m: float) -> FloatArray:
     """Return the likelihood of a fix at the points near it, in units of that at the fix itself; shape (K,)."""
-    likelihood: FloatArray = np.exp(-0.5 * (near.distance_m / fix_deviation_m)**2)
-    return likelihood
+    return np.exp(-0.5 * (near.distance_m / fix_deviation_m)**2)
 
 
 def _passes(line: MapLine, at: IntArray) -> IntArray:
     """Return the number of the pass of each point, whose indices ascend; shape (K,)."""
     apart = np.diff(at, prepend=at[:1]) * line.spacing_m > PASS_GAP_M
-    numbers: IntArray = np.cumsum(apart)
-    return numbers
+    return np.cumsum(apart)
 
 
 def _normal(value: FloatArray, deviation: float | FloatArray) -> FloatArray:
-    density: FloatArray = np.exp(-0.5 * (value / deviation)**2) / (math.sqrt(2.0 * math.pi) * deviation)
-    return density
+    return np.exp(-0.5 * (value / deviation)**2) / (math.sqrt(2.0 * math.pi) * deviation)

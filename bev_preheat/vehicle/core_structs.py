@@ -277,5 +277,4 @@ def address_of(array: NDArray[Any] | None) -> Any:
 
 def doubles(values: Any) -> FloatArray:
     """Return values as a contiguous array of doubles: itself, if it is one."""
-    array: FloatArray = np.ascontiguousarray(values, dtype=float)
-    return array
+    return np.ascontiguousarray(values, dtype=float)

@@ -130,8 +130,7 @@ def steps_below_w(steps_w: Sequence[float], power_w: FloatArray) -> FloatArray:
     if not steps_w:
         return power_w
     with_off_w = np.array((0.0, *steps_w))
-    below_w: FloatArray = with_off_w[np.maximum(np.searchsorted(with_off_w, power_w, side='right') - 1, 0)]
-    return below_w
+    return with_off_w[np.maximum(np.searchsorted(with_off_w, power_w, side='right') - 1, 0)]
 
 
 def step_problems(place: str, steps_w: Sequence[float], most_w: float, most: str) -> Iterator[str]:

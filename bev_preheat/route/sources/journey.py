@@ -146,8 +146,7 @@ def _edges(timeline: Timeline) -> FloatArray:
     kept[-1] = end_s
     pieces = [np.linspace(start_s, until_s, max(1, round((until_s - start_s) / SEGMENT_S)) + 1)[:-1]
               for start_s, until_s in zip(kept, kept[1:])]
-    edges_s: FloatArray = np.concatenate((*pieces, [end_s]))
-    return edges_s
+    return np.concatenate((*pieces, [end_s]))
 
 
 def interpolated(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
