@@ -178,7 +178,8 @@ class Matcher:
 
     def _matched(self, fix: Fix) -> Match:
         near = self.line.near(fix.latitude_deg, fix.longitude_deg, GATE_DEVIATIONS * _sigma_m(fix))
-        self._note_course(fix)
+        self._course = [other for other in self._course
+                        if fix.stamp_ns - other.stamp_ns <= COURSE_S * NS_PER_S] + [fix]
         track = self._track
         is_gap = track is None or fix.stamp_ns - track.fix.stamp_ns > GAP_S * NS_PER_S
         if track is not None and not self._has_left and not is_gap:
@@ -276,9 +277,10 @@ class Matcher:
         cause, sentence = Cause.CONFIRMING, 'The position is near the route; its place is not confirmed yet'
         is_tracked = track is not None and not self._has_left and self._contradicts
         if len(near.at) == 0:
-            cause, sentence = Cause.OFF_ROUTE, f'The position is {_far(away_m)} from the route'
-            if track is not None and self.line.length_m - track.place.distance_m <= END_M:
-                cause = Cause.ARRIVED
+            far = f'{away_m:.0f} m' if away_m < 10e3 else f'{away_m / 1000:.0f} km'
+            has_arrived = track is not None and self.line.length_m - track.place.distance_m <= END_M
+            cause = Cause.ARRIVED if has_arrived else Cause.OFF_ROUTE
+            sentence = f'The position is {far} from the route'
         elif self._is_against(fix, near):
             cause, sentence = Cause.AGAINST, 'The vehicle drives along the route, against its direction'
         elif trial is not None and not _is_clear(trial.place):
@@ -300,10 +302,6 @@ class Matcher:
         if (self._contradicts >= LEFT_FIXES
                 and fix.stamp_ns - self._contradicts_since_ns >= LEFT_AFTER_S * NS_PER_S):
             self._has_left = True
-
-    def _note_course(self, fix: Fix) -> None:
-        self._course = [other for other in self._course
-                        if fix.stamp_ns - other.stamp_ns <= COURSE_S * NS_PER_S] + [fix]
 
     def _is_against(self, fix: Fix, near: Nearby) -> bool:
         """Return whether the vehicle drives against the direction of all parts of the route near it."""
@@ -338,7 +336,3 @@ def _sigma_m(fix: Fix) -> float:
     """Return the deviation of a fix from the line [m], set when it was taken."""
     assert fix.deviation_m is not None
     return fix.deviation_m
-
-
-def _far(distance_m: float) -> str:
-    return f'{distance_m:.0f} m' if distance_m < 10e3 else f'{distance_m / 1000:.0f} km'

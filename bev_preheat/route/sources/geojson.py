@@ -20,7 +20,6 @@ from bev_preheat.route.sources.journey import (
     distances_m,
     Journey,
     journey_of_pieces,
-    Pieces,
     RouteOptions,
 )
 from bev_preheat.route.sources.json_values import checked, in_words, items
@@ -50,7 +49,11 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
-        return journey_of_pieces(KIND, _legs(properties), options, ['the mean speed of each step is used'],
+        legs = [part for at, segment in enumerate(properties['segments'])
+                for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
+        if not legs:
+            raise InvalidInput('properties.segments: is empty')
+        return journey_of_pieces(KIND, legs, options, ['the mean speed of each step is used'],
                                  np.array((latitude_deg, longitude_deg, elevation_m)))
     times = [_times(line_properties, len(line)) for (_, _, line_properties), line in zip(lines, points)]
     time_s = None if any(each is None for each in times) else np.concatenate(
@@ -109,11 +112,3 @@ def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
             number_of = checked(value, f'properties.coordTimes[{at}]')
             seconds.append(number_of / 1000.0 if number_of > 1e11 else number_of)
     return np.array(seconds)
-
-
-def _legs(properties: dict[str, Any]) -> list[Pieces]:
-    legs = [part for at, segment in enumerate(properties['segments'])
-            for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
-    if not legs:
-        raise InvalidInput('properties.segments: is empty')
-    return legs
