@@ -233,7 +233,7 @@ def _power_table(pack: Pack, shares: Chemistry, most_w: float) -> dict[str, File
 
 
 def _usual(sheet: DataSheet) -> dict[str, tuple[float, str]]:
-    """Return the usual value of each figure that a data sheet may lack, and its reason."""
+    """Return the usual value of each figure that a data sheet may omit, and its reason."""
     drive_kw, heater_kw = sheet.drive_power_kw, sheet.heater_power_kw
     if drive_kw is None:
         # Regeneration never exceeds the drivetrain's power.

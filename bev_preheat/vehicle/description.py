@@ -261,7 +261,7 @@ class HeatSource:
 
 @dataclass(frozen=True)
 class RoadLoad:
-    """Road load: mass, air and tyres (coefficients without a unit), and the drag area of what is on the roof."""
+    """Road load: mass, air and tyres (coefficients without a unit), and the additional drag area of a load."""
 
     mass_kg: float
     frontal_area_m2: float
