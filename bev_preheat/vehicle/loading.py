@@ -14,19 +14,15 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.numerics import ARRAYS, Curve, FloatArray
-from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
+from bev_preheat.vehicle.charging import read_charging
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, with_connections
 from bev_preheat.vehicle.description import (
-    Ageing,
     Battery,
-    Charging,
-    Cooling,
     Defaults,
     Drivetrain,
     gate_problems,
     HeatingGates,
     HeatPath,
-    HeatSource,
     Hvch,
     Leakage,
     RoadLoad,
@@ -117,7 +113,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     resistance = with_connections(curve('resistance', InverseTemperatureResistance), connection_ohm)
     discharge = read_table('battery.power_limits.discharge', limits['discharge'], problems)
     charge = read_table('battery.power_limits.charge', limits['charge'], problems)
-    charging = _charging(contents, charge, {source.name: source for source in heat_sources}, problems)
+    charging = read_charging(contents, charge, {source.name: source for source in heat_sources}, problems)
     if not problems:
         curves = [('battery.open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
                   ('battery.resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
@@ -153,85 +149,6 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         heating_gates=gates,
         heat_sources=heat_sources)
     return with_shell(vehicle, **contents['thermal']) if 'thermal' in contents else vehicle
-
-
-def _charging(contents: dict[str, FileData], charge: Table, heat_sources: dict[str, HeatSource],
-              problems: list[str]) -> Charging | None:
-    """Return the Charging of a checked file, None without the block; add problems to `problems`."""
-    if 'charging' not in contents:
-        return None
-    node, table = dict(contents['charging']), contents['battery']['power_limits']['charge']
-    key, has_own_limit = 'battery.power_limits.charge (there is no charging.power_limit)', 'power_limit' in node
-    if has_own_limit:
-        key, table = 'charging.power_limit', node.pop('power_limit')
-    if 'temperature_c' not in table:
-        problems.append(f'{key}: has no temperature_c, so a cold battery would charge like a warm one and '
-                        'preheating would gain nothing; add the axis, or let preheat vehicle new --charging-curve '
-                        'combine the curve with the cold')
-    limit = read_table(key, table, problems) if has_own_limit else charge
-    lowest_c, highest_c = map(float, contents['battery']['temperature_range_c'])
-    cooling = _cooling(node.pop('cooling', None), heat_sources, contents['hvch']['efficiency'], problems)
-    ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
-    limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), highest_c, problems)
-    charging = Charging(limit, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c, cooling=cooling,
-                        ageing=ageing, **arguments_of(node))
-    problems += charging_problems(charging, (lowest_c, highest_c))
-    return charging
-
-
-def _derated(limit: Table, node: dict[str, FileData] | None, highest_c: float,
-             problems: list[str]) -> tuple[Table, float | None]:
-    """Return a charging map with the fall for a hot battery, and where an assumed one begins [deg C]."""
-    if node is None:
-        return with_assumed_fall(limit, highest_c)
-    points = arguments_of(node)
-    found = list(derating_problems('charging.hot_derating', **points, highest_c=highest_c))
-    problems += found
-    return (limit if found else derated(limit, **points)), None
-
-
-def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSource], efficiency: float,
-             problems: list[str]) -> Cooling | None:
-    """Return the Cooling of a checked node, None without one; add problems to `problems`."""
-    if node is None:
-        return None
-    if 'heat_source' in node:
-        return _cooling_by_source(node, heat_sources, efficiency, problems)
-    values = arguments_of(node)
-    ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
-    if 'electrical_power_w' not in values or (ratio is None) == (power_w is None):
-        problems.append('charging.cooling: needs electrical_power_w with either cooling_power_w, the heat flow '
-                        'out of the battery, or coefficient_of_performance, its ratio to electrical_power_w; or '
-                        'heat_source without these')
-        return None
-    if power_w is None:
-        power_w = ratio * values['electrical_power_w']
-    return Cooling(cooling_power_w=power_w, **values)
-
-
-def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
-                       problems: list[str]) -> Cooling | None:
-    """Return the Cooling by a heat source, beside an HVCH of an efficiency; add problems to `problems`."""
-    values = dict(node)
-    name = values.pop('heat_source')
-    coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
-    if name not in coolers:
-        problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
-                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has no such"}')
-        return None
-    if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
-        problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '
-                        'allowed beside it')
-        return None
-    source = heat_sources[name]
-    power = source.maximum_power_w
-    assert isinstance(source.hvch_watts, Table) and isinstance(power, Table)
-    # A compressor with steps delivers lower powers in the mean of its steps.
-    most_w = (source.power_steps_w or (source.most_w,))[-1]
-    power = power.changed(lambda value: min(value, most_w))
-    ratio = source.hvch_watts.changed(lambda value: -efficiency * value)
-    return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
-                   curves=(power, ratio), **arguments_of(values))
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:
