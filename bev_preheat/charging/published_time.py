@@ -61,10 +61,10 @@ def curve_fit(sheet: DataSheet) -> float:
 
     1 without a published time. Raises InvalidInput if the data sheet is implausible, or if no fit gives the time.
     """
-    chemistry = load_chemistry(sheet.chemistry) if sheet.charging_time_10_80_min is not None else None
     entries = describe_car(sheet)
-    if chemistry is None or sheet.charging_time_10_80_min is None:
+    if sheet.charging_time_10_80_min is None:
         return 1.0
+    chemistry = load_chemistry(sheet.chemistry)
     vehicle = vehicle_of_text(vehicle_text(sheet.name, entries, ''), sheet.name)
     wanted_s = S_PER_MIN * sheet.charging_time_10_80_min
 

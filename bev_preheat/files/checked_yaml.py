@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 import math
@@ -60,46 +60,28 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
     return contents
 
 
-class _UniqueKeys:
-    """Makes a loader refuse duplicate keys in a mapping; YAML's own silently takes the last one."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, FileData]:
-        seen = set()
-        for key_node, _ in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                continue
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'{key_node.value!r} is a duplicate key', key_node.start_mark)
-            seen.add(key_node.value)
-        contents: dict[Hashable, FileData] = super().construct_mapping(  # type: ignore[misc]
-            node, deep)
-        return contents
-
-
 # LibYAML parses six times faster; not every build of PyYAML has it.
-try:
-    from yaml import CSafeLoader as _FastLoader
-except ImportError:
-    from yaml import SafeLoader as _FastLoader  # type: ignore[assignment]
+_FAST: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
-class _Loader(_UniqueKeys, yaml.SafeLoader):
-    pass
+def _strict(loader: Any) -> Any:
+    """Return a loader that refuses duplicate keys (YAML's own takes the last one) and leaves dates as texts."""
+    class Strict(loader):  # type: ignore[misc]
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
+            seen = set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f'{key.value!r} is a duplicate key', key.start_mark)
+                seen.add(key.value)
+            return super().construct_mapping(node, deep)
+
+    # Schemas say where a date is allowed, and readers know the zone.
+    Strict.add_constructor('tag:yaml.org,2002:timestamp', Strict.construct_scalar)
+    return Strict
 
 
-class _FastLoaderOfUniqueKeys(_UniqueKeys, _FastLoader):
-    pass
-
-
-def _as_text(loader: Any, node: Any) -> str:
-    """Return a date as its text: schemas say where a date is allowed, and readers know the zone."""
-    text: str = loader.construct_scalar(node)
-    return text
-
-
-for _each in (_Loader, _FastLoaderOfUniqueKeys):
-    _each.add_constructor('tag:yaml.org,2002:timestamp', _as_text)
+_LOADER, _FAST_LOADER = _strict(yaml.SafeLoader), _strict(_FAST)
 
 # LibYAML crashes if values are nested about twenty thousand deep. Each level starts with such a character.
 _NESTING, HARMLESS_NESTING = '[{-?:', 5000
@@ -109,8 +91,8 @@ def _load(text: str) -> FileData:
     if sum(map(text.count, _NESTING)) < HARMLESS_NESTING:
         # Errors are reported in the words of one loader.
         with suppress(yaml.YAMLError):
-            return yaml.load(text, Loader=_FastLoaderOfUniqueKeys)
-    return yaml.load(text, Loader=_Loader)
+            return yaml.load(text, Loader=_FAST_LOADER)
+    return yaml.load(text, Loader=_LOADER)
 
 
 @cache
@@ -123,7 +105,7 @@ def load_schema(path: Path) -> FileData:
             return {key: whole(item) for key, item in node.items()}
         return [whole(item) for item in node] if isinstance(node, list) else node
 
-    return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FastLoader))
+    return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FAST))
 
 
 def _values_in(value: FileData, known: dict[int, int]) -> int:

@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 from bev_preheat.optional_packages import require
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 AnyPath = str | os.PathLike[str]
 LARGEST_TEXT = 64_000_000
@@ -90,6 +87,8 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
 PACKAGE = 'bev_preheat'
 _INDEX = Path('share', 'ament_index', 'resource_index', 'packages')
 HERE = Path(__file__).resolve()
+# In a source tree, its own config folder and its own version are used.
+SOURCES = HERE.parents[2]
 
 
 def installed_prefix(package: str) -> Path | None:
@@ -107,16 +106,12 @@ def share_folder() -> Path:
     return prefix / 'share' / PACKAGE
 
 
-# In a source tree, its own config folder is used.
-SOURCES = Path(__file__).resolve().parents[2]
-
-
 def configuration_folder(kind: str) -> Path:
     """Return the folder of the package's files of a kind (`vehicles`, `itineraries`)."""
     if (SOURCES / 'config').is_dir():
         return SOURCES / 'config' / kind
     # Installed by pip they lie in the package, by colcon in the share folder.
-    in_package = Path(__file__).resolve().parents[1] / 'config'
+    in_package = HERE.parents[1] / 'config'
     return (in_package if in_package.is_dir() else share_folder() / 'config') / kind
 
 
@@ -153,16 +148,13 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
         f'or give a file ending in {suffix}')
 
 
-MANIFEST = 'package.xml'
-
-
 def version() -> str:
     """Return the version of the running sources, or of the installed package, as a text."""
-    manifest = Path(__file__).resolve().parents[2] / MANIFEST
+    manifest = SOURCES / 'package.xml'
     if not manifest.is_file():
         if installed_prefix(PACKAGE) is None:
             # Installed by pip.
             from importlib.metadata import version as version_of
             return version_of(PACKAGE)
-        manifest = share_folder() / MANIFEST
+        manifest = share_folder() / 'package.xml'
     return ElementTree.parse(manifest).findtext('version', '').strip()

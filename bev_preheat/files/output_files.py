@@ -93,16 +93,11 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
         except InvalidInput as error:
             problems += [f'{output.option}: {problem}' for problem in error.problems]
             continue
-        for path in inputs:
-            if _is_one_file(output.path, path):
-                problems.append(f'{output.option}: {_shown(output.path)}: is the same file as the '
-                                f'input {path}, which must not be overwritten')
-                break
-        for option, path in earlier:
-            if _is_one_file(output.path, path):
-                problems.append(f'{output.option}: {_shown(output.path)}: is the same file as '
-                                f'{option}; each output needs its own file')
-                break
+        start = f'{output.option}: {_shown(output.path)}: is the same file as'
+        read = [path for path in inputs if _is_one_file(output.path, path)]
+        written = [option for option, path in earlier if _is_one_file(output.path, path)]
+        problems += [f'{start} the input {path}, which must not be overwritten' for path in read[:1]]
+        problems += [f'{start} {option}; each output needs its own file' for option in written[:1]]
         earlier.append((output.option, output.path))
     if problems:
         raise InvalidInput(problems)

@@ -12,8 +12,7 @@ from jsonschema.validators import extend
 
 # A value from a file, or a schema for it.
 Data = Any
-
-
+RANGES = {'minimum': 'at least', 'exclusiveMinimum': 'above', 'maximum': 'at most', 'exclusiveMaximum': 'below'}
 # JSON Schema counts 6.0 as an integer; an index or a seed is refused here.
 _TYPES = Draft7Validator.TYPE_CHECKER.redefine(
     'integer', lambda checker, value: isinstance(value, int) and not isinstance(value, bool))
@@ -52,8 +51,9 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         # jsonschema reports each missing key separately; the first report covers all.
         if missing and repr(missing[0]) in error.message:
             yield f'{key}: missing {", ".join(missing)}'
-    elif rule in ('minimum', 'exclusiveMinimum', 'maximum', 'exclusiveMaximum'):
-        yield f'{key}: {value} is not allowed; it must be {_range_in_words(schema)}'
+    elif rule in RANGES:
+        ends = [f'{word} {schema[rule]}' for rule, word in RANGES.items() if rule in schema]
+        yield f'{key}: {value} is not allowed; it must be {" and ".join(ends)}'
     elif rule == 'type':
         wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
         yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
@@ -63,11 +63,10 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
-    elif rule == 'maxLength':
-        yield f'{key}: has {len(value)} characters; it must have at most {allowed}'
-    elif rule in ('minItems', 'maxItems'):
+    elif rule in ('maxLength', 'minItems', 'maxItems'):
+        parts = 'characters' if rule == 'maxLength' else 'values'
         word = 'at least' if rule == 'minItems' else 'at most'
-        yield f'{key}: has {len(value)} values; it must have {word} {allowed}'
+        yield f'{key}: has {len(value)} {parts}; it must have {word} {allowed}'
     elif rule == 'uniqueItems':
         twice = next(item for index, item in enumerate(value) if item in value[:index])
         yield f'{key}: contains {twice!r} twice'
@@ -77,12 +76,3 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         yield f'{key}: must have {word} {allowed} of: {names}'
     else:
         yield f'{key}: {error.message}'
-
-
-def _range_in_words(schema: dict[str, Data]) -> str:
-    parts = []
-    for rule, word in (('minimum', 'at least'), ('exclusiveMinimum', 'above'),
-                       ('maximum', 'at most'), ('exclusiveMaximum', 'below')):
-        if rule in schema:
-            parts.append(f'{word} {schema[rule]}')
-    return ' and '.join(parts)

@@ -10,7 +10,6 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +25,7 @@ from bev_preheat.files.units import (
     unit_named,
     why_no_number,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.numerics import FloatArray, IntArray
 
 HEAD_BYTES = 1 << 18
 BLOCK_CHARACTERS = 1 << 20

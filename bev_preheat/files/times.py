@@ -7,14 +7,12 @@ from collections.abc import Callable, Sequence
 from datetime import datetime, UTC
 from functools import partial
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.files.units import conversion, read_numbers
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
+from bev_preheat.numerics import FloatArray
 
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
@@ -56,15 +54,15 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     numbers = read_numbers(texts, decimal)[0]
     if np.mean(np.isfinite(numbers)) > 0.9:
         return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
-    for read, absolute in ((iso_seconds, True), (_TimesOfDay(), False)):
+    for read, rounds in ((iso_seconds, None), (_time_of_day_s, Rounds(DAY_S, 0.5 * DAY_S))):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
-            # A reader of times of day has a memory; the log begins with a new one.
-            return Clock(partial(_each, read if absolute else _TimesOfDay()), absolute)
+            return Clock(partial(_each, read, rounds), rounds is None)
     return _date_clock(texts)
 
 
-def _each(read: Callable[[str], float], cells: Sequence[str]) -> FloatArray:
-    return np.array(list(map(read, cells)), dtype=float)
+def _each(read: Callable[[str], float], rounds: Rounds | None, cells: Sequence[str]) -> FloatArray:
+    seconds = np.array(list(map(read, cells)), dtype=float)
+    return seconds if rounds is None else rounds.continued(seconds)
 
 
 def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
@@ -101,8 +99,9 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
 class Rounds:
     """Continues seconds that begin again: after midnight, or after the last value of a counter of 32 bits."""
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s, self._rounds, self._last_s = period_s, 0, np.nan
+    def __init__(self, period_s: float, fall_s: float | None = None) -> None:
+        self._period_s, self._fall_s = period_s, 0.9 * period_s if fall_s is None else fall_s
+        self._rounds, self._last_s = 0, np.nan
 
     def continued(self, seconds: FloatArray) -> FloatArray:
         """Return seconds that go on where a round ends, shape (N,)."""
@@ -110,7 +109,7 @@ class Rounds:
         if not known.size:
             return seconds
         steps = np.diff(known, prepend=known[0] if np.isnan(self._last_s) else self._last_s)
-        rounds = self._rounds + np.cumsum((steps < -0.9 * self._period_s) & (known <= self._period_s))
+        rounds = self._rounds + np.cumsum((steps < -self._fall_s) & (known <= self._period_s))
         self._rounds, self._last_s = int(rounds[-1]), float(known[-1])
         later = seconds.copy()
         later[np.isfinite(seconds)] = known + self._period_s * rounds
@@ -130,25 +129,16 @@ def iso_seconds(text: str) -> float:
         return np.nan
 
 
-class _TimesOfDay:
-    """Reads times of day, or minutes and seconds, as seconds; adds a day at each midnight."""
-
-    def __init__(self) -> None:
-        self._days, self._last_s = 0, 0.0
-
-    def __call__(self, text: str) -> float:
-        match = TIME_OF_DAY.fullmatch(text.strip())
-        if match is None:
-            return np.nan
-        if match[3] is None:
-            seconds = 60.0 * int(match[1]) + int(match[2])
-        else:
-            seconds = 3600.0 * _hour(match[1], match[5]) + 60.0 * int(match[2]) + int(match[3])
-        seconds += float(f'0.{match[4]}') if match[4] else 0.0
-        if seconds < self._last_s - 0.5 * DAY_S:
-            self._days += 1
-        self._last_s = seconds
-        return self._days * DAY_S + seconds
+def _time_of_day_s(text: str) -> float:
+    """Return a time of day, or minutes and seconds, in seconds; NaN of another text."""
+    match = TIME_OF_DAY.fullmatch(text.strip())
+    if match is None:
+        return np.nan
+    if match[3] is None:
+        seconds = 60.0 * int(match[1]) + int(match[2])
+    else:
+        seconds = 3600.0 * _hour(match[1], match[5]) + 60.0 * int(match[2]) + int(match[3])
+    return seconds + (float(f'0.{match[4]}') if match[4] else 0.0)
 
 
 def _hour(text: str, half: str | None) -> int:
@@ -172,7 +162,7 @@ def _date_clock(texts: Sequence[str]) -> Clock | None:
         if mark != '.':
             remark = (f'date {first[0]!r} can be read in two ways; the {"month" if order == "mdy" else "day"} is '
                       'taken to come first')
-    return Clock(partial(_each, partial(_date_seconds, order)), True, remark)
+    return Clock(partial(_each, partial(_date_seconds, order), None), True, remark)
 
 
 def _date_seconds(order: str, text: str) -> float:

@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray
+from bev_preheat.numerics import BoolArray, FloatArray
 
 # By quantity, named by its own unit: (unit, factor, offset, spellings in lower case without blanks). A value in
 # the own unit is factor * value + offset.

@@ -14,7 +14,7 @@ from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Level
-from bev_preheat.vehicle.core_library import core_in_words, DECLINES
+from bev_preheat.vehicle.core_library import core_in_words, declines_in_words
 from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _preheating(state: State, now_ns: int) -> DiagnosticStatus:
         'assumed of the vehicle': assumed_in_words(state.vehicle),
         'method': state.settings.method,
         'compiled core': core_in_words(),
-        'declined by the core': DECLINES.in_words(),
+        'declined by the core': declines_in_words(),
         'route_id': mission.route_id if mission else '',
         'propulsion power': mission.power_source if mission else '',
         'legs after this one': str(len(decision.later_legs)),

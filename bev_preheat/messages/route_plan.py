@@ -32,7 +32,7 @@ from bev_preheat.messages.fields import (
 )
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route.road_load import elevation_of_slope, Motion, propulsion_columns, road_vehicle
+from bev_preheat.route.road_load import elevation_of_slope, Motion, propulsion_columns, road_load_of
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, problem_with_values
 from bev_preheat.route.sources.journey import SLOPE_RANGE
 from bev_preheat.tunables import MOST_STOPS
@@ -181,7 +181,7 @@ def _with_powers(message: RoutePlan, columns: dict[str, FloatArray],
         # make_route names all that is missing.
         return columns, ''
     try:
-        car = road_vehicle(vehicle)
+        road_load_of(vehicle)
     except InvalidInput as error:
         raise InvalidInput([f'propulsion_power: empty, and {problem}' for problem in error.problems]) from error
     slope, count = message.slope, max(len(message.slope), *map(len, columns.values()))
@@ -196,7 +196,7 @@ def _with_powers(message: RoutePlan, columns: dict[str, FloatArray],
                     elevation_of_slope(route.duration_s, route.speed_mps, slopes))
     source = (f'computed from speeds{" and slopes" if len(slope) else " (no slope: level road)"} and the '
               f'road_load of vehicle {vehicle.name}; accelerations within the segments are estimated')
-    return {**columns, **propulsion_columns(car, motion, route.ambient_temperature_c)}, source
+    return {**columns, **propulsion_columns(vehicle, motion, route.ambient_temperature_c)}, source
 
 
 def _requests(charging_planned: bool, departure_soc: float, **values: float) -> dict[str, Any]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import csv
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 import io
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,14 +16,12 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.files.output_files import AnyPath, write_whole
 from bev_preheat.files.table import read_table, Table
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import ChargingStop
 from bev_preheat.route.sources.table import motion_of_segments
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.description import Defaults
 
 # The line above the header that names the vehicle of the route.
 VEHICLE_COMMENT = re.compile(r'vehicle:\s*(.*)')
@@ -39,32 +36,18 @@ STOP_COMMENT = re.compile(r'charging stop:\s*after segment ([0-9]{1,6}), ([0-9]{
 STOP_RANGE_S = (1.0, 86400.0)
 
 
-@dataclass(frozen=True)
-class FileRoute:
-    """The Route of a CSV file, the vehicle that its powers belong to (None: unknown), and its charging stops."""
-
-    route: Route
-    made_for: str | None
-    stops: tuple[ChargingStop, ...] = ()
-
-
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
     """Return the Route of a name in config/routes or of a CSV file; `defaults` fill missing columns."""
-    return load_file_route(name_or_file, defaults).route
+    route, _, _ = route_of_table(read_table(route_file(name_or_file)), defaults)
+    return route
 
 
-def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> FileRoute:
-    """Return the FileRoute of a name or a CSV file; see `load_route`."""
-    return route_of_table(read_table(route_file(name_or_file)), defaults)
-
-
-def route_of_table(table: Table, defaults: Defaults | None) -> FileRoute:
-    """Return the FileRoute of a Table with powers; see `load_route`."""
-    made_for = _vehicle_of(table)
-    stops = _stops_of(table)
+def route_of_table(table: Table, defaults: Defaults | None) -> tuple[Route, str | None, tuple[ChargingStop, ...]]:
+    """Return the Route of a Table with powers, the vehicle that they belong to (None: unknown), and its stops."""
+    made_for, stops = _vehicle_of(table), _stops_of(table)
     columns, names = _columns(table)
     try:
-        return FileRoute(make_route(columns, defaults, names), made_for, stops)
+        return make_route(columns, defaults, names), made_for, stops
     except InvalidInput as error:
         raise InvalidInput([_with_line(problem, table, set(names.values()))
                             for problem in error.problems]) from error

@@ -9,26 +9,24 @@ consumption.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
-from bev_preheat.route.road_load import propulsion_columns, road_vehicle
+from bev_preheat.route.road_load import propulsion_columns
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, SEGMENT_S
 from bev_preheat.route.sources.registry import read_journey
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 LEGS_PREFIX = 'legs/'
 LEGS_SUFFIXES = ('.yaml', '.yml')
@@ -76,10 +74,9 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
         route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.
         return RouteForVehicle(rounded(route), name, file, None, journey.line, tuple(remarks), journey.stops)
-    loaded = route_of_table(journey, vehicle.defaults)
+    route, made_for, stops = route_of_table(journey, vehicle.defaults)
     _refuse_options(file, options)
-    return RouteForVehicle(loaded.route, loaded.made_for, file,
-                           _warning(file, loaded.made_for, vehicle), stops=loaded.stops)
+    return RouteForVehicle(route, made_for, file, _warning(file, made_for, vehicle), stops=stops)
 
 
 def route_source(name_or_file: str | Path) -> Path:
@@ -116,23 +113,17 @@ def _refuse_options(file: Path, options: RouteOptions) -> None:
 
 
 def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
+    """Return a sentence if the powers of a route file are those of another vehicle."""
     name = in_one_line(vehicle.name)
     if made_for is None or made_for == name:
         return None
-    return f'route {file.stem} has the powers of vehicle {made_for}; for {name}: {_advice(file, vehicle)}'
-
-
-def _advice(file: Path, vehicle: Vehicle) -> str:
-    """Return how to get the same road with the powers of the vehicle."""
-    try:
-        described = legs_file(file.stem)
-    except InvalidInput:
-        described = None
-    if described is None or described.parent.parent != file.parent:
-        return 'make it again from its legs or logs, with preheat route'
-    if vehicle.road_load is None:
-        return f'--route {LEGS_PREFIX}{file.stem}, once its file has a road_load'
-    return f'--route {LEGS_PREFIX}{file.stem}'
+    # The same road with the powers of this vehicle.
+    advice = 'make it again from its legs or logs, with preheat route'
+    with suppress(InvalidInput):
+        if legs_file(file.stem).parent.parent == file.parent:
+            advice = f'--route {LEGS_PREFIX}{file.stem}' + (
+                ', once its file has a road_load' if vehicle.road_load is None else '')
+    return f'route {file.stem} has the powers of vehicle {made_for}; for {name}: {advice}'
 
 
 LEAST_DISTANCE_M = 10.0
@@ -147,19 +138,21 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
         raise InvalidInput(f'{path}: this {journey.kind} is {motion.distance_m[-1]:.1f} m long; at least '
                            f'{LEAST_DISTANCE_M:g} m are needed; check column and unit of the speed')
     ambient_c = ambient_of(journey, options, path)
-    columns: dict[str, FloatArray | None] = {
+    columns: dict[str, Any] = {
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,
         'cabin_heating_power_w': journey.cabin_heating_power_w,
         'auxiliary_power_w': journey.auxiliary_power_w}
     with located(path):
         if journey.consumption_wh is None or vehicle.road_load is not None:
-            columns.update(propulsion_columns(road_vehicle(vehicle), motion, ambient_c))
+            columns.update(propulsion_columns(vehicle, motion, ambient_c))
         if journey.consumption_wh is None:
             if options.with_auxiliaries is not None:
                 raise InvalidInput('has no consumption; leave out --consumption')
-            remarks.append(_road_load_remark(vehicle, journey))
+            estimated = '' if journey.sampled else ', accelerations within the segments estimated'
+            remarks.append(f'propulsion power: from the speeds of this {journey.kind} and the road_load of '
+                           f'vehicle {vehicle.name}{estimated}')
         else:
-            _use_consumption(columns, journey, vehicle, options, remarks)
+            _use_consumption(columns, journey.consumption_wh, vehicle, options, remarks)
         route = make_route(columns, vehicle.defaults)
     return route.resampled(SEGMENT_S) if journey.sampled else route, remarks
 
@@ -180,31 +173,21 @@ def ambient_of(journey: Journey, options: RouteOptions, path: Path) -> FloatArra
     return np.full(count, float(options.ambient_temperature_c))
 
 
-def _road_load_remark(vehicle: Vehicle, journey: Journey) -> str:
-    estimated = '' if journey.sampled else ', accelerations within the segments estimated'
-    return (f'propulsion power: from the speeds of this {journey.kind} and the road_load of vehicle '
-            f'{vehicle.name}{estimated}')
-
-
-def _use_consumption(columns: dict[str, FloatArray | None], journey: Journey, vehicle: Vehicle,
+def _use_consumption(columns: dict[str, Any], consumption_wh: FloatArray, vehicle: Vehicle,
                      options: RouteOptions, remarks: list[str]) -> None:
     """Replace the mean power by that of the source's consumption; variation is that of the road load."""
-    consumption_wh, duration_s = journey.consumption_wh, journey.motion.duration_s
-    assert consumption_wh is not None
     if options.with_auxiliaries is None:
         raise InvalidInput('the consumption in this file may include heating and auxiliaries, or be that of the '
                            'drivetrain alone; say which: --consumption total or --consumption drivetrain')
-    mean_w = consumption_wh * JOULES_PER_WH / duration_s
+    mean_w = consumption_wh * JOULES_PER_WH / columns['duration_s']
     if options.with_auxiliaries:
-        count = len(duration_s)
         for key in ('cabin_heating_power_w', 'auxiliary_power_w'):
             own = columns[key]
-            mean_w = mean_w - (np.full(count, getattr(vehicle.defaults, key)) if own is None else own)
+            mean_w = mean_w - (getattr(vehicle.defaults, key) if own is None else own)
     rms_w, magnitude_w = np.abs(mean_w), np.abs(mean_w)
     if vehicle.road_load is not None:
         road_w = columns['propulsion_power_w']
         road_rms_w, road_magnitude_w = columns['propulsion_power_rms_w'], columns['propulsion_power_magnitude_w']
-        assert road_w is not None and road_rms_w is not None and road_magnitude_w is not None
         variance_w2 = np.maximum(road_rms_w**2 - road_w**2, 0.0)
         rms_w = np.sqrt(mean_w**2 + variance_w2)
         # The difference between magnitude and mean is the energy braked and driven again.

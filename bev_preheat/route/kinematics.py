@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
+from bev_preheat.numerics import FloatArray
 
 # Longest cell [m] over which the acceleration is constant.
 CELL_M = 2.0

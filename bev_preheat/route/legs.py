@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,12 +15,9 @@ from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.numerics import first_true, JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
-from bev_preheat.route.road_load import battery_power_w, loaded, no_road_load, RoadForces, wheel_power_w
+from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
 from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 
@@ -54,25 +50,18 @@ def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
     """Return the LegsRoute of a name in config/routes/legs or a YAML file for a vehicle; refuse wrong keys."""
     path = legs_file(name_or_file)
     description = load_checked_yaml(path, SCHEMA)
-    with located(path):
-        return _make(description, vehicle)
-
-
-def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
-    if vehicle.road_load is None:
-        raise InvalidInput(no_road_load(vehicle))
     remarks: list[str] = []
-    legs = _legs(description, remarks)
-    _check_duration(legs)
-    drive = _drive(description, legs, remarks)
-
-    segment_s = float(description.get('segment_duration_s', 30.0))
-    fine = _simulate(description, vehicle, legs, drive, segment_s)
-    route = fine.resampled(segment_s)
-    if not description.get('within_segment_variation', True):
-        route = route.without_variation()
-    if 'propulsion_energy_wh' in description:
-        route = _calibrated(route, vehicle, description['propulsion_energy_wh'], remarks)
+    with located(path):
+        load = RoadForces(**{key: float(value) for key, value in description.get('load', {}).items()})
+        car = loaded(vehicle, load, float(description.get('maximum_regeneration_power_w', inf)))
+        legs = _legs(description, remarks)
+        drive = _drive(description, legs, remarks)
+        segment_s = float(description.get('segment_duration_s', 30.0))
+        route = _simulate(description, car, legs, drive, segment_s).resampled(segment_s)
+        if not description.get('within_segment_variation', True):
+            route = route.without_variation()
+        if 'propulsion_energy_wh' in description:
+            route = _with_energy(route, vehicle, description['propulsion_energy_wh'], remarks)
     return LegsRoute(route, description['name'], tuple(remarks))
 
 
@@ -109,15 +98,12 @@ def _legs(description: dict[str, FileData], remarks: list[str]) -> list[RoadLeg]
             ambient_at_end_c=float(end_c)))
     if problems:
         raise InvalidInput(problems)
-    return legs
-
-
-def _check_duration(legs: Sequence[RoadLeg]) -> None:
-    """Refuse trips that are far too long before simulating them."""
     least_s = sum(leg.length_m / leg.speed_limit_mps + leg.stops * leg.stop_duration_s for leg in legs)
+    # Simulating a trip that is far too long would take minutes.
     if least_s > LONGEST_ROUTE_S:
         raise InvalidInput(f'legs: the trip lasts at least {least_s:.0f} s; at most '
                            f'{LONGEST_ROUTE_S:g} s are planned')
+    return legs
 
 
 def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg], remarks: list[str]) -> RoadDrive:
@@ -150,9 +136,13 @@ def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg], remarks: l
     return replace(drive, time_s=drive.time_s * (wanted_s / drive.time_s[-1]))
 
 
-def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence[RoadLeg],
+def _simulate(description: dict[str, FileData], car: Vehicle, legs: Sequence[RoadLeg],
               drive: RoadDrive, segment_s: float) -> Route:
-    """Return the Route in steps of about SPEED_STEP_S, a whole number per segment."""
+    """
+    Return the Route of a loaded car in steps of about SPEED_STEP_S, a whole number per segment.
+
+    Refuses a power above the drivetrain's, because the car would be slower than described.
+    """
     step_s = segment_s / np.ceil(segment_s / SPEED_STEP_S)
     end_s = drive.time_s[-1]
     steps = max(1, int(np.ceil(end_s / step_s - SLIVER)))
@@ -165,7 +155,10 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
     rise = np.array([leg.slope / np.hypot(1.0, leg.slope) for leg in legs])
     elevations_m = description.get('start_elevation_m', 0.0) + np.concatenate(
         ([0.0], np.cumsum(rise * np.diff(starts_m))))
-    _check_elevations(elevations_m)
+    low_m, high_m = ELEVATION_RANGE_M
+    if (at := first_true((elevations_m < low_m) | (elevations_m > high_m))) is not None:
+        raise InvalidInput(f'legs[{at - 1}]: ends {elevations_m[at]:.0f} m above sea level; '
+                           f'it must be {low_m:g} ... {high_m:g}')
     middle_m = 0.5 * (distance_m[:-1] + distance_m[1:])
     leg_of = np.clip(np.searchsorted(starts_m, middle_m, side='right') - 1, 0, len(legs) - 1)
     along = (middle_m - starts_m[leg_of]) / np.diff(starts_m)[leg_of]
@@ -173,8 +166,6 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
     to_c = np.array([leg.ambient_at_end_c for leg in legs])[leg_of]
     ambient_c = from_c + along * (to_c - from_c)
 
-    load = RoadForces(**{key: float(value) for key, value in description.get('load', {}).items()})
-    car = loaded(vehicle, load, float(description.get('maximum_regeneration_power_w', inf)))
     at_wheels_w = wheel_power_w(
         car, duration_s, distance_m, speed_mps,
         elevation_m=np.interp(distance_m, starts_m, elevations_m),
@@ -182,7 +173,12 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
         ambient_temperature_c=ambient_c,
         headwind_mps=description.get('headwind_mps', 0.0))
     power_w = battery_power_w(car, at_wheels_w)
-    _check_power(power_w, middle_m, vehicle)
+    most_w, at = car.drivetrain.maximum_power_w, int(np.argmax(power_w))
+    if power_w[at] > most_w:
+        raise InvalidInput(
+            f'legs: vehicle {car.name!r} would need {power_w[at] / 1e3:.0f} kW at km '
+            f'{middle_m[at] / 1e3:.1f}; its drivetrain.maximum_power_w is {most_w:g} W; lower '
+            'driving.acceleration_mps2 or the speed limit there')
     columns = {
         'duration_s': duration_s,
         'speed_mps': np.diff(distance_m) / duration_s,
@@ -192,38 +188,17 @@ def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence
     for key in ('cabin_heating_power_w', 'auxiliary_power_w'):
         if key in description:
             columns[key] = [description[key]]
-    return make_route(columns, vehicle.defaults)
+    return make_route(columns, car.defaults)
 
 
-def _check_power(power_w: FloatArray, at_m: FloatArray, vehicle: Vehicle) -> None:
-    """Refuse a power above the drivetrain's: the car would be slower than described."""
-    most_w = vehicle.drivetrain.maximum_power_w
-    at = int(np.argmax(power_w))
-    if power_w[at] > most_w:
-        raise InvalidInput(
-            f'legs: vehicle {vehicle.name!r} would need {power_w[at] / 1e3:.0f} kW at km '
-            f'{at_m[at] / 1e3:.1f}; its drivetrain.maximum_power_w is {most_w:g} W; lower '
-            'driving.acceleration_mps2 or the speed limit there')
-
-
-def _check_elevations(elevations_m: FloatArray) -> None:
-    low_m, high_m = ELEVATION_RANGE_M
-    if (at := first_true((elevations_m < low_m) | (elevations_m > high_m))) is not None:
-        raise InvalidInput(f'legs[{at - 1}]: ends {elevations_m[at]:.0f} m above sea level; '
-                           f'it must be {low_m:g} ... {high_m:g}')
-
-
-def _calibrated(route: Route, vehicle: Vehicle, energy: dict[str, FileData], remarks: list[str]) -> Route:
-    """Return the Route with powers scaled to the description's energies, if they are this vehicle's."""
+def _with_energy(route: Route, vehicle: Vehicle, energy: dict[str, FileData], remarks: list[str]) -> Route:
+    """Return the Route with driving and regenerated powers scaled to energies [Wh], if they are this car's."""
     if vehicle.name != energy['vehicle']:
         remarks.append(f'propulsion_energy_wh belongs to vehicle {energy["vehicle"]}, not to '
                        f'{vehicle.name}: its powers are not scaled')
         return route
-    return _with_energy(route, energy['total_magnitude'], energy['net'], remarks)
-
-
-def _with_energy(route: Route, total_magnitude: float, net: float, remarks: list[str]) -> Route:
-    """Return the Route with driving and regenerated powers scaled to the integrals [Wh] of |P| and of P."""
+    # The integrals of |P| and of P.
+    total_magnitude, net = energy['total_magnitude'], energy['net']
     if abs(net) > total_magnitude:
         raise InvalidInput(f'propulsion_energy_wh.net: {net:g} is not allowed; its magnitude must '
                            f'be at most total_magnitude, {total_magnitude:g}')

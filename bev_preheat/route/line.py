@@ -6,15 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import first_true
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.numerics import AnyNumber, first_true, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ class MapLine:
         first = np.arange(0, count, BLOCK)
         self._centre = np.minimum(first + BLOCK // 2, count - 1)
         self._block = np.repeat(self._centre, BLOCK)[:count]
-        east_m, north_m = _offset_m(
+        east_m, north_m = offset_m(
             self._latitude_deg[self._block], self._longitude_deg[self._block],
             self._latitude_deg, self._longitude_deg)
         self._radius_m = np.maximum.reduceat(np.hypot(east_m, north_m), first)
@@ -156,22 +153,21 @@ class MapLine:
     def planned_m(self, from_m: FloatArray, seconds: float) -> FloatArray:
         """Return the planned distances [m] `seconds` after the vehicle was at distances [m], stops included."""
         from_s = np.interp(from_m, self._planned_m, self._planned_s)
-        reached_m: FloatArray = np.interp(from_s + seconds, self._planned_s, self._planned_m)
-        return reached_m
+        return np.interp(from_s + seconds, self._planned_s, self._planned_m)
 
     def planned_s(self, distance_m: float) -> float:
         """Return the planned time [s] at a distance [m]."""
         return float(np.interp(distance_m, self._planned_m, self._planned_s))
 
     def _to_blocks_m(self, latitude_deg: float, longitude_deg: float) -> FloatArray:
-        distance_m: FloatArray = np.hypot(*_offset_m(
+        distance_m: FloatArray = np.hypot(*offset_m(
             latitude_deg, longitude_deg, self._latitude_deg[self._centre], self._longitude_deg[self._centre]))
         return distance_m
 
     def _of_blocks(self, blocks: IntArray, latitude_deg: float, longitude_deg: float, radius_m: float) -> Nearby:
         at = (self._first[blocks][:, None] + np.arange(BLOCK)).ravel()
         at = at[at < self._count]
-        east_m, north_m = _offset_m(latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at])
+        east_m, north_m = offset_m(latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at])
         distance_m = np.hypot(east_m, north_m)
         kept = distance_m <= radius_m
         return Nearby(at[kept], distance_m[kept], -east_m[kept], -north_m[kept])
@@ -185,17 +181,13 @@ def unit_vector(latitude_deg: float, longitude_deg: float, to_latitude_deg: floa
     return (east_m / length_m, north_m / length_m) if length_m > 0.0 else (0.0, 0.0)
 
 
-def offset_m(latitude_deg: float, longitude_deg: float, to_latitude_deg: float,
-             to_longitude_deg: float) -> tuple[float, float]:
-    """Return (east, north) from one position to another one nearby [m]."""
-    east_m, north_m = _offset_m(
-        latitude_deg, longitude_deg, np.array([to_latitude_deg]), np.array([to_longitude_deg]))
-    return float(east_m[0]), float(north_m[0])
+def offset_m(latitude_deg: AnyNumber, longitude_deg: AnyNumber, to_latitude_deg: AnyNumber,
+             to_longitude_deg: AnyNumber) -> tuple[AnyNumber, AnyNumber]:
+    """
+    Return (east, north) [m] from one position to another one nearby; shapes follow the inputs.
 
-
-def _offset_m(latitude_deg: float | FloatArray, longitude_deg: float | FloatArray,
-              to_latitude_deg: FloatArray, to_longitude_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (east, north) [m] in the plane that touches the ellipsoid at the first position."""
+    In the plane that touches the ellipsoid at the first position.
+    """
     latitude = np.radians(latitude_deg)
     flattening = 1.0 - ECCENTRICITY_SQUARED * np.sin(latitude)**2
     # Radii of curvature in the meridian and in the prime vertical.

@@ -11,28 +11,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import NS_PER_S
-from bev_preheat.route.line import Cause, Fix, Match, offset_m, unit_vector
+from bev_preheat.numerics import FloatArray, NS_PER_S
+from bev_preheat.route.line import Cause, Fix, MapLine, Match, Nearby, offset_m, unit_vector
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import (
-    begin,
     carried_on,
     FASTEST_MPS,
     GATE_DEVIATIONS,
     ODOMETER_DEVIATION,
+    Place,
     place_of,
     PlaceBelief,
     updated,
+    weighed,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.line import MapLine, Nearby
-    from bev_preheat.route.place_belief import Place
 
 # Deviation of a fix that names none, and the least that is used: receivers underrate correlated errors [m].
 USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0
@@ -158,7 +153,8 @@ class Matcher:
         same = self._same
         if same is None or same[1:3] != fix[1:3]:
             self._same, self._same_reading = fix, self.odometer.at(fix.stamp_ns)
-            self._was_moving = self._moves(fix)
+            speed_mps = self._speed_mps(fix)
+            self._was_moving = speed_mps is not None and speed_mps > MOVES_MPS
             return None
         seconds = (fix.stamp_ns - same.stamp_ns) / NS_PER_S
         moved_m = driven_m(self._same_reading, self.odometer.at(fix.stamp_ns))
@@ -171,10 +167,6 @@ class Matcher:
         return Match(Cause.FROZEN, f'The position has been the same to the last digit for {seconds:.0f} s',
                      fix.stamp_ns)
 
-    def _moves(self, fix: Fix) -> bool:
-        speed_mps = self._speed_mps(fix)
-        return speed_mps is not None and speed_mps > MOVES_MPS
-
     def _speed_mps(self, fix: Fix) -> float | None:
         """Return the vehicle's mean speed [m/s] over at least SPEED_OVER_S before a fix; None: not known."""
         before = [other for other in self._course if fix.stamp_ns - other.stamp_ns >= SPEED_OVER_S * NS_PER_S]
@@ -186,7 +178,8 @@ class Matcher:
 
     def _matched(self, fix: Fix) -> Match:
         near = self.line.near(fix.latitude_deg, fix.longitude_deg, GATE_DEVIATIONS * _sigma_m(fix))
-        self._note_course(fix)
+        self._course = [other for other in self._course
+                        if fix.stamp_ns - other.stamp_ns <= COURSE_S * NS_PER_S] + [fix]
         track = self._track
         is_gap = track is None or fix.stamp_ns - track.fix.stamp_ns > GAP_S * NS_PER_S
         if track is not None and not self._has_left and not is_gap:
@@ -227,7 +220,7 @@ class Matcher:
                        furthest_m=max(track.furthest_m, place.distance_m))
 
     def _begun(self, fix: Fix, near: Nearby) -> _Track | None:
-        belief = begin(self.line, near, _sigma_m(fix), self._prior(fix, near))
+        belief = weighed(self.line, near, _sigma_m(fix), self._prior(fix, near))
         if belief is None:
             return None
         place = place_of(self.line, belief)
@@ -271,9 +264,7 @@ class Matcher:
     def _told(self, track: _Track, fix: Fix) -> Match:
         place, deviation_m = track.place, _deviation_m(track)
         if not _is_clear(place):
-            return Match(Cause.AMBIGUOUS, f'The position fits several places of the route: '
-                         f'{place.distance_m / 1000:.2f} km and {(place.other_m or 0.0) / 1000:.2f} km',
-                         fix.stamp_ns)
+            return Match(Cause.AMBIGUOUS, _ambiguous(place), fix.stamp_ns)
         if deviation_m > MOST_DEVIATION_M or place.deviation_m > WIDEST_DEVIATIONS * _sigma_m(fix):
             return Match(Cause.UNCERTAIN, f'The place has a deviation of {deviation_m:.0f} m, too much '
                          'for a position', fix.stamp_ns)
@@ -286,16 +277,14 @@ class Matcher:
         cause, sentence = Cause.CONFIRMING, 'The position is near the route; its place is not confirmed yet'
         is_tracked = track is not None and not self._has_left and self._contradicts
         if len(near.at) == 0:
-            cause, sentence = Cause.OFF_ROUTE, f'The position is {_far(away_m)} from the route'
-            if track is not None and self.line.length_m - track.place.distance_m <= END_M:
-                cause = Cause.ARRIVED
+            far = f'{away_m:.0f} m' if away_m < 10e3 else f'{away_m / 1000:.0f} km'
+            has_arrived = track is not None and self.line.length_m - track.place.distance_m <= END_M
+            cause = Cause.ARRIVED if has_arrived else Cause.OFF_ROUTE
+            sentence = f'The position is {far} from the route'
         elif self._is_against(fix, near):
-            cause = Cause.AGAINST
-            sentence = 'The vehicle drives along the route, against its direction'
+            cause, sentence = Cause.AGAINST, 'The vehicle drives along the route, against its direction'
         elif trial is not None and not _is_clear(trial.place):
-            cause = Cause.AMBIGUOUS
-            sentence = (f'The position fits several places of the route: {trial.place.distance_m / 1000:.2f} km '
-                        f'and {(trial.place.other_m or 0.0) / 1000:.2f} km')
+            cause, sentence = Cause.AMBIGUOUS, _ambiguous(trial.place)
         elif is_tracked:
             cause = Cause.ELSEWHERE
             sentence = (f'The position is near {self.line.along_m[at] / 1000:.2f} km of the route, where the '
@@ -313,10 +302,6 @@ class Matcher:
         if (self._contradicts >= LEFT_FIXES
                 and fix.stamp_ns - self._contradicts_since_ns >= LEFT_AFTER_S * NS_PER_S):
             self._has_left = True
-
-    def _note_course(self, fix: Fix) -> None:
-        self._course = [other for other in self._course
-                        if fix.stamp_ns - other.stamp_ns <= COURSE_S * NS_PER_S] + [fix]
 
     def _is_against(self, fix: Fix, near: Nearby) -> bool:
         """Return whether the vehicle drives against the direction of all parts of the route near it."""
@@ -337,6 +322,11 @@ def _is_clear(place: Place) -> bool:
     return place.probability >= LEAST_PROBABILITY
 
 
+def _ambiguous(place: Place) -> str:
+    return (f'The position fits several places of the route: {place.distance_m / 1000:.2f} km and '
+            f'{(place.other_m or 0.0) / 1000:.2f} km')
+
+
 def _deviation_m(track: _Track) -> float:
     """Return the deviation of a place [m]: that of its fix at least, because errors of fixes are correlated."""
     return max(track.place.deviation_m, _sigma_m(track.fix))
@@ -346,7 +336,3 @@ def _sigma_m(fix: Fix) -> float:
     """Return the deviation of a fix from the line [m], set when it was taken."""
     assert fix.deviation_m is not None
     return fix.deviation_m
-
-
-def _far(distance_m: float) -> str:
-    return f'{distance_m:.0f} m' if distance_m < 10e3 else f'{distance_m / 1000:.0f} km'

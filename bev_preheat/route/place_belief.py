@@ -11,13 +11,12 @@ the true position.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
-    from bev_preheat.route.line import MapLine, Nearby
+from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.route.line import MapLine, Nearby
 
 # A fix further than this many deviations from a place speaks against it: exp(-3.5^2 / 2), 0.2 % of good fixes in
 # the plane.
@@ -66,13 +65,6 @@ class Place(NamedTuple):
     other_m: float | None
 
 
-def begin(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray) -> PlaceBelief | None:
-    """Return the belief after a first fix [deviation: m] with a prior density [1/m], shape (K,); None if empty."""
-    if len(near.at) == 0:
-        return None
-    return _updated(line, near, fix_deviation_m, prior, 1.0)
-
-
 def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
                odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> FloatArray:
     """
@@ -93,20 +85,17 @@ def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
         moving = (1.0 - by_plan) * ahead / reach_m + by_plan * ahead * _normal(
             gain_m - planned_m, np.hypot(PACE_DEVIATION * planned_m, JUMP_M))
         density = STANDING_SHARE * _normal(gain_m, drift_m) + (1.0 - STANDING_SHARE) * moving
-    carried: FloatArray = belief.share @ density
-    return carried
+    return belief.share @ density
 
 
 def updated(line: MapLine, belief: PlaceBelief, near: Nearby, fix_deviation_m: float, seconds: float,
             odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> PlaceBelief | None:
     """Return the belief after the next fix; None if it is not near any place that the vehicle can have reached."""
-    if len(near.at) == 0:
-        return None
     carried = carried_on(line, belief, near, seconds, odometer_m, fastest_mps)
     evidence = float(carried @ _likelihood(near, fix_deviation_m)) * line.spacing_m
     if evidence < LEAST_EVIDENCE:
         return None
-    return _updated(line, near, fix_deviation_m, carried, min(1.0, seconds / CORRELATED_S))
+    return weighed(line, near, fix_deviation_m, carried, min(1.0, seconds / CORRELATED_S))
 
 
 def place_of(line: MapLine, belief: PlaceBelief) -> Place:
@@ -122,13 +111,14 @@ def place_of(line: MapLine, belief: PlaceBelief) -> Place:
                  float(means_m[order[1]]) if len(order) > 1 else None)
 
 
-def _updated(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray,
-             trust: float) -> PlaceBelief | None:
+def weighed(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray,
+            trust: float = 1.0) -> PlaceBelief | None:
     """
-    Return the belief with prior times likelihood within each pass, and prior times likelihood^trust between them.
+    Return the belief after a fix [deviation: m] with a prior density [1/m] at the points near it, shape (K,).
 
-    The errors of consecutive fixes are almost equal. Within a pass that does no harm, because the vehicle moves;
-    between parallel passes, the same error would count as new evidence each time.
+    That is prior times likelihood within each pass, and prior times likelihood^trust between them; None if it is 0
+    everywhere. The errors of consecutive fixes are almost equal. Within a pass that does no harm, because the
+    vehicle moves; between parallel passes, the same error would count as new evidence each time.
     """
     passes = _passes(line, near.at)
     joint = prior * _likelihood(near, fix_deviation_m)
@@ -147,17 +137,14 @@ def _updated(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatAr
 
 def _likelihood(near: Nearby, fix_deviation_m: float) -> FloatArray:
     """Return the likelihood of a fix at the points near it, in units of that at the fix itself; shape (K,)."""
-    likelihood: FloatArray = np.exp(-0.5 * (near.distance_m / fix_deviation_m)**2)
-    return likelihood
+    return np.exp(-0.5 * (near.distance_m / fix_deviation_m)**2)
 
 
 def _passes(line: MapLine, at: IntArray) -> IntArray:
     """Return the number of the pass of each point, whose indices ascend; shape (K,)."""
     apart = np.diff(at, prepend=at[:1]) * line.spacing_m > PASS_GAP_M
-    numbers: IntArray = np.cumsum(apart)
-    return numbers
+    return np.cumsum(apart)
 
 
 def _normal(value: FloatArray, deviation: float | FloatArray) -> FloatArray:
-    density: FloatArray = np.exp(-0.5 * (value / deviation)**2) / (math.sqrt(2.0 * math.pi) * deviation)
-    return density
+    return np.exp(-0.5 * (value / deviation)**2) / (math.sqrt(2.0 * math.pi) * deviation)

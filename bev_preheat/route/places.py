@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.segments import Route
+from bev_preheat.numerics import FloatArray
+from bev_preheat.route.segments import Route
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure
-
-if TYPE_CHECKING:
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.description import Vehicle
 
 # Highest auxiliary power [W] and ambient temperature [deg C] of usual cars.
 MOST_AUXILIARY_W = 6e3

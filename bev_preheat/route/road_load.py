@@ -3,19 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.route.speed_changes import FULLY_SAMPLED_S, speed_changes
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import RoadLoad, Vehicle
 
 GRAVITY_MPS2 = 9.80665
 # International standard atmosphere (ISO 2533): pressure over elevation in the troposphere.
@@ -27,23 +23,6 @@ KELVIN_AT_0_C = 273.15
 
 
 @dataclass(frozen=True)
-class RoadVehicle:
-    """
-    Road load of a loaded car.
-
-    `drag_area_m2` is drag coefficient times frontal area. `drivetrain_efficiency` applies from
-    battery to wheel when driving and from wheel to battery when braking;
-    `maximum_regeneration_power_w` is electrical, the friction brakes take the rest.
-    """
-
-    mass_kg: float
-    drag_area_m2: float
-    rolling_resistance: float
-    drivetrain_efficiency: float
-    maximum_regeneration_power_w: float
-
-
-@dataclass(frozen=True)
 class RoadForces:
     """Additional road load of a trip: payload, a roof box, snow on the road."""
 
@@ -52,18 +31,26 @@ class RoadForces:
     rolling_resistance_factor: float = 1.0
 
 
-def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: float = inf) -> RoadVehicle:
-    """Return the RoadVehicle of a Vehicle with a load; the lower regeneration [W], trip's or car's, counts."""
-    road_load, drivetrain = vehicle.road_load, vehicle.drivetrain
-    assert road_load is not None
-    return RoadVehicle(
-        mass_kg=road_load.mass_kg + load.payload_kg,
-        drag_area_m2=(road_load.drag_coefficient * road_load.frontal_area_m2
-                      + load.additional_drag_area_m2),
-        rolling_resistance=road_load.rolling_resistance * load.rolling_resistance_factor,
-        drivetrain_efficiency=drivetrain.efficiency,
-        maximum_regeneration_power_w=min(drivetrain.maximum_regeneration_power_w,
-                                         maximum_regeneration_power_w))
+def road_load_of(vehicle: Vehicle) -> RoadLoad:
+    """Return the RoadLoad of a Vehicle; raise InvalidInput if its file has none."""
+    if vehicle.road_load is None:
+        raise InvalidInput(f'vehicle {vehicle.name!r} has no road_load, so its power on a road is '
+                           'unknown; add it to the vehicle file, with the figures of the car, such as '
+                           'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
+                           'rolling_resistance: 0.010}')
+    return vehicle.road_load
+
+
+def loaded(vehicle: Vehicle, load: RoadForces, maximum_regeneration_power_w: float = inf) -> Vehicle:
+    """Return a Vehicle with a load; the lower regeneration [W], trip's or car's, counts."""
+    road_load, drivetrain = road_load_of(vehicle), vehicle.drivetrain
+    return replace(
+        vehicle, road_load=replace(
+            road_load, mass_kg=road_load.mass_kg + load.payload_kg,
+            additional_drag_area_m2=load.additional_drag_area_m2,
+            rolling_resistance=road_load.rolling_resistance * load.rolling_resistance_factor),
+        drivetrain=replace(drivetrain, maximum_regeneration_power_w=min(
+            drivetrain.maximum_regeneration_power_w, maximum_regeneration_power_w)))
 
 
 def air_density_kg_per_m3(ambient_temperature_c: FloatArray, elevation_m: FloatArray) -> FloatArray:
@@ -72,7 +59,7 @@ def air_density_kg_per_m3(ambient_temperature_c: FloatArray, elevation_m: FloatA
     return pressure_pa / (GAS_CONSTANT_OF_AIR * (ambient_temperature_c + KELVIN_AT_0_C))
 
 
-def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: FloatArray,
+def wheel_power_w(vehicle: Vehicle, duration_s: FloatArray, distance_m: FloatArray,
                   speed_mps: FloatArray, elevation_m: FloatArray, slope: FloatArray,
                   ambient_temperature_c: FloatArray, headwind_mps: float = 0.0) -> FloatArray:
     """
@@ -82,25 +69,25 @@ def wheel_power_w(vehicle: RoadVehicle, duration_s: FloatArray, distance_m: Floa
     and `elevation_m` (above sea level) have shape (N + 1,): the instants between the steps. Kinetic, potential and
     rolling energy are exact; the air resistance is that of the step's mean speed.
     """
-    driven_m = np.diff(distance_m)
+    road_load, driven_m = road_load_of(vehicle), np.diff(distance_m)
     mean_mps = driven_m / duration_s
-    kinetic_j = 0.5 * vehicle.mass_kg * np.diff(speed_mps**2)
-    weight_n = vehicle.mass_kg * GRAVITY_MPS2
+    kinetic_j = 0.5 * road_load.mass_kg * np.diff(speed_mps**2)
+    weight_n = road_load.mass_kg * GRAVITY_MPS2
     potential_j = weight_n * np.diff(elevation_m)
-    rolling_j = vehicle.rolling_resistance * weight_n / np.hypot(1.0, slope) * driven_m
+    rolling_j = road_load.rolling_resistance * weight_n / np.hypot(1.0, slope) * driven_m
     density = air_density_kg_per_m3(ambient_temperature_c, 0.5 * (elevation_m[:-1] + elevation_m[1:]))
     air_mps = mean_mps + headwind_mps
-    air_n = 0.5 * density * vehicle.drag_area_m2 * air_mps * np.abs(air_mps)
+    air_n = 0.5 * density * road_load.drag_area_m2 * air_mps * np.abs(air_mps)
     return (kinetic_j + potential_j + rolling_j + air_n * driven_m) / duration_s
 
 
-def battery_power_w(vehicle: RoadVehicle, power_at_wheels_w: FloatArray) -> FloatArray:
+def battery_power_w(vehicle: Vehicle, power_at_wheels_w: FloatArray) -> FloatArray:
     """Return the electrical power of the drivetrain [W]; negative = regeneration; shape follows the input."""
-    efficiency = vehicle.drivetrain_efficiency
+    efficiency = vehicle.drivetrain.efficiency
     return np.where(
         power_at_wheels_w > 0.0,
         power_at_wheels_w / efficiency,
-        np.maximum(power_at_wheels_w * efficiency, -vehicle.maximum_regeneration_power_w))
+        np.maximum(power_at_wheels_w * efficiency, -vehicle.drivetrain.maximum_regeneration_power_w))
 
 
 # The wheel power within a segment has a Laplace distribution: the mean magnitude of v a is 0.65 ... 0.73 standard
@@ -147,43 +134,30 @@ def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: Flo
     return elevation_m
 
 
-def road_vehicle(vehicle: Vehicle) -> RoadVehicle:
-    """Return the RoadVehicle of a Vehicle; raise InvalidInput if it has no `road_load`."""
-    if vehicle.road_load is None:
-        raise InvalidInput(no_road_load(vehicle))
-    return loaded(vehicle, RoadForces())
-
-
-def no_road_load(vehicle: Vehicle) -> str:
-    """Return the sentence on a vehicle without `road_load`."""
-    return (f'vehicle {vehicle.name!r} has no road_load, so its power on a road is '
-            'unknown; add it to the vehicle file, with the figures of the car, such as '
-            'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
-            'rolling_resistance: 0.010}')
-
-
-def propulsion_columns(car: RoadVehicle, motion: Motion,
+def propulsion_columns(vehicle: Vehicle, motion: Motion,
                        ambient_temperature_c: FloatArray) -> dict[str, FloatArray]:
     """Return propulsion_power_w, _rms_w and _magnitude_w [W] of a Motion in air of [deg C], shapes (N,)."""
+    road_load = road_load_of(vehicle)
     duration_s, speed_mps, distance_m = motion.duration_s, motion.speed_mps, motion.distance_m
     changes = speed_changes(duration_s, speed_mps, motion.boundary_speed_mps)
     driven_m = np.diff(distance_m)
     rise_m = np.where(driven_m > 0.0, np.diff(motion.elevation_m), 0.0)
     sine = np.clip(rise_m / np.maximum(driven_m, 1e-9), -0.99, 0.99)
     slope = sine / np.sqrt(1.0 - sine**2)
-    at_wheels_w = wheel_power_w(car, duration_s, distance_m, changes.boundary_speed_mps, motion.elevation_m,
+    at_wheels_w = wheel_power_w(vehicle, duration_s, distance_m, changes.boundary_speed_mps, motion.elevation_m,
                                 slope, ambient_temperature_c)
     density = air_density_kg_per_m3(ambient_temperature_c, motion.elevation_m[:-1])
-    drag = 0.5 * density * car.drag_area_m2
+    drag = 0.5 * density * road_load.drag_area_m2
     # The mean of v^3 exceeds the cube of the mean speed by 3 v var(v).
     at_wheels_w += 3.0 * drag * speed_mps * changes.speed_variance_m2ps2
-    force_n = car.mass_kg * GRAVITY_MPS2 * (car.rolling_resistance + sine) + 3.0 * drag * speed_mps**2
-    deviation_w = np.sqrt(car.mass_kg**2 * changes.kinetic_power_variance
+    force_n = road_load.mass_kg * GRAVITY_MPS2 * (road_load.rolling_resistance + sine) + 3.0 * drag * speed_mps**2
+    deviation_w = np.sqrt(road_load.mass_kg**2 * changes.kinetic_power_variance
                           + force_n**2 * changes.speed_variance_m2ps2)
-    mean_w, rms_w, magnitude_w = (np.empty(len(duration_s)) for _ in range(3))
+    mean_w, rms_w, magnitude_w = np.empty((3, len(duration_s)))
     for start in range(0, len(duration_s), AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        power_w = battery_power_w(car, at_wheels_w[part, np.newaxis] + deviation_w[part, np.newaxis] * DEVIATIONS)
+        power_w = battery_power_w(
+            vehicle, at_wheels_w[part, np.newaxis] + deviation_w[part, np.newaxis] * DEVIATIONS)
         mean_w[part] = power_w.mean(axis=1)
         rms_w[part] = np.sqrt(np.mean(power_w**2, axis=1))
         magnitude_w[part] = np.abs(power_w).mean(axis=1)
@@ -222,8 +196,7 @@ def compare_averages(motion: Motion, vehicle: Vehicle, ambient_temperature_c: Fl
     if not FULLY_SAMPLED_S < step_s <= 3600.0:
         raise InvalidInput(f'--averages: {step_s:g} s is not allowed; it must be above {FULLY_SAMPLED_S:g}, at '
                            'most 3600 s')
-    car = road_vehicle(vehicle)
-    exact = Comparison.of(motion.duration_s, propulsion_columns(car, motion, ambient_temperature_c))
+    exact = Comparison.of(motion.duration_s, propulsion_columns(vehicle, motion, ambient_temperature_c))
     time_s = np.concatenate(([0.0], np.cumsum(motion.duration_s)))
     edges_s = np.append(np.arange(0.0, time_s[-1] - FULLY_SAMPLED_S, step_s), time_s[-1])
     duration_s = np.diff(edges_s)
@@ -231,10 +204,11 @@ def compare_averages(motion: Motion, vehicle: Vehicle, ambient_temperature_c: Fl
     elevation_m = np.interp(edges_s, time_s, motion.elevation_m)
     ambient_c = np.interp(edges_s[:-1], time_s[:-1], ambient_temperature_c)
     means = Motion(duration_s, speed_mps, elevation_m)
-    estimated = Comparison.of(duration_s, propulsion_columns(car, means, ambient_c))
+    estimated = Comparison.of(duration_s, propulsion_columns(vehicle, means, ambient_c))
     distance_m = means.distance_m
-    power_w = battery_power_w(car, wheel_power_w(
-        car, duration_s, distance_m, np.zeros(len(edges_s)), elevation_m, np.zeros(len(duration_s)), ambient_c))
+    power_w = battery_power_w(vehicle, wheel_power_w(
+        vehicle, duration_s, distance_m, np.zeros(len(edges_s)), elevation_m, np.zeros(len(duration_s)),
+        ambient_c))
     plain = Comparison.of(duration_s, {
         'propulsion_power_w': power_w, 'propulsion_power_rms_w': np.abs(power_w),
         'propulsion_power_magnitude_w': np.abs(power_w)})

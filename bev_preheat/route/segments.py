@@ -7,16 +7,13 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self, TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
 from bev_preheat.errors import figure_beyond, InvalidInput, range_problem
-from bev_preheat.numerics import first_true, mean_magnitude
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults
+from bev_preheat.numerics import first_true, FloatArray, mean_magnitude
+from bev_preheat.vehicle.description import Defaults
 
 # Valid range of a segment's values: (low, high). Wide enough for a truck on a pass, narrow enough to
 # detect wrong units: a speed in km/h, a power in kW squared, a temperature in kelvin.
@@ -165,28 +162,26 @@ class Route:
             raise ValueError(f'instant {instant_s} s is not on this route of {self.total_duration_s} s')
         starts = self.time_s[:-1]
         end = int(np.searchsorted(starts, instant_s, side='left'))
-        part = {field.name: getattr(self, field.name)[:end] for field in fields(self)}
-        part['duration_s'] = part['duration_s'].copy()
-        part['duration_s'][-1] = instant_s - starts[end - 1]
-        return Route(**part)
+        route = self.segments(0, end)
+        route.duration_s[-1] = instant_s - starts[end - 1]
+        return route
 
     def followed_by(self, other: Route) -> Route:
         """Return the route followed by another one."""
-        return Route(**{field.name: np.concatenate(
-            (getattr(self, field.name), getattr(other, field.name))) for field in fields(self)})
+        return self._of_block(np.concatenate((self.block, other.block), axis=1))
 
     def segments(self, first: int, end: int) -> Route:
         """Return the segments from `first` up to, not including, `end`."""
-        return Route(*[getattr(self, name)[first:end] for name in COLUMNS])
+        return self._of_block(self.block[:, first:end].copy())
 
     def divided(self, longest_s: float | FloatArray) -> Route:
         """Return the route with segments longer than `longest_s` ([s], or shape (N,)) in equal parts."""
         if (self.duration_s <= longest_s).all():
             return self
         parts = np.maximum(np.ceil(self.duration_s / longest_s - 1e-9).astype(int), 1)
-        values = {field.name: np.repeat(getattr(self, field.name), parts) for field in fields(self)}
-        values['duration_s'] = np.repeat(self.duration_s / parts, parts)
-        return Route(**values)
+        route = self._of_block(np.repeat(self.block, parts, axis=1))
+        route.duration_s[:] = np.repeat(self.duration_s / parts, parts)
+        return route
 
     def resampled(self, step_s: float) -> Route:
         """Return the route in steps [s], the last maybe shorter, with its energy, mean square and distance."""

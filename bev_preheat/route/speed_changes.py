@@ -15,12 +15,10 @@ The constants are fitted to public drive cycles; docs/explanation/road_load.md h
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.numerics import FloatArray, IntArray
 
 # Shorter segments are joined to blocks of at least this duration [s]: differences between the mean speeds
 # of short segments are those of speed limits on a map, which no car follows at once.

@@ -12,19 +12,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import W_PER_KW
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.checked_yaml import FileData
+from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging
+from bev_preheat.vehicle.description import Ageing, Charging, Cooling, HeatSource, Vehicle
+from bev_preheat.vehicle.heat_sources import arguments_of, read_table
 from bev_preheat.vehicle.variants import ScaledCurve
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 # The assumed fall [K]: wide enough for steps of a session, and above all batteries that are merely warm.
 FALL_K = 5.0
@@ -54,9 +51,9 @@ def with_assumed_fall(table: Table, highest_c: float) -> tuple[Table, float | No
     return derated(table, (begins_c, highest_c), (1.0, 0.0)), begins_c
 
 
-def derating_problems(key: str, temperature_c: Sequence[float], share: Sequence[float],
-                      highest_c: float) -> Iterator[str]:
+def _derating_problems(temperature_c: Sequence[float], share: Sequence[float], highest_c: float) -> Iterator[str]:
     """Yield a sentence for each implausible point of a stated derating; `highest_c` is the vehicle's highest."""
+    key = 'charging.hot_derating'
     if len(temperature_c) != len(share):
         yield f'{key}: has {len(temperature_c)} temperatures and {len(share)} shares; it must have as many of each'
         return
@@ -81,6 +78,85 @@ def falls_from_c(table: Table) -> float:
 def _axis(table: Table) -> tuple[float, ...]:
     """Return the temperatures of a table [deg C]; none if it does not depend on the temperature."""
     return table.temperature_c if len(table.temperature_c) > 1 else ()
+
+
+def read_charging(contents: dict[str, FileData], charge: Table, heat_sources: dict[str, HeatSource],
+                  problems: list[str]) -> Charging | None:
+    """Return the Charging of a checked file, None without the block; add problems to `problems`."""
+    if 'charging' not in contents:
+        return None
+    node, table = dict(contents['charging']), contents['battery']['power_limits']['charge']
+    key, has_own_limit = 'battery.power_limits.charge (there is no charging.power_limit)', 'power_limit' in node
+    if has_own_limit:
+        key, table = 'charging.power_limit', node.pop('power_limit')
+    if 'temperature_c' not in table:
+        problems.append(f'{key}: has no temperature_c, so a cold battery would charge like a warm one and '
+                        'preheating would gain nothing; add the axis, or let preheat vehicle new --charging-curve '
+                        'combine the curve with the cold')
+    limit = read_table(key, table, problems) if has_own_limit else charge
+    lowest_c, highest_c = map(float, contents['battery']['temperature_range_c'])
+    cooling = _cooling(node.pop('cooling', None), heat_sources, contents['hvch']['efficiency'], problems)
+    ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
+    limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), highest_c, problems)
+    charging = Charging(limit, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c, cooling=cooling,
+                        ageing=ageing, **arguments_of(node))
+    problems += _problems(charging, lowest_c, highest_c)
+    return charging
+
+
+def _derated(limit: Table, node: dict[str, FileData] | None, highest_c: float,
+             problems: list[str]) -> tuple[Table, float | None]:
+    """Return a charging map with the fall for a hot battery, and where an assumed one begins [deg C]."""
+    if node is None:
+        return with_assumed_fall(limit, highest_c)
+    points = arguments_of(node)
+    found = list(_derating_problems(**points, highest_c=highest_c))
+    problems += found
+    return (limit if found else derated(limit, **points)), None
+
+
+def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSource], efficiency: float,
+             problems: list[str]) -> Cooling | None:
+    """Return the Cooling of a checked node, None without one; add problems to `problems`."""
+    if node is None:
+        return None
+    if 'heat_source' in node:
+        return _cooling_by_source(node, heat_sources, efficiency, problems)
+    values = arguments_of(node)
+    ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
+    if 'electrical_power_w' not in values or (ratio is None) == (power_w is None):
+        problems.append('charging.cooling: needs electrical_power_w with either cooling_power_w, the heat flow '
+                        'out of the battery, or coefficient_of_performance, its ratio to electrical_power_w; or '
+                        'heat_source without these')
+        return None
+    if power_w is None:
+        power_w = ratio * values['electrical_power_w']
+    return Cooling(cooling_power_w=power_w, **values)
+
+
+def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
+                       problems: list[str]) -> Cooling | None:
+    """Return the Cooling by a heat source, beside an HVCH of an efficiency; add problems to `problems`."""
+    values = dict(node)
+    name = values.pop('heat_source')
+    coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
+    if name not in coolers:
+        problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
+                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has no such"}')
+        return None
+    if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
+        problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '
+                        'allowed beside it')
+        return None
+    source = heat_sources[name]
+    power = source.maximum_power_w
+    assert isinstance(source.hvch_watts, Table) and isinstance(power, Table)
+    # A compressor with steps delivers lower powers in the mean of its steps.
+    most_w = (source.power_steps_w or (source.most_w,))[-1]
+    power = power.changed(lambda value: min(value, most_w))
+    ratio = source.hvch_watts.changed(lambda value: -efficiency * value)
+    return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
+                   curves=(power, ratio), **arguments_of(values))
 
 
 def charging_of(vehicle: Vehicle) -> Charging:
@@ -114,22 +190,18 @@ def vehicle_at_charger(vehicle: Vehicle) -> Vehicle:
         vehicle.battery.resistance, charging.polarization_factor)))
 
 
-def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:
+def _problems(charging: Charging, lowest_c: float, highest_c: float) -> Iterator[str]:
     """Yield a sentence for each implausible value of a Charging from a file."""
-    limit_c, (lowest_c, highest_c) = charging.heating_limit_c, temperature_range_c
+    limit_c, cooling = charging.heating_limit_c, charging.cooling
     if limit_c is None and charging.battery_heating:
         yield ('charging: battery_heating needs heating_limit_c, the battery temperature up '
                'to which the car heats')
-    if limit_c is not None and not lowest_c <= limit_c <= highest_c:
-        yield (f'charging.heating_limit_c: {limit_c:g} is outside battery.temperature_range_c '
-               f'{lowest_c:g} ... {highest_c:g}')
-    cooling = charging.cooling
-    if cooling is None:
-        return
-    if not lowest_c <= cooling.set_point_c <= highest_c:
-        yield (f'charging.cooling.set_point_c: {cooling.set_point_c:g} is outside battery.temperature_range_c '
-               f'{lowest_c:g} ... {highest_c:g}')
-    if cooling.set_point_c < charging.heated_below_c:
+    for key, value_c in (('heating_limit_c', limit_c),
+                         ('cooling.set_point_c', None if cooling is None else cooling.set_point_c)):
+        if value_c is not None and not lowest_c <= value_c <= highest_c:
+            yield (f'charging.{key}: {value_c:g} is outside battery.temperature_range_c {lowest_c:g} ... '
+                   f'{highest_c:g}')
+    if cooling is not None and cooling.set_point_c < charging.heated_below_c:
         yield (f'charging.cooling.set_point_c: {cooling.set_point_c:g} is below heating_limit_c, '
                f'{charging.heated_below_c:g}; the car would heat and cool its battery at once')
 

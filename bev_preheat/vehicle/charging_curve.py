@@ -19,18 +19,14 @@ import csv
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
-from bev_preheat.numerics import W_PER_KW
+from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.vehicle.chemistry import Chemistry
 from bev_preheat.vehicle.curves import Table
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')
@@ -66,10 +62,6 @@ class ChargingCurve:
     power_kw: tuple[float, ...]
     temperature_c: float
     note: str = 'given'
-
-    def scaled(self, factor: float) -> ChargingCurve:
-        """Return the curve with its power times a factor."""
-        return replace(self, power_kw=tuple(factor * power_kw for power_kw in self.power_kw))
 
 
 @dataclass(frozen=True)

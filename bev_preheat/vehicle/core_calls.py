@@ -7,17 +7,20 @@ A call raises Declined if the core does not answer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import addressof, byref, c_double, c_int32
 from functools import lru_cache
 from struct import Struct as Packed
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from bev_preheat.numerics import FloatArray
 from bev_preheat.vehicle.core_library import call, core, Declined
 from bev_preheat.vehicle.core_structs import (
     address_of,
     BeliefStruct,
+    BeliefTermsStruct,
     DOUBLE_BYTES,
     doubles,
     DRIVE_COLUMNS,
@@ -29,17 +32,9 @@ from bev_preheat.vehicle.core_structs import (
     PassedStruct,
     ReadingStruct,
 )
-from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
-from bev_preheat.vehicle.variants import KEPT_VEHICLES
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.core_structs import BeliefTermsStruct
-    from bev_preheat.vehicle.description import Leakage, Vehicle
-    from bev_preheat.vehicle.model import Integrator
-    from bev_preheat.vehicle.variants import DriveInputs
+from bev_preheat.vehicle.description import Leakage, Vehicle
+from bev_preheat.vehicle.model import Integrator, make_euler, make_midpoint, make_runge_kutta_4
+from bev_preheat.vehicle.variants import DriveInputs, KEPT_VEHICLES
 
 INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_runge_kutta_4: 2}
 FLOAT = np.dtype(float)

@@ -8,10 +8,9 @@ in Python modules and converted to C.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Mapping
 from ctypes import Array, c_double, c_int32, c_void_p, Structure
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 import re
@@ -45,14 +44,12 @@ STRUCT = re.compile(r'\btypedef struct \{(.*?)\} (\w+);', re.DOTALL)
 FIELD = re.compile(r'(?:const )?(double|int32_t|uint8_t|bev_\w+) (\*?)(\w+)(?:\[(\w+)\])?')
 FUNCTION = re.compile(rf'^{STATUS} (\w+)\(([^)]*)\);', re.MULTILINE)
 ARGUMENT = re.compile(r'(?:const )?(\w+) (\*?)\w+(\[\d+\])?')
-OPERATORS: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b}
 
 # (name, type, count) of each field: P an address, D a double, I an integer, else the name of a struct.
 Fields: TypeAlias = tuple[tuple[str, str, int], ...]
 # Memory of a function: for each step, and once.
 Room: TypeAlias = tuple[int, int]
-LETTERS = {c_void_p: 'P', c_double: 'D', c_int32: 'I'}
+TYPES: Mapping[str, type[Any]] = {'P': c_void_p, 'D': c_double, 'I': c_int32}
 
 
 @dataclass(frozen=True)
@@ -73,12 +70,12 @@ class Interface:
 
 def fields_of(struct: type[Structure], names: Mapping[type[Any], str]) -> Fields:
     """Return the Fields of a Structure; `names` are those in C of the structs within."""
-    found = []
+    found, letters = [], {kind: letter for letter, kind in TYPES.items()}
     declared: Any
     for name, declared, *_ in struct._fields_:
         is_array = issubclass(declared, Array)
         kind, count = (declared._type_, declared._length_) if is_array else (declared, 1)
-        found.append((name, LETTERS.get(kind) or names.get(kind, kind.__name__), count))
+        found.append((name, letters.get(kind) or names.get(kind, kind.__name__), count))
     return tuple(found)
 
 
@@ -93,38 +90,12 @@ def constant_lines() -> list[str]:
             for name, value in constants().items()]
 
 
-@dataclass
-class Macros:
-    """Numbers and functions of one argument that headers define, with the enumerators."""
-
-    numbers: dict[str, str | int] = field(default_factory=dict)
-    functions: dict[str, tuple[str, str]] = field(default_factory=dict)
-
-    def value(self, text: str | int, **known: int) -> int:
-        """Return the value of an expression of integers; raises ValueError for any other expression."""
-        return text if isinstance(text, int) else self._value(ast.parse(text, mode='eval').body, known)
-
-    def room(self, name: str) -> Room:
-        """Return the slope per step and the constant of a function; raises ValueError unless it is linear."""
-        argument, text = self.functions[name]
-        once, at_one, at_many = (self.value(text, **{argument: steps}) for steps in (0, 1, 1000))
-        if at_many - once != 1000 * (at_one - once):
-            raise ValueError(f'{name}: is not so much for each step')
-        return at_one - once, once
-
-    def _value(self, node: ast.expr, known: dict[str, int]) -> int:
-        if isinstance(node, ast.Constant) and isinstance(node.value, int):
-            return node.value
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            return -self._value(node.operand, known)
-        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](self._value(node.left, known), self._value(node.right, known))
-        if isinstance(node, ast.Name):
-            return known[node.id] if node.id in known else self.value(self.numbers[node.id])
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            argument, text = self.functions[node.func.id]
-            return self.value(text, **{argument: self._value(node.args[0], known)})
-        raise ValueError(f'{ast.unparse(node)}: is no expression of integers')
+def memory_of(function: Callable[[int], int]) -> Room:
+    """Return the slope per step and the constant of a function of steps; raises ValueError unless it is linear."""
+    once, at_one, at_many = map(function, (0, 1, 1000))
+    if at_many - once != 1000 * (at_one - once):
+        raise ValueError(f'{once}, {at_one} and {at_many} for 0, 1 and 1000 steps are not so much for each step')
+    return at_one - once, once
 
 
 def read_headers(folder: Path = INCLUDE) -> Interface:
@@ -133,38 +104,37 @@ def read_headers(folder: Path = INCLUDE) -> Interface:
     text = COMMENT.sub('', text).replace('\\\n', ' ')
     macros = read_macros(text)
     return Interface(
-        macros.value(macros.numbers['BEV_INTERFACE']),
+        macros['BEV_INTERFACE'],
         {name: _fields(name, body, macros) for body, name in STRUCT.findall(text)},
         {name: _types(name, arguments) for name, arguments in FUNCTION.findall(text)},
-        {name: macros.room(name) for name in macros.functions})
+        {name: memory_of(macro) for name, macro in macros.items() if callable(macro)})
 
 
-def read_macros(text: str) -> Macros:
-    """Return the Macros of a text without comments and continued lines."""
-    macros = Macros()
-    for name, argument, value in DEFINE.findall(text):
-        if argument:
-            macros.functions[name] = argument, value
-        else:
-            macros.numbers[name] = value
+def read_macros(text: str) -> dict[str, Any]:
+    """Return numbers, enumerators and functions of one argument that a text without comments defines."""
+    # An expression of integers in C is one in Python, too; a function sees names that are defined below it.
+    macros: dict[str, Any] = {}
     for body in ENUM.findall(text):
         following = 0
         for each in filter(None, map(str.strip, body.split(','))):
             name, _, value = map(str.strip, each.partition('='))
-            following = macros.value(value) if value else following
-            macros.numbers[name] = following
+            following = eval(value, {}, macros) if value else following
+            macros[name] = following
             following += 1
+    for name, argument, value in DEFINE.findall(text):
+        macros[name] = eval(f'lambda {argument}: {value}' if argument else value, macros)
     return macros
 
 
-def _fields(struct: str, body: str, macros: Macros) -> Fields:
+def _fields(struct: str, body: str, macros: Mapping[str, Any]) -> Fields:
     found = []
     for each in filter(None, (' '.join(part.split()) for part in body.split(';'))):
         match = FIELD.fullmatch(each)
         if match is None or (match[1] == 'uint8_t' and not match[2]):
             raise ValueError(f'{struct}: {each}: is no field as it can be read')
         kind, pointer, name, count = match.groups()
-        found.append((name, 'P' if pointer else KINDS.get(kind, kind), macros.value(count) if count else 1))
+        number = 1 if count is None else macros[count] if count in macros else int(count)
+        found.append((name, 'P' if pointer else KINDS.get(kind, kind), number))
     return tuple(found)
 
 

@@ -12,14 +12,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from ctypes import c_double, c_int32, c_void_p, CDLL
+from ctypes import c_int32, CDLL
 from functools import lru_cache, wraps
 import os
 import re
 from typing import Any, ParamSpec, TypeVar
 
 from bev_preheat.vehicle import core_structs
-from bev_preheat.vehicle.core_interface import constants, fields_of, Interface
+from bev_preheat.vehicle.core_interface import constants, fields_of, Interface, TYPES
 
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE, LEFT = range(7)
 # Values of bev_status, then their names in the counter.
@@ -36,27 +36,21 @@ P = ParamSpec('P')
 R = TypeVar('R')
 
 
-class Declines:
-    """How often each function declined, and why."""
-
-    def __init__(self) -> None:
-        """Begin with no declined call."""
-        self.counts: Counter[tuple[str, str]] = Counter()
-
-    def note(self, status: int, function: Any, arguments: Any) -> int:
-        """Count the status of a call unless it is an answer, and return it: an `errcheck` of ctypes."""
-        if status != OK and status not in ANSWERS.get(function.__name__, _NONE):
-            self.counts[function.__name__, REASONS.get(status, str(status))] += 1
-        return status
-
-    def in_words(self) -> str:
-        """Return how many, and, if there are some, by function and reason; the most frequent first."""
-        each = ', '.join(f'{count} x {name} ({reason})' for (name, reason), count in self.counts.most_common())
-        return f'{self.counts.total()}: {each}' if each else '0'
+# How often each function declined in this process, and why.
+DECLINES: Counter[tuple[str, str]] = Counter()
 
 
-# The counter of the process.
-DECLINES = Declines()
+def _note(status: int, function: Any, arguments: Any) -> int:
+    """Count the status of a call unless it is an answer, and return it: an `errcheck` of ctypes."""
+    if status != OK and status not in ANSWERS.get(function.__name__, _NONE):
+        DECLINES[function.__name__, REASONS.get(status, str(status))] += 1
+    return status
+
+
+def declines_in_words() -> str:
+    """Return how many calls were declined, and, if some were, by function and reason; the most frequent first."""
+    each = ', '.join(f'{count} x {name} ({reason})' for (name, reason), count in DECLINES.most_common())
+    return f'{DECLINES.total()}: {each}' if each else '0'
 
 
 class Declined(Exception):
@@ -67,8 +61,7 @@ FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
 INTERFACE = 13
 
-# Arguments by type: P an address, D a double, I an integer.
-_TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
+# Arguments by the letters of core_interface: P an address, D a double, I an integer.
 _SIGNATURES = {
     'bev_check_vehicle': 'P',
     'bev_make_trip': 'PIPP',
@@ -166,9 +159,9 @@ def load_core(path: str) -> tuple[Any, str]:
             return None, f'{path} is of another version'
         for name, types in _SIGNATURES.items():
             function = getattr(library, name)
-            function.argtypes = [_TYPES[each] for each in types]
+            function.argtypes = [TYPES[each] for each in types]
             function.restype = c_int32
-            function.errcheck = DECLINES.note
+            function.errcheck = _note
     except (OSError, AttributeError) as error:
         return None, f'{path} cannot be loaded: {error}'
     return library, ''

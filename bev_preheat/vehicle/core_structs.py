@@ -7,23 +7,18 @@ An object here keeps alive all memory that its struct points to. `address` is th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import addressof, c_double, c_int32, c_void_p, Structure
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bev_preheat.numerics import Curve, FloatArray
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS
+from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS, TripColumns
 from bev_preheat.vehicle.variants import ScaledCurve
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from bev_preheat.numerics import Curve, FloatArray
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import TripColumns
 
 MOST_STEPS = 1_000_000
 ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16
@@ -51,24 +46,26 @@ def room(name: str, steps: int) -> int:
     return for_each * steps + once
 
 
+def _each(kind: type[Any], names: str) -> list[tuple[str, type[Any]]]:
+    """Return fields of one kind, named in a text."""
+    return [(name, kind) for name in names.split()]
+
+
 class CurveStruct(Structure):
     """`bev_curve`."""
 
-    _fields_ = [('kind', c_int32), ('factor_count', c_int32), ('soc_count', c_int32),
-                ('temperature_count', c_int32), ('parameter', c_double * PARAMETERS),
-                ('factor', c_double * MOST_FACTORS), ('soc', c_void_p),
-                ('temperature_c', c_void_p), ('values', c_void_p)]
+    _fields_ = [*_each(c_int32, 'kind factor_count soc_count temperature_count'),
+                ('parameter', c_double * PARAMETERS), ('factor', c_double * MOST_FACTORS),
+                *_each(c_void_p, 'soc temperature_c values')]
 
 
 class VehicleStruct(Structure):
     """`bev_vehicle`."""
 
-    _fields_ = [*((name, c_double) for name in (
-        'capacity_ah', 'heat_capacity_j_per_k', 'lowest_c', 'highest_c', 'hottest_c',
-        'heater_efficiency', 'heat_share', 'heater_lag_s', 'coolant_heat_capacity_j_per_k',
-        'coolant_conductance_w_per_k', 'shell_share')),
-        *((name, CurveStruct) for name in (
-            'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
+    _fields_ = [
+        *_each(c_double, 'capacity_ah heat_capacity_j_per_k lowest_c highest_c hottest_c heater_efficiency '
+               'heat_share heater_lag_s coolant_heat_capacity_j_per_k coolant_conductance_w_per_k shell_share'),
+        *_each(CurveStruct, 'open_circuit_voltage resistance charge_power_limit discharge_power_limit')]
 
 
 class TripStruct(Structure):
@@ -80,25 +77,23 @@ class TripStruct(Structure):
 class HeatSourcesStruct(Structure):
     """`bev_heat_sources`."""
 
-    _fields_ = [*((name, c_int32) for name in ('count', 'heating_count', 'temperature_count', 'step_count')),
-                *((name, c_void_p) for name in (
-                    'temperature_c', 'power_w', 'hvch_watts', 'taken_w', 'steps_w', 'drawing_limit_w',
-                    'cold_limit_w'))]
+    _fields_ = [
+        *_each(c_int32, 'count heating_count temperature_count step_count'),
+        *_each(c_void_p, 'temperature_c power_w hvch_watts taken_w steps_w drawing_limit_w cold_limit_w')]
 
 
 class TripTermsStruct(Structure):
     """`bev_trip_terms`."""
 
-    _fields_ = [(name, c_double) for name in (
-        'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps', 'heat_share', 'stiff_w_per_k', 'heater_w',
-        'heater_share', 'heat_lag_s')]
+    _fields_ = _each(c_double, 'gamma_0_w_per_k gamma_v_w_per_k_per_mps heat_share stiff_w_per_k heater_w '
+                     'heater_share heat_lag_s')
 
 
 class ValueGoalStruct(Structure):
     """`bev_value_goal`: the requirements of a plan by values."""
 
-    _fields_ = [('direction', c_int32), ('target_c', c_double), ('most_c', c_double), ('lowest_soc', c_double),
-                ('deviation_k', c_double), ('price', c_void_p)]
+    _fields_ = [('direction', c_int32), *_each(c_double, 'target_c most_c lowest_soc deviation_k'),
+                ('price', c_void_p)]
 
 
 class StrandingStruct(Structure):
@@ -110,8 +105,8 @@ class StrandingStruct(Structure):
 class RunOfPowersStruct(Structure):
     """`bev_run_of_powers`."""
 
-    _fields_ = [('is_deliverable', c_int32), *((name, c_void_p) for name in (
-        'soc', 'temperature_c', 'heater_w', 'arriving_heat_w', 'brake_w'))]
+    _fields_ = [('is_deliverable', c_int32),
+                *_each(c_void_p, 'soc temperature_c heater_w arriving_heat_w brake_w')]
 
 
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')
@@ -130,29 +125,25 @@ class EnergiesStruct(Structure):
 class SwitchPlanStruct(Structure):
     """`bev_switch_plan`."""
 
-    _fields_ = [*((name, c_double) for name in (
-        'switching_instant_s', 'least_soc', 'interval_wh')),
-        ('energy_wh', EnergiesStruct),
-        *((name, c_int32) for name in (
-            'unheated_keeps_limits', 'keeps_limits', 'costs_least', 'is_heated', 'first_heated', 'end_heated',
-            'is_one_interval', 'reason'))]
+    _fields_ = [*_each(c_double, 'switching_instant_s least_soc interval_wh'), ('energy_wh', EnergiesStruct),
+                *_each(c_int32, 'unheated_keeps_limits keeps_limits costs_least is_heated first_heated end_heated '
+                       'is_one_interval reason')]
 
 
 class BeliefStruct(Structure):
     """`bev_belief`."""
 
-    _fields_ = [('heaters', c_int32), ('noises', c_int32), *((name, c_void_p) for name in (
-        'weights', 'mean', 'covariance', 'memory'))]
+    _fields_ = [*_each(c_int32, 'heaters noises'), *_each(c_void_p, 'weights mean covariance memory')]
 
 
 class BeliefTermsStruct(Structure):
     """`bev_belief_terms`."""
 
     _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
-                ('highest', c_double * BOUNDED), *((name, c_double) for name in (
-                    'nominal_heat_lag_s', 'nominal_sensor_lag_s', 'local_lag_s', 'least_variance', 'least_weight',
-                    'most_evidence', 'most_apart_k', 'power_noise', 'least_power_w',
-                    'power_noise_lasts_s', 'joule_rise_noise_k_per_kw'))]
+                ('highest', c_double * BOUNDED), *_each(
+                    c_double, 'nominal_heat_lag_s nominal_sensor_lag_s local_lag_s least_variance least_weight '
+                    'most_evidence most_apart_k power_noise least_power_w power_noise_lasts_s '
+                    'joule_rise_noise_k_per_kw')]
 
 
 DRIVE_COLUMNS = (
@@ -170,24 +161,23 @@ class DriveStruct(Structure):
 class PassedStruct(Structure):
     """`bev_passed`."""
 
-    _fields_ = [('transitions', c_void_p), ('wander', c_void_p), *((name, c_double) for name in (
-        'duration_s', 'hidden_variance_s2', 'seen_w', 'route_w', 'variance_w2', 'most_w')),
-        ('heater_power_w', c_double * MOST_HEATERS), ('drive', DriveStruct)]
+    _fields_ = [*_each(c_void_p, 'transitions wander'),
+                *_each(c_double, 'duration_s hidden_variance_s2 seen_w route_w variance_w2 most_w'),
+                ('heater_power_w', c_double * MOST_HEATERS), ('drive', DriveStruct)]
 
 
 class ReadingStruct(Structure):
     """`bev_reading`."""
 
-    _fields_ = [('noise_variances_k2', c_void_p), ('noise_variances', c_void_p), *((name, c_double) for name in (
-        'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc')), ('tells_hypotheses', c_int32)]
+    _fields_ = [*_each(c_void_p, 'noise_variances_k2 noise_variances'),
+                *_each(c_double, 'lowest_c highest_c lowest_soc highest_soc'), ('tells_hypotheses', c_int32)]
 
 
 class ExpectedDriveStruct(Structure):
     """`bev_expected_drive`."""
 
-    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (
-        'route', 'heater_power_w', 'temperature_c', 'soc')),
-                ('gamma_0_w_per_k', c_double), ('gamma_v_w_per_k_per_mps', c_double)]
+    _fields_ = [('steps', c_int32), *_each(c_void_p, 'route heater_power_w temperature_c soc'),
+                *_each(c_double, 'gamma_0_w_per_k gamma_v_w_per_k_per_mps')]
 
 
 class NotDescribed(Exception):
@@ -221,9 +211,9 @@ class NativeVehicle:
         struct.factor_count = len(factors)
         struct.factor[:len(factors)] = factors[::-1]
         if isinstance(curve, PolynomialVoltage):
-            coefficients_v = (*curve.coefficients_v, 0.0, 0.0, 0.0)[:4]
+            polynomial_v = (*curve.polynomial_v, 0.0, 0.0, 0.0)[:4]
             struct.kind = POLYNOMIAL_AND_LOGARITHM if curve.log_soc_v else POLYNOMIAL
-            struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
+            struct.parameter[:] = (*polynomial_v, curve.log_soc_v)
         elif isinstance(curve, InverseTemperatureResistance):
             struct.kind = INVERSE_TEMPERATURE
             struct.parameter[:3] = curve.k_ohm_k, curve.reference_temperature_c, curve.connection_ohm
@@ -282,5 +272,4 @@ def address_of(array: NDArray[Any] | None) -> Any:
 
 def doubles(values: Any) -> FloatArray:
     """Return values as a contiguous array of doubles: itself, if it is one."""
-    array: FloatArray = np.ascontiguousarray(values, dtype=float)
-    return array
+    return np.ascontiguousarray(values, dtype=float)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +20,11 @@ from bev_preheat.numerics import (
     ARRAYS,
     Curve,
     CurveFunction,
+    FloatArray,
     FLOATS,
     Number,
     SATURATING_FLOATS,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # ln(soc) diverges for an empty battery; below this state of charge the voltage is constant.
 LOWEST_SOC_IN_LOGARITHM = 1e-3
@@ -37,12 +34,12 @@ LOWEST_SOC_IN_LOGARITHM = 1e-3
 class PolynomialVoltage:
     """Open-circuit voltage [V]: c0 + c1 s + c2 s^2 + c3 s^3 + log_soc ln(s), s = state of charge."""
 
-    coefficients_v: tuple[float, ...]
+    polynomial_v: tuple[float, ...]
     log_soc_v: float = 0.0
 
     def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)` [V] for the given kind of number."""
-        c0, c1, c2, c3 = (tuple(self.coefficients_v) + (0.0,) * 3)[:4]
+        c0, c1, c2, c3 = (tuple(self.polynomial_v) + (0.0,) * 3)[:4]
         log_soc_v, log, maximum = self.log_soc_v, arithmetic.log, arithmetic.maximum
         share = arithmetic.share
 
@@ -89,6 +86,15 @@ class Table:
     soc: tuple[float, ...]
     temperature_c: tuple[float, ...]
     values: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def constant(cls, value: float) -> Table:
+        """Return the table of one value."""
+        return cls((0.0,), (0.0,), ((value,),))
+
+    def changed(self, change: Callable[[float], float]) -> Table:
+        """Return the table with each value changed by a function."""
+        return replace(self, values=tuple(tuple(map(change, row)) for row in self.values))
 
     def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)`, bilinear, for the given kind of number."""
@@ -172,8 +178,7 @@ def with_connections(resistance: Curve, connection_ohm: float) -> Curve:
     if isinstance(resistance, InverseTemperatureResistance):
         return replace(resistance, connection_ohm=resistance.connection_ohm + connection_ohm)
     assert isinstance(resistance, Table)
-    return replace(resistance, values=tuple(
-        tuple(value + connection_ohm for value in row) for row in resistance.values))
+    return resistance.changed(lambda value: value + connection_ohm)
 
 
 def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:

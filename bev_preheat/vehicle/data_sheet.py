@@ -47,15 +47,14 @@ class DataSheetQuantity:
         """The unit in a message, '' for a number."""
         return UNITS.get(self.name.rpartition('_')[2], '')
 
-    def problem_with(self, value: float) -> str | None:
-        """Return a sentence on an implausible value, None if it is plausible."""
+    def problems_with(self, value: float) -> Iterator[str]:
+        """Yield a sentence on an implausible value."""
         low, high = self.plausible
-        if low <= value <= high:
-            return None
-        hint = next((f'; {value:g} {unit} would be {value * factor:g} {self.unit}'.rstrip()
-                     for factor, unit in self.confusions if low <= value * factor <= high), '')
-        return (f'{self.option}: {value:g} {self.unit}'.rstrip()
-                + f' is implausible; it must be {low:g} ... {high:g} {self.unit}'.rstrip() + hint)
+        if not low <= value <= high:
+            hint = next((f'; {value:g} {unit} would be {value * factor:g} {self.unit}'.rstrip()
+                         for factor, unit in self.confusions if low <= value * factor <= high), '')
+            yield (f'{self.option}: {value:g} {self.unit}'.rstrip()
+                   + f' is implausible; it must be {low:g} ... {high:g} {self.unit}'.rstrip() + hint)
 
 
 UNITS = {'kwh': 'kWh', 'kg': 'kg', 'v': 'V', 'kw': 'kW', 'min': 'min', 'c': 'degC', 'm2': 'm2'}
@@ -126,30 +125,25 @@ def check_data_sheet(sheet: DataSheet) -> None:
     Derived figures are compared after rounding, so that a message never states 3.85 V a cell and an allowed
     range of 3.5 ... 3.85 V.
     """
-    problems = _problems_with_name(sheet.name)
+    problems, name = [], sheet.name
+    if not (1 <= len(name) <= 100 and name.isprintable() and name.strip() == name):
+        problems.append(f'--name: {name[:60]!r} is not allowed; it must have 1 ... 100 printable characters and '
+                        'no space at its ends')
     if sheet.chemistry not in CHEMISTRIES:
-        hint = f'; {sheet.chemistry.upper()} is given as {ALIKE[sheet.chemistry.lower()]}' \
-            if sheet.chemistry.lower() in ALIKE else ''
+        alike = ALIKE.get(sheet.chemistry.lower())
+        hint = f'; {sheet.chemistry.upper()} is given as {alike}' if alike else ''
         raise InvalidInput([*problems, f'--chemistry: {sheet.chemistry!r} is not one of '
                             f'{", ".join(CHEMISTRIES)}{hint}'])
     problems += [*_missing(sheet), *_sources_of_nothing(sheet)]
     for field in fields(sheet):
         value = getattr(sheet, field.name)
         if field.name in QUANTITIES and value is not None:
-            problem = QUANTITIES[field.name].problem_with(value)
-            problems += [problem] if problem else []
+            problems += QUANTITIES[field.name].problems_with(value)
     # An implausible figure would also be reported as inconsistent.
     if not problems:
         problems = [*_inconsistent_battery(sheet), *_inconsistent_powers(sheet), *_inconsistent_masses(sheet)]
     if problems:
         raise InvalidInput(problems)
-
-
-def _problems_with_name(name: str) -> list[str]:
-    if 1 <= len(name) <= 100 and name.isprintable() and name.strip() == name:
-        return []
-    return [f'--name: {name[:60]!r} is not allowed; it must have 1 ... 100 printable characters and '
-            'no space at its ends']
 
 
 def _missing(sheet: DataSheet) -> Iterator[str]:

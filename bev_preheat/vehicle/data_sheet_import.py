@@ -8,12 +8,12 @@ Values missing from the data sheet come from `chemistry.yaml` or are assumed her
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
+from bev_preheat.files.checked_yaml import FileData
+from bev_preheat.numerics import FloatArray, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging_curve import (
     charging_map,
     ChargingCurve,
@@ -22,13 +22,8 @@ from bev_preheat.vehicle.charging_curve import (
     HIGH_VOLTAGE_V,
     WARM_CURVE_C,
 )
-from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
+from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
-
-if TYPE_CHECKING:
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics import FloatArray
-
 
 # A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.
 CELL_SHARE_OF_PACK_MASS = 0.7
@@ -106,7 +101,8 @@ def describe_car(sheet: DataSheet, curve_fit: float = 1.0) -> dict[str, Entry]:
 def curves_of(sheet: DataSheet, curve_fit: float = 1.0) -> tuple[ChargingCurve, ...]:
     """Return the curves of a checked DataSheet times `curve_fit`, else that of the car's class with that fit."""
     if sheet.charging_curves:
-        return tuple(curve.scaled(curve_fit) for curve in sheet.charging_curves)
+        return tuple(replace(curve, power_kw=tuple(curve_fit * power_kw for power_kw in curve.power_kw))
+                     for curve in sheet.charging_curves)
     chemistry = load_chemistry(sheet.chemistry)
     pack, _ = _pack(sheet, chemistry)
     return (class_curve(chemistry, pack.cells_in_series * chemistry.nominal_cell_voltage_v, pack.gross_energy_kwh,
@@ -122,55 +118,50 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
     return {
         'battery.capacity_ah': Entry(
             pack.capacity_ah, f'{notes["energy"]}, over the mean open-circuit voltage below',
-            assumed=sheet.usable_energy_kwh is None
-            or _is_guessed(sheet, 'usable_energy_kwh')),
+            assumed=sheet.usable_energy_kwh is None or _is_guessed(sheet, 'usable_energy_kwh')),
         'battery.cells_in_series': Entry(
             pack.cells_in_series, notes['cells'],
             assumed=_is_guessed(sheet, 'cells_in_series') or _is_guessed(sheet, 'nominal_voltage_v')),
-        'battery.heat_capacity_j_per_k': Entry(
+        'battery.heat_capacity_j_per_k': _assumed(
             round(heat_capacity * pack.mass_kg, -2),
-            f'assumed: {heat_capacity:.0f} J/(kg K) times {notes["mass"]}; cells '
-            f'{chemistry.cell_heat_capacity_j_per_kg_k:g} J/(kg K) (source: '
-            f'{chemistry.cell_heat_capacity_source}), {CELL_SHARE_OF_PACK_MASS:.0%} of the mass '
-            '(assumed), the rest like aluminium, 900 J/(kg K)', assumed=True),
-        'battery.open_circuit_voltage': Entry(
+            f'{heat_capacity:.0f} J/(kg K) times {notes["mass"]}; cells '
+            f'{chemistry.cell_heat_capacity_j_per_kg_k:g} J/(kg K) (source: {chemistry.cell_heat_capacity_source})'
+            f', {CELL_SHARE_OF_PACK_MASS:.0%} of the mass (assumed), the rest like aluminium, 900 J/(kg K)'),
+        'battery.open_circuit_voltage': _assumed(
             {'table': _voltage_table(pack, chemistry)},
-            f'assumed: {pack.cells_in_series} times a typical {sheet.chemistry.upper()} cell, from '
+            f'{pack.cells_in_series} times a typical {sheet.chemistry.upper()} cell, from '
             f'{pack.cell_soc[0]:.1%} to {pack.cell_soc[1]:.1%} of its charge (buffers of equal size '
-            f'assumed). source: {chemistry.open_circuit_voltage.source}', assumed=True),
-        'battery.resistance': Entry(
+            f'assumed). source: {chemistry.open_circuit_voltage.source}'),
+        'battery.resistance': _assumed(
             {'table': _resistance_table(pack, chemistry)},
-            f'assumed: {pack.cells_in_series} typical cells of {pack.cell_capacity_ah:.0f} Ah, '
+            f'{pack.cells_in_series} typical cells of {pack.cell_capacity_ah:.0f} Ah, '
             f'{chemistry.resistance.specific_resistance_ohm_ah:g} ohm Ah each at 25 degC and half '
             f'charge. source: {chemistry.resistance.source}. Over temperature, source: '
             f'{chemistry.resistance.temperature_source}. Over the state of charge, source: '
-            f'{chemistry.resistance.soc_source}', assumed=True),
-        'battery.connection_resistance_ohm': Entry(
+            f'{chemistry.resistance.soc_source}'),
+        'battery.connection_resistance_ohm': _assumed(
             round(CONNECTION_SHARE * _cells_ohm(pack, chemistry), 5),
-            f'assumed: {CONNECTION_SHARE:.0%} of the resistance of the cells at 25 degC; busbars, contactors and '
-            'connectors inside the pack, whose heat stays in it', assumed=True),
+            f'{CONNECTION_SHARE:.0%} of the resistance of the cells at 25 degC; busbars, contactors and '
+            'connectors inside the pack, whose heat stays in it'),
         'battery.power_limits.discharge': Entry(
-            _power_table(pack, chemistry.discharge_share, W_PER_KW * _discharge_kw(sheet, pack)),
+            _power_table(pack, chemistry.discharge_share, W_PER_KW * _discharge_kw(sheet)),
             f'W, at most what drivetrain ({DISCHARGE_RESERVE:g} times its power), heater and '
             f'auxiliaries can take together. {chemistry.discharge_share.source}', assumed=True),
         'battery.power_limits.charge': Entry(
             _power_table(pack, chemistry.charge_share, -W_PER_KW * sheet.charging_power_kw),
             f'W, at most {sheet.charging_power_kw:g} kW ({_origin(sheet, "charging_power_kw")}). '
-            f'{chemistry.charge_share.source}',
-            assumed=True),
-        'battery.leakage': Entry(
+            f'{chemistry.charge_share.source}', assumed=True),
+        'battery.leakage': _assumed(
             {'gamma_0_w_per_k': round(LEAKAGE_AT_REST_W_PER_M2_K * surface_m2, 1),
-             'gamma_v_w_per_k_per_mps': round(
-                 LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS * surface_m2, 3)},
-            f'assumed: {LEAKAGE_AT_REST_W_PER_M2_K:g} W/(m2 K) at rest and '
+             'gamma_v_w_per_k_per_mps': round(LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS * surface_m2, 3)},
+            f'{LEAKAGE_AT_REST_W_PER_M2_K:g} W/(m2 K) at rest and '
             f'{LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS:g} W/(m2 K) more for each m/s, over '
             f'{surface_m2:.1f} m2 (area in proportion to the mass: 6.2 m2 at 493 kg, '
             'source: 182 cm x 145 cm x 14 cm, topauto.co.za, "The impressive batteries in VW '
-            f'electric cars"). source: {LEAKAGE_SOURCE}', assumed=True),
+            f'electric cars"). source: {LEAKAGE_SOURCE}'),
         'battery.soc_range': Entry([0.0, 1.0], '0 and 100 % as the car displays them'),
-        'battery.temperature_range_c': Entry(
-            [-40.0, 60.0], 'assumed: as the car of the paper, config/vehicles/reference.yaml',
-            assumed=True),
+        'battery.temperature_range_c': _assumed(
+            [-40.0, 60.0], 'as the car of the paper, config/vehicles/reference.yaml'),
     }
 
 
@@ -221,7 +212,8 @@ def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
 
 def _cells_ohm(pack: Pack, chemistry: Chemistry) -> float:
     """Return the resistance of all cells at 25 degC and half charge [ohm]."""
-    return pack.cells_in_series * chemistry.resistance.specific_resistance_ohm_ah / pack.cell_capacity_ah
+    specific_ohm_ah: float = chemistry.resistance.specific_resistance_ohm_ah
+    return pack.cells_in_series * specific_ohm_ah / pack.cell_capacity_ah
 
 
 def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
@@ -232,7 +224,7 @@ def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
                         for factor in cell.temperature_factor] for soc_factor in factors]}
 
 
-def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileData]:
+def _power_table(pack: Pack, shares: Chemistry, most_w: float) -> dict[str, FileData]:
     return {'soc': list(map(float, shares.soc)),
             'temperature_c': list(map(float, shares.temperature_c)),
             # + 0.0 avoids -0 in the file.
@@ -240,56 +232,58 @@ def _power_table(pack: Pack, shares: Shares, most_w: float) -> dict[str, FileDat
                        for soc_share in shares.soc_share]}
 
 
-def _drive_kw(sheet: DataSheet) -> float:
-    """Return the power of the drivetrain [kW]; regeneration never exceeds it."""
-    if sheet.drive_power_kw is not None:
-        return sheet.drive_power_kw
-    return max(round(DRIVE_KW_PER_KWH * energy_of(sheet)[0]), sheet.regeneration_power_kw or 0.0)
+def _usual(sheet: DataSheet) -> dict[str, tuple[float, str]]:
+    """Return the usual value of each figure that a data sheet may omit, and its reason."""
+    drive_kw, heater_kw = sheet.drive_power_kw, sheet.heater_power_kw
+    if drive_kw is None:
+        # Regeneration never exceeds the drivetrain's power.
+        drive_kw = max(round(DRIVE_KW_PER_KWH * energy_of(sheet)[0]), sheet.regeneration_power_kw or 0.0)
+    cabin_kw = min(MOST_CABIN_KW, round(CABIN_SHARE * (HEATER_KW if heater_kw is None else heater_kw), 2))
+    return {
+        'drive_power_kw': (drive_kw, f'{DRIVE_KW_PER_KWH:g} kW for each kWh of the battery'),
+        'regeneration_power_kw': (round(REGENERATION_SHARE * drive_kw),
+                                  f'{REGENERATION_SHARE:.0%} of the power for driving'),
+        'heater_power_kw': (HEATER_KW, 'coolant heaters have 3 ... 10 kW (source: BorgWarner, '
+                            'OEM & Lieferant 2/2018, p. 115)'),
+        'cabin_heating_power_kw': (cabin_kw, 'a cold day, cabin already warm'),
+        'auxiliary_power_kw': (AUXILIARY_KW, 'lights, pumps, computers'),
+        'frontal_area_m2': (FRONTAL_AREA_M2, 'a car of middle size; 0.85 times width times height is a good '
+                            'estimate'),
+        'drag_coefficient': (DRAG_COEFFICIENT, 'usual for an electric car'),
+        'rolling_resistance': (ROLLING_RESISTANCE, 'usual for a car tyre on asphalt')}
 
 
-def _discharge_kw(sheet: DataSheet, pack: Pack) -> float:
-    heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
-    auxiliary_kw = AUXILIARY_KW if sheet.auxiliary_power_kw is None else sheet.auxiliary_power_kw
-    return DISCHARGE_RESERVE * _drive_kw(sheet) + heater_kw + auxiliary_kw
+def _discharge_kw(sheet: DataSheet) -> float:
+    drive_kw, heater_kw, auxiliary_kw = (
+        _usual(sheet)[name][0] if getattr(sheet, name) is None else getattr(sheet, name)
+        for name in ('drive_power_kw', 'heater_power_kw', 'auxiliary_power_kw'))
+    return DISCHARGE_RESERVE * drive_kw + heater_kw + auxiliary_kw
 
 
 def _drivetrain(sheet: DataSheet) -> dict[str, Entry]:
-    drive_kw = _drive_kw(sheet)
     return {
-        'drivetrain.efficiency': Entry(
-            DRIVETRAIN_EFFICIENCY, 'assumed: as in Table I of the paper (docs/explanation/paper.md)',
-            assumed=True),
-        'drivetrain.heat_recovery_efficiency': Entry(
-            HEAT_RECOVERY, 'assumed: half of the losses reach the battery; 0 where the coolant of '
-            'motor and inverter does not get to the battery, 0.8 in the paper', assumed=True),
-        'drivetrain.maximum_power_w': _given_or_assumed(
-            sheet, 'drive_power_kw', drive_kw, f'{DRIVE_KW_PER_KWH:g} kW for each kWh of the battery', W_PER_KW),
-        'drivetrain.maximum_regeneration_power_w': _given_or_assumed(
-            sheet, 'regeneration_power_kw', round(REGENERATION_SHARE * drive_kw),
-            f'{REGENERATION_SHARE:.0%} of the power for driving', W_PER_KW),
+        'drivetrain.efficiency': _assumed(
+            DRIVETRAIN_EFFICIENCY, 'as in Table I of the paper (docs/explanation/paper.md)'),
+        'drivetrain.heat_recovery_efficiency': _assumed(
+            HEAT_RECOVERY, 'half of the losses reach the battery; 0 where the coolant of motor and inverter does '
+            'not get to the battery, 0.8 in the paper'),
+        'drivetrain.maximum_power_w': _given_or_assumed(sheet, 'drive_power_kw', W_PER_KW),
+        'drivetrain.maximum_regeneration_power_w': _given_or_assumed(sheet, 'regeneration_power_kw', W_PER_KW),
     }
 
 
 def _heater(sheet: DataSheet) -> dict[str, Entry]:
-    heater_kw = HEATER_KW if sheet.heater_power_kw is None else sheet.heater_power_kw
-    cabin_kw = min(MOST_CABIN_KW, round(CABIN_SHARE * heater_kw, 2))
     return {
-        'hvch.maximum_power_w': _given_or_assumed(
-            sheet, 'heater_power_kw', HEATER_KW,
-            'coolant heaters have 3 ... 10 kW (source: BorgWarner, '
-            'OEM & Lieferant 2/2018, p. 115)', W_PER_KW),
-        'hvch.efficiency': Entry(
-            HEATER_EFFICIENCY, 'assumed: as in Table I of the paper (docs/explanation/paper.md)', assumed=True),
-        'defaults.cabin_heating_power_w': _given_or_assumed(
-            sheet, 'cabin_heating_power_kw', cabin_kw, 'a cold day, cabin already warm', W_PER_KW),
-        'defaults.auxiliary_power_w': _given_or_assumed(
-            sheet, 'auxiliary_power_kw', AUXILIARY_KW, 'lights, pumps, computers', W_PER_KW),
+        'hvch.maximum_power_w': _given_or_assumed(sheet, 'heater_power_kw', W_PER_KW),
+        'hvch.efficiency': _assumed(
+            HEATER_EFFICIENCY, 'as in Table I of the paper (docs/explanation/paper.md)'),
+        'defaults.cabin_heating_power_w': _given_or_assumed(sheet, 'cabin_heating_power_kw', W_PER_KW),
+        'defaults.auxiliary_power_w': _given_or_assumed(sheet, 'auxiliary_power_kw', W_PER_KW),
         # A setting, not a measured value.
         'defaults.target_battery_temperature_c': Entry(
-            _warm_c(sheet) if sheet.target_temperature_c is None else sheet.target_temperature_c,
-            _origin(sheet, 'target_temperature_c')
-            if sheet.target_temperature_c is not None else
-            'chosen: from here on the charging power above is at its most'),
+            _warm_c(sheet), 'chosen: from here on the charging power above is at its most')
+        if sheet.target_temperature_c is None else
+        Entry(sheet.target_temperature_c, _origin(sheet, 'target_temperature_c')),
     }
 
 
@@ -314,11 +308,9 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
         time_note = (f', {how} so that 10 to 80 % take {sheet.charging_time_10_80_min:g} min '
                      f'({_origin(sheet, "charging_time_10_80_min")})')
     return {
-        'charging.battery_heating': Entry(
-            True, 'assumed: cars that can heat their battery mostly do so at a fast charger as well',
-            assumed=True),
-        'charging.heating_limit_c': Entry(
-            _warm_c(sheet), 'assumed: from here on the charging power is at its most', assumed=True),
+        'charging.battery_heating': _assumed(
+            True, 'cars that can heat their battery mostly do so at a fast charger as well'),
+        'charging.heating_limit_c': _assumed(_warm_c(sheet), 'from here on the charging power is at its most'),
         'charging.maximum_inlet_power_w': _given(sheet, 'charging_power_kw', W_PER_KW),
         'charging.power_limit': Entry(
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
@@ -327,8 +319,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
             f'{"; ".join(dict.fromkeys(curve.note for curve in curves))}{time_note}. '
             + (f'Limit over the temperature: {sheet.charging_limit.note}' if sheet.charging_limit is not None else
                f'In the cold: {chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}'), assumed=True),
-        'charging.polarization_factor': Entry(
-            polarization.factor, polarization.source, assumed=True),
+        'charging.polarization_factor': Entry(polarization.factor, polarization.source, assumed=True),
     }
 
 
@@ -337,14 +328,8 @@ def _road_load(sheet: DataSheet) -> dict[str, Entry]:
         return {}
     return {
         'road_load.mass_kg': _given(sheet, 'vehicle_mass_kg'),
-        'road_load.frontal_area_m2': _given_or_assumed(
-            sheet, 'frontal_area_m2', FRONTAL_AREA_M2, 'a car of middle size; 0.85 times width times '
-            'height is a good estimate'),
-        'road_load.drag_coefficient': _given_or_assumed(
-            sheet, 'drag_coefficient', DRAG_COEFFICIENT, 'usual for an electric car'),
-        'road_load.rolling_resistance': _given_or_assumed(
-            sheet, 'rolling_resistance', ROLLING_RESISTANCE, 'usual for a car tyre on asphalt'),
-    }
+        **{f'road_load.{name}': _given_or_assumed(sheet, name)
+           for name in ('frontal_area_m2', 'drag_coefficient', 'rolling_resistance')}}
 
 
 def _origin(sheet: DataSheet, name: str) -> str:
@@ -361,9 +346,15 @@ def _given(sheet: DataSheet, name: str, scale: float = 1.0) -> Entry:
     return Entry(_plain(scale * getattr(sheet, name)), _origin(sheet, name), _is_guessed(sheet, name))
 
 
-def _given_or_assumed(sheet: DataSheet, name: str, otherwise: float, why: str, scale: float = 1.0) -> Entry:
-    return _given(sheet, name, scale) if getattr(sheet, name) is not None else Entry(
-        _plain(scale * otherwise), f'assumed: {why}', assumed=True)
+def _assumed(value: FileData, why: str) -> Entry:
+    return Entry(value, f'assumed: {why}', assumed=True)
+
+
+def _given_or_assumed(sheet: DataSheet, name: str, scale: float = 1.0) -> Entry:
+    if getattr(sheet, name) is not None:
+        return _given(sheet, name, scale)
+    value, why = _usual(sheet)[name]
+    return _assumed(_plain(scale * value), why)
 
 
 def _plain(value: float) -> float:

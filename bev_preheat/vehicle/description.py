@@ -7,21 +7,16 @@ Built and checked by `vehicle.loading` from a YAML file; nothing is checked here
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.numerics import Curve, Number
+from bev_preheat.numerics import Curve, FloatArray, Number
 from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from bev_preheat.numerics import FloatArray
 
 
 @dataclass(frozen=True)
@@ -135,8 +130,7 @@ def steps_below_w(steps_w: Sequence[float], power_w: FloatArray) -> FloatArray:
     if not steps_w:
         return power_w
     with_off_w = np.array((0.0, *steps_w))
-    below_w: FloatArray = with_off_w[np.maximum(np.searchsorted(with_off_w, power_w, side='right') - 1, 0)]
-    return below_w
+    return with_off_w[np.maximum(np.searchsorted(with_off_w, power_w, side='right') - 1, 0)]
 
 
 def step_problems(place: str, steps_w: Sequence[float], most_w: float, most: str) -> Iterator[str]:
@@ -267,12 +261,18 @@ class HeatSource:
 
 @dataclass(frozen=True)
 class RoadLoad:
-    """Road load: mass, air and tyres (coefficients without a unit)."""
+    """Road load: mass, air and tyres (coefficients without a unit), and the additional drag area of a load."""
 
     mass_kg: float
     frontal_area_m2: float
     drag_coefficient: float
     rolling_resistance: float
+    additional_drag_area_m2: float = 0.0
+
+    @property
+    def drag_area_m2(self) -> float:
+        """Drag coefficient times frontal area [m^2], with the additional one."""
+        return self.drag_coefficient * self.frontal_area_m2 + self.additional_drag_area_m2
 
 
 @dataclass(frozen=True)

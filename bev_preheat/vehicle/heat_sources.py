@@ -3,24 +3,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import figure, quoted
+from bev_preheat.files.checked_yaml import FileData
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import HeatSource, HVCH, step_problems
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, HeatSource, HVCH, step_problems
 
 SOURCE_RANGE_W = (0.0, 50e3)
 # Below the low end a source heats by waste; above the high end no heat pump works. Negative: a source that cools.
 HEAT_PER_WATT_RANGE = (0.05, 10.0)
-SWITCHING = ('minimum_on_time_s', 'minimum_off_time_s', 'switch_on_wh')
+
+
+def arguments_of(node: dict[str, FileData]) -> dict[str, Any]:
+    """Return a checked node as arguments of a dataclass: numbers as floats, lists as tuples."""
+    def plain(value: FileData) -> Any:
+        if isinstance(value, list):
+            return tuple(map(plain, value))
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    return {key: plain(value) for key, value in node.items()}
 
 
 def read_table(key: str, node: dict[str, FileData], problems: list[str], rows_over: str = 'soc') -> Table:
@@ -54,7 +59,7 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
                                    ('heat_per_watt', HEAT_PER_WATT_RANGE, '')):
         value, place = node[key], f'heat_sources.{name}.{key}'
         table = (read_table(place, value, problems, 'ambient_c') if isinstance(value, dict) else
-                 Table((0.0,), (0.0,), ((float(value),),)))
+                 Table.constant(float(value)))
         cools = table.values[0][0] < 0.0 and key == 'heat_per_watt'
         if cools:
             low, high = -high, -low
@@ -63,11 +68,10 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
                      for number in bad[:1]]
         curves.append(table)
     power, heat = curves
-    hvch_watts = Table(heat.soc, heat.temperature_c, tuple(
-        tuple(value / efficiency for value in row) for row in heat.values))
-    return HeatSource(name, power, hvch_watts, node.get('only_while', ''), node.get('shares_cabin_limit', False),
-                      cools, max(map(max, power.values)), tuple(map(float, node.get('power_steps_w', ()))),
-                      *(float(node.get(key, 0.0)) for key in SWITCHING))
+    hvch_watts = heat.changed(lambda value: value / efficiency)
+    others = {key: value for key, value in node.items() if key not in ('maximum_power_w', 'heat_per_watt')}
+    return HeatSource(name, power, hvch_watts, cools=cools, most_w=max(map(max, power.values)),
+                      **arguments_of(others))
 
 
 def heat_source_problems(sources: Sequence[HeatSource], path: HeatPath) -> Iterator[str]:

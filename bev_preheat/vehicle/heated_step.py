@@ -29,24 +29,17 @@ heat of the battery are constant, so the equations are linear. `make_heat_step` 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import AnyNumber, Arithmetic, Number
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import HeatPath, Vehicle
-    from bev_preheat.vehicle.model import Integrator
+from bev_preheat.vehicle.description import HeatPath, Vehicle
+from bev_preheat.vehicle.model import Integrator, make_rates, make_runge_kutta_4
 
 # The solution for two equal time constants has another form. The step's numbers of time constants are therefore
 # kept at least this far apart, which changes the result by a relative 4e-8.
 APART_SQUARED = 1e-6
 
-# `step(power_w, coolant_c, temperature_c, duration_s, command_w, other_heat_w, heat_w, leakage_w_per_k)`.
 HeatStep = Callable[[Number, Number, Number, Number, Number, Number, Number, Number],
                     tuple[Number, Number, Number, Number]]
-# `step(soc, temperature_c, heater_w, excess_k, duration_s, power_w, variance_w2, heat_w,
-# leakage_w_per_k, command_w)`.
 HeatedStep = Callable[
     [Number, Number, Number, Number, Number, Number, Number, Number, Number, Number],
     tuple[Number, Number, Number, Number, Number, Number, Number, Number]]

@@ -3,26 +3,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
-from bev_preheat.numerics import ARRAYS, Curve
-from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
+from bev_preheat.numerics import ARRAYS, Curve, FloatArray
+from bev_preheat.vehicle.charging import read_charging
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, with_connections
 from bev_preheat.vehicle.description import (
-    Ageing,
     Battery,
-    Charging,
-    Cooling,
     Defaults,
     Drivetrain,
     gate_problems,
@@ -34,14 +29,11 @@ from bev_preheat.vehicle.description import (
     Uncertainty,
     Vehicle,
 )
-from bev_preheat.vehicle.heat_sources import heat_source_problems, read_heat_source, read_table
+from bev_preheat.vehicle.heat_sources import arguments_of, heat_source_problems, read_heat_source, read_table
 from bev_preheat.vehicle.variants import with_shell
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import HeatSource
-
 SCHEMA = Path(__file__).with_name('schema.yaml')
+BATTERY_NUMBERS = ('capacity_ah', 'heat_capacity_j_per_k', 'soc_range', 'temperature_range_c')
 
 # Least plausible thermal time constant of a battery, and the speed it is checked at: below it some value is
 # wrong by a power of ten.
@@ -91,16 +83,16 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
             f'{drivetrain["maximum_power_w"]}')
 
     problems += _keys_that_are_not_there(contents)
-    path_of_heat = HeatPath(**_floats(contents.get('heat_path', {})))
+    path_of_heat = HeatPath(**arguments_of(contents.get('heat_path', {})))
     problems += heat_path_problems(path_of_heat)
     if 'thermal' in contents:
         problems += thermal_problems(contents['thermal'], battery['heat_capacity_j_per_k'], path_of_heat)
-    gates = _heating_gates(contents.get('heating_gates', {}))
+    gates = HeatingGates(**arguments_of(contents.get('heating_gates', {})))
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     heat_sources = tuple(read_heat_source(name, node, float(contents['hvch']['efficiency']), problems)
                          for name, node in contents.get('heat_sources', {}).items())
     problems += heat_source_problems(heat_sources, path_of_heat)
-    leakage = Leakage(**_floats(battery['leakage']))
+    leakage = Leakage(**arguments_of(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
     if time_constant_s < LEAST_TIME_CONSTANT_S:
         problems.append(
@@ -112,16 +104,16 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     def curve(key: str, formula: Callable[..., Curve]) -> Curve:
         node = battery[key]
         if 'formula' in node:
-            return formula(**node['formula'])
+            return formula(**arguments_of(node['formula']))
         return read_table(f'battery.{key}.table', node['table'], problems)
 
     limits = battery['power_limits']
-    open_circuit_voltage = curve('open_circuit_voltage', _polynomial_voltage)
+    open_circuit_voltage = curve('open_circuit_voltage', PolynomialVoltage)
     connection_ohm = float(battery.get('connection_resistance_ohm', 0.0))
     resistance = with_connections(curve('resistance', InverseTemperatureResistance), connection_ohm)
     discharge = read_table('battery.power_limits.discharge', limits['discharge'], problems)
     charge = read_table('battery.power_limits.charge', limits['charge'], problems)
-    charging = _charging(contents, charge, {source.name: source for source in heat_sources}, problems)
+    charging = read_charging(contents, charge, {source.name: source for source in heat_sources}, problems)
     if not problems:
         curves = [('battery.open_circuit_voltage', open_circuit_voltage, VOLTAGE_RANGE_V, 'V'),
                   ('battery.resistance', resistance, RESISTANCE_RANGE_OHM, 'ohm'),
@@ -138,125 +130,25 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     vehicle = Vehicle(
         name=contents['name'],
         battery=Battery(
-            capacity_ah=float(battery['capacity_ah']),
-            heat_capacity_j_per_k=float(battery['heat_capacity_j_per_k']),
             open_circuit_voltage=open_circuit_voltage,
             resistance=resistance,
             discharge_power_limit=discharge,
             charge_power_limit=charge,
             leakage=leakage,
-            soc_range=_pair(battery['soc_range']),
-            temperature_range_c=_pair(battery['temperature_range_c']),
             cells_in_series=battery.get('cells_in_series'),
-            connection_resistance_ohm=connection_ohm),
-        drivetrain=Drivetrain(**_floats(drivetrain)),
-        hvch=Hvch(**_floats(contents['hvch'])),
-        defaults=Defaults(**_floats(contents['defaults'])),
-        road_load=RoadLoad(**_floats(contents['road_load'])) if 'road_load' in contents else None,
+            connection_resistance_ohm=connection_ohm,
+            **arguments_of({key: battery[key] for key in BATTERY_NUMBERS})),
+        drivetrain=Drivetrain(**arguments_of(drivetrain)),
+        hvch=Hvch(**arguments_of(contents['hvch'])),
+        defaults=Defaults(**arguments_of(contents['defaults'])),
+        road_load=RoadLoad(**arguments_of(contents['road_load'])) if 'road_load' in contents else None,
         assumed=tuple(contents.get('assumed', ())),
         heat_path=path_of_heat,
         charging=charging,
-        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))),
+        uncertainty=Uncertainty(**arguments_of(contents.get('uncertainty', {}))),
         heating_gates=gates,
         heat_sources=heat_sources)
     return with_shell(vehicle, **contents['thermal']) if 'thermal' in contents else vehicle
-
-
-def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
-    node = dict(node)
-    steps_w = tuple(map(float, node.pop('power_steps_w', ())))
-    only_while_standing = node.pop('only_while_standing', False)
-    return HeatingGates(power_steps_w=steps_w, only_while_standing=only_while_standing, **_floats(node))
-
-
-def _charging(contents: dict[str, FileData], charge: Table, heat_sources: dict[str, HeatSource],
-              problems: list[str]) -> Charging | None:
-    """Return the Charging of a checked file, None without the block; add problems to `problems`."""
-    if 'charging' not in contents:
-        return None
-    node, limit = dict(contents['charging']), charge
-    has_own_limit = 'power_limit' in node
-    if has_own_limit:
-        table = node.pop('power_limit')
-        problems += _no_cold('charging.power_limit', table)
-        limit = read_table('charging.power_limit', table, problems)
-    else:
-        problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
-                             contents['battery']['power_limits']['charge'])
-    temperature_range_c = _pair(contents['battery']['temperature_range_c'])
-    heating = node.pop('battery_heating', None)
-    cooling = _cooling(node.pop('cooling', None), heat_sources, contents['hvch']['efficiency'], problems)
-    ageing = Ageing(**node.pop('ageing')) if 'ageing' in node else None
-    limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), temperature_range_c[1], problems)
-    charging = Charging(limit, heating, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c,
-                        cooling=cooling, ageing=ageing, **_floats(node))
-    problems += charging_problems(charging, temperature_range_c)
-    return charging
-
-
-def _derated(limit: Table, node: dict[str, FileData] | None, highest_c: float,
-             problems: list[str]) -> tuple[Table, float | None]:
-    """Return a charging map with the fall for a hot battery, and where an assumed one begins [deg C]."""
-    if node is None:
-        return with_assumed_fall(limit, highest_c)
-    points = tuple(map(float, node['temperature_c'])), tuple(map(float, node['share']))
-    found = list(derating_problems('charging.hot_derating', *points, highest_c))
-    problems += found
-    return (limit if found else derated(limit, *points)), None
-
-
-def _cooling(node: dict[str, FileData] | None, heat_sources: dict[str, HeatSource], efficiency: float,
-             problems: list[str]) -> Cooling | None:
-    """Return the Cooling of a checked node, None without one; add problems to `problems`."""
-    if node is None:
-        return None
-    if 'heat_source' in node:
-        return _cooling_by_source(node, heat_sources, efficiency, problems)
-    values = _floats(node)
-    ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
-    if 'electrical_power_w' not in values or (ratio is None) == (power_w is None):
-        problems.append('charging.cooling: needs electrical_power_w with either cooling_power_w, the heat flow '
-                        'out of the battery, or coefficient_of_performance, its ratio to electrical_power_w; or '
-                        'heat_source without these')
-        return None
-    if power_w is None:
-        assert ratio is not None
-        power_w = ratio * values['electrical_power_w']
-    return Cooling(cooling_power_w=power_w, curves=None, **values)
-
-
-def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSource], efficiency: float,
-                       problems: list[str]) -> Cooling | None:
-    """Return the Cooling by a heat source, beside an HVCH of an efficiency; add problems to `problems`."""
-    values = dict(node)
-    name = values.pop('heat_source')
-    coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
-    if name not in coolers:
-        problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
-                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has no such"}')
-        return None
-    if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
-        problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '
-                        'allowed beside it')
-        return None
-    source = heat_sources[name]
-    power = source.maximum_power_w
-    assert isinstance(source.hvch_watts, Table) and isinstance(power, Table)
-    # A compressor with steps delivers lower powers in the mean of its steps.
-    most_w = (source.power_steps_w or (source.most_w,))[-1]
-    power = replace(power, values=tuple(tuple(min(value, most_w) for value in row) for row in power.values))
-    ratio = replace(source.hvch_watts, values=tuple(
-        tuple(-efficiency * value for value in row) for row in source.hvch_watts.values))
-    return Cooling(electrical_power_w=most_w, cooling_power_w=most_w * max(map(max, ratio.values)),
-                   curves=(power, ratio), **_floats(values))
-
-
-def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:
-    """Yield a sentence if the charging power of sessions does not depend on the temperature."""
-    if 'temperature_c' not in table:
-        yield (f'{key}: has no temperature_c, so a cold battery would charge like a warm one and preheating would '
-               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with '
-               'the cold')
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:
@@ -319,19 +211,6 @@ def _keys(node: dict[str, FileData], above: str = '') -> list[str]:
         if isinstance(item, dict):
             found += _keys(item, f'{above}{name}.')
     return found
-
-
-def _pair(values: FileData) -> tuple[float, float]:
-    low, high = values
-    return float(low), float(high)
-
-
-def _floats(node: dict[str, FileData]) -> dict[str, float]:
-    return {key: float(value) for key, value in node.items()}
-
-
-def _polynomial_voltage(polynomial_v: Iterable[float], log_soc_v: float = 0.0) -> PolynomialVoltage:
-    return PolynomialVoltage(tuple(map(float, polynomial_v)), float(log_soc_v))
 
 
 def _grid(battery: dict[str, FileData], curve: Curve) -> tuple[FloatArray, FloatArray]:

@@ -20,16 +20,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, Self, TYPE_CHECKING
+from typing import Protocol, Self
 
 import numpy as np
 
-from bev_preheat.numerics import AnyNumber, Arithmetic, Number
+from bev_preheat.numerics import AnyNumber, Arithmetic, FloatArray, Number
 from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # In this order they lie in the block; the first has one value more than there are steps.
 TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
@@ -100,7 +97,6 @@ def idle_heat_w(leakage_w_per_k: AnyNumber, ambient_c: AnyNumber, drivetrain_hea
 # Cached per vehicle and kind of number: nominal and corrected vehicles of several cars.
 KEPT_LIMITS = 64
 
-# `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
 TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
 
 

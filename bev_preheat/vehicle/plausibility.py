@@ -4,20 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, TYPE_CHECKING, TypeVar
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS, FLOATS, S_PER_H, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_in_words, session_charging
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Battery, Vehicle
+from bev_preheat.vehicle.description import Battery, Vehicle
 
 JOULES_PER_KJ = 1000.0
 KMH_100_MPS = 100.0 / 3.6
@@ -47,53 +45,28 @@ MOST_COLD_CHARGING_SHARE = 0.5
 LEAST_DISCHARGE_SHARE = 0.8
 FAST_LEAKAGE_RATIO = 8.0
 
-Value = TypeVar('Value')
 
-
-@dataclass(frozen=True)
-class Meaning:
+class Meaning(SimpleNamespace):
     """
-    Key figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
+    Key figures of one car, as attributes; resistance at half charge, heating from 0 degC at -10 degC outside.
 
     `resistance_ohm` is by temperature [degC], `charging_power_kw` (of the map that charging sessions use) by
     temperature, then by state of charge; `discharging_power_kw` at half charge by temperature,
     `open_circuit_voltage_v` at 25 degC by state of charge. `heating_…` are K in the first 10 min: full heater
     power at rest and at 100 km/h, and the heater power left by the vehicle's default cabin heating.
-    `heat_path` and `charging` describe the arrival of heat and the car at a charger as text.
+    `heat_path` and `charging` describe the arrival of heat and the car at a charger as text, `warnings` has a
+    sentence for each unusual figure.
     """
-
-    name: str
-    energy_kwh: float
-    nominal_voltage_v: float
-    cells_in_series: int | None
-    capacity_ah: float
-    heat_capacity_kj_per_k: float
-    heat_capacity_kj_per_k_kwh: float
-    resistance_ohm: dict[float, float]
-    one_hour_drop: float
-    time_constant_h: float
-    time_constant_at_100_kmh_h: float
-    heater_power_kw: float
-    heating_at_rest_k_per_10_min: float
-    heating_at_100_kmh_k_per_10_min: float
-    heating_beside_cabin_k_per_10_min: float
-    charging_power_kw: dict[float, dict[float, float]]
-    most_charging_power_kw: float
-    discharging_power_kw: dict[float, float]
-    open_circuit_voltage_v: dict[float, float]
-    heat_path: str
-    charging: str
-    assumed: tuple[str, ...]
-    warnings: tuple[str, ...]
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the figures in JSON form: text keys, lists."""
-        values = asdict(self)
-        for name in ('resistance_ohm', 'discharging_power_kw', 'open_circuit_voltage_v'):
-            values[name] = _text_keys(values[name])
-        values['charging_power_kw'] = {
-            key: _text_keys(row) for key, row in _text_keys(self.charging_power_kw).items()}
-        return {**values, 'assumed': list(self.assumed), 'warnings': list(self.warnings)}
+        return {name: _in_json(value) for name, value in vars(self).items()}
+
+
+def _in_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {f'{key:g}': _in_json(item) for key, item in value.items()}
+    return list(value) if isinstance(value, tuple) else value
 
 
 def meaning_of(vehicle: Vehicle) -> Meaning:
@@ -110,44 +83,39 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     grid = np.meshgrid(np.linspace(*battery.soc_range, 41), np.linspace(*battery.temperature_range_c, 41))
     charging = fast_limit.function(FLOATS)
     discharging = battery.discharge_power_limit.function(FLOATS)
-    leakage = battery.leakage
+    voltage_v = battery.open_circuit_voltage.function(FLOATS)
+    at_rest, fast = (battery.leakage.coefficient_w_per_k(speed) for speed in (0.0, KMH_100_MPS))
     all_w, left_w = heater.maximum_power_w, max(
         heater.maximum_power_w - vehicle.defaults.cabin_heating_power_w, 0.0)
     heat_capacity_kj = vehicle.pack_heat_capacity_j_per_k / JOULES_PER_KJ
-    figures: dict[str, Any] = {
-        'name': vehicle.name,
-        'energy_kwh': energy_kwh,
-        'nominal_voltage_v': nominal_v,
-        'cells_in_series': battery.cells_in_series,
-        'capacity_ah': battery.capacity_ah,
-        'heat_capacity_kj_per_k': heat_capacity_kj,
-        'heat_capacity_kj_per_k_kwh': heat_capacity_kj / energy_kwh,
-        'resistance_ohm': {at_c: resistance(0.5, at_c) for at_c in RESISTANCE_TEMPERATURES_C
-                           if low_c <= at_c <= high_c},
-        'one_hour_drop': resistance(0.5, warm_c) * battery.capacity_ah / nominal_v,
-        'time_constant_h': _time_constant_h(vehicle, 0.0),
-        'time_constant_at_100_kmh_h': _time_constant_h(vehicle, KMH_100_MPS),
-        'heater_power_kw': all_w / W_PER_KW,
-        'heating_at_rest_k_per_10_min': warmed_by_k(
-            vehicle, all_w, leakage.coefficient_w_per_k(0.0)),
-        'heating_at_100_kmh_k_per_10_min': warmed_by_k(
-            vehicle, all_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
-        'heating_beside_cabin_k_per_10_min': warmed_by_k(
-            vehicle, left_w, leakage.coefficient_w_per_k(KMH_100_MPS)),
-        'charging_power_kw': {
+    meaning = Meaning(
+        name=vehicle.name,
+        energy_kwh=energy_kwh,
+        nominal_voltage_v=nominal_v,
+        cells_in_series=battery.cells_in_series,
+        capacity_ah=battery.capacity_ah,
+        heat_capacity_kj_per_k=heat_capacity_kj,
+        heat_capacity_kj_per_k_kwh=heat_capacity_kj / energy_kwh,
+        resistance_ohm={
+            at_c: resistance(0.5, at_c) for at_c in RESISTANCE_TEMPERATURES_C if low_c <= at_c <= high_c},
+        one_hour_drop=resistance(0.5, warm_c) * battery.capacity_ah / nominal_v,
+        time_constant_h=_time_constant_h(vehicle, 0.0),
+        time_constant_at_100_kmh_h=_time_constant_h(vehicle, KMH_100_MPS),
+        heater_power_kw=all_w / W_PER_KW,
+        heating_at_rest_k_per_10_min=warmed_by_k(vehicle, all_w, at_rest),
+        heating_at_100_kmh_k_per_10_min=warmed_by_k(vehicle, all_w, fast),
+        heating_beside_cabin_k_per_10_min=warmed_by_k(vehicle, left_w, fast),
+        charging_power_kw={
             at_c: {soc: abs(charging(soc, at_c)) / W_PER_KW for soc in CHARGING_SOCS}
             for at_c in CHARGING_TEMPERATURES_C},
-        'most_charging_power_kw': -float(fast_limit.function(ARRAYS)(*grid).min()) / W_PER_KW,
-        'discharging_power_kw': {
-            at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
-        'open_circuit_voltage_v': {
-            soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
-            for soc in VOLTAGE_SOCS},
-        'heat_path': heat_path_in_words(vehicle),
-        'charging': charging_in_words(vehicle),
-        'assumed': vehicle.assumed,
-    }
-    return Meaning(**figures, warnings=tuple(_unusual(vehicle, figures)))
+        most_charging_power_kw=-float(fast_limit.function(ARRAYS)(*grid).min()) / W_PER_KW,
+        discharging_power_kw={at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
+        open_circuit_voltage_v={soc: voltage_v(soc, warm_c) for soc in VOLTAGE_SOCS},
+        heat_path=heat_path_in_words(vehicle),
+        charging=charging_in_words(vehicle),
+        assumed=vehicle.assumed)
+    meaning.warnings = tuple(_unusual(vehicle, meaning))
+    return meaning
 
 
 def heat_path_in_words(vehicle: Vehicle) -> str:
@@ -160,15 +128,14 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
         parts.append('the heat of the heater arrives at once')
     if path.heater_lag_s > 0.0:
         parts.append(f'the heater follows its command with a time constant of {path.heater_lag_s:.0f} s')
+    heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
     if path.is_shell:
-        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         excess_k = (1.0 - path.shell_share) * heat_w / path.coolant_conductance_w_per_k
         parts.append(
             f'the shell, with {100.0 * path.shell_share:.0f} % of the heat capacity, gets {excess_k:.1f} K warmer '
             f'than the core at full heater power, with a time constant of {path.coolant_lag_s:.0f} s; plans are '
             'for the core')
     elif path.has_coolant:
-        heat_w = vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w
         parts.append(
             f'the coolant passes its heat on with a time constant of {path.coolant_lag_s:.0f} s and gets '
             f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery at full '
@@ -194,18 +161,17 @@ def energy_between_kwh(vehicle: Vehicle, low_soc: float, high_soc: float, temper
     return float(voltage_v.mean() * battery.capacity_ah * (high_soc - low_soc) / WH_PER_KWH)
 
 
-def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
-                from_c: float = HEATED_FROM_C, ambient_c: float = AMBIENT_C,
+def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float, from_c: float = HEATED_FROM_C,
                 duration_s: float = TEN_MINUTES_S) -> float:
     """
-    Return the temperature rise of the battery [K] at constant heater power [W] and leakage [W/K].
+    Return the temperature rise of the battery [K] at constant heater power [W] and leakage [W/K], at AMBIENT_C.
 
     Eq. (3) without Joule and drivetrain heat, in closed form: an exponential approach to the temperature at
     which the leakage equals the heat.
     """
     capacity = vehicle.pack_heat_capacity_j_per_k
     heat_w = vehicle.hvch.efficiency * heater_w
-    initial_w = heat_w - leakage_w_per_k * (from_c - ambient_c)
+    initial_w = heat_w - leakage_w_per_k * (from_c - AMBIENT_C)
     decays = leakage_w_per_k * duration_s / capacity
     # The smallest leakages are 0 here.
     return initial_w * duration_s / capacity * (-math.expm1(-decays) / decays if decays else 1.0)
@@ -217,28 +183,28 @@ def _time_constant_h(vehicle: Vehicle, speed_mps: float) -> float:
     return math.inf if leakage == 0.0 else (vehicle.pack_heat_capacity_j_per_k / leakage / S_PER_H)
 
 
-def _unusual(vehicle: Vehicle, figures: dict[str, Any]) -> Iterator[str]:
+def _unusual(vehicle: Vehicle, meaning: Meaning) -> Iterator[str]:
     """Yield a sentence for each unusual figure."""
-    battery, energy_kwh = vehicle.battery, figures['energy_kwh']
+    battery, energy_kwh = vehicle.battery, meaning.energy_kwh
     yield from _outside('energy', energy_kwh, 'kWh', ENERGY_KWH, 'capacity_ah times the open-circuit voltage')
     yield from _cell_voltages(battery)
-    yield from _outside('heat capacity', figures['heat_capacity_kj_per_k_kwh'], 'kJ/K for each kWh',
+    yield from _outside('heat capacity', meaning.heat_capacity_kj_per_k_kwh, 'kJ/K for each kWh',
                         HEAT_CAPACITY_KJ_PER_K_KWH, 'about 1 kJ/(kg K) times the mass of the pack')
-    yield from _outside('voltage drop at the one-hour current', 100.0 * figures['one_hour_drop'],
+    yield from _outside('voltage drop at the one-hour current', 100.0 * meaning.one_hour_drop,
                         '% at 25 degC', tuple(100.0 * share for share in ONE_HOUR_DROP),
                         'resistance in ohm, of the whole pack')
-    yield from _resistance_over_temperature(battery, figures)
-    yield from _outside('thermal time constant at rest', figures['time_constant_h'], 'h',
+    yield from _resistance_over_temperature(battery, meaning)
+    yield from _outside('thermal time constant at rest', meaning.time_constant_h, 'h',
                         TIME_CONSTANT_H, 'heat capacity over leakage')
     at_rest, fast = (battery.leakage.coefficient_w_per_k(speed) for speed in (0.0, KMH_100_MPS))
     if fast > FAST_LEAKAGE_RATIO * at_rest:
         yield (f'leakage: {fast:.0f} W/K at 100 km/h is more than {FAST_LEAKAGE_RATIO:g} times '
                f'the {at_rest:.0f} W/K at rest; is gamma_v_w_per_k_per_mps per km/h?')
     if vehicle.hvch.maximum_power_w > 0.0:
-        yield from _outside('heating', figures['heating_at_rest_k_per_10_min'],
+        yield from _outside('heating', meaning.heating_at_rest_k_per_10_min,
                             'K in 10 min at full heater power', HEATING_K_PER_10_MIN,
                             'heater power in W over heat capacity')
-    yield from _charging(figures)
+    yield from _charging(meaning)
     yield from _discharging(vehicle)
 
 
@@ -259,7 +225,7 @@ def _cell_voltages(battery: Battery) -> Iterator[str]:
                    f'{battery.cells_in_series} cells in series; the usual range is {low:g} ... {high:g} V')
 
 
-def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> Iterator[str]:
+def _resistance_over_temperature(battery: Battery, meaning: Meaning) -> Iterator[str]:
     temperatures_c = np.linspace(max(-30.0, battery.temperature_range_c[0]),
                                  min(40.0, battery.temperature_range_c[1]), 71)
     resistances = battery.resistance.function(ARRAYS)(
@@ -271,7 +237,7 @@ def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> I
                f'to {resistances[at + 1]:.3g} ohm at {temperatures_c[at + 1]:.0f} degC; battery '
                'resistance falls with temperature')
         return
-    by_temperature = figures['resistance_ohm']
+    by_temperature = meaning.resistance_ohm
     if COLD_C in by_temperature and WARM_C in by_temperature:
         yield from _outside('resistance at -20 degC',
                             by_temperature[COLD_C] / by_temperature[WARM_C],
@@ -279,12 +245,12 @@ def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> I
                             'cold batteries have several times that value')
 
 
-def _charging(figures: dict[str, Any]) -> Iterator[str]:
-    most_kw, energy_kwh = figures['most_charging_power_kw'], figures['energy_kwh']
+def _charging(meaning: Meaning) -> Iterator[str]:
+    most_kw, energy_kwh = meaning.most_charging_power_kw, meaning.energy_kwh
     yield from _outside('charge limit', most_kw / energy_kwh,
                         f'kW for each kWh (at most {most_kw:.0f} kW)', CHARGING_PER_H,
                         'power in W, negative')
-    charging = figures['charging_power_kw']
+    charging = meaning.charging_power_kw
     for soc in COMPARED_SOCS:
         cold_kw, warm_kw = charging[-10.0][soc], charging[25.0][soc]
         if cold_kw > MOST_COLD_CHARGING_SHARE * warm_kw:
@@ -299,10 +265,6 @@ def _discharging(vehicle: Vehicle) -> Iterator[str]:
         yield (f'discharge limit: {limit_w / W_PER_KW:.0f} kW at 25 degC and soc 0.8 for a '
                f'drivetrain of {vehicle.drivetrain.maximum_power_w / W_PER_KW:.0f} kW; a warm '
                'battery usually delivers the full drivetrain power')
-
-
-def _text_keys(values: dict[float, Value]) -> dict[str, Value]:
-    return {f'{key:g}': value for key, value in values.items()}
 
 
 # Unit suffixes of keys, left out in sentences.

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from operator import mul
 
 from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction, Number
 from bev_preheat.vehicle.curves import Table
@@ -86,12 +87,11 @@ def with_sources_at(vehicle: Vehicle, shares: tuple[tuple[str, float], ...]) -> 
     kept, of = [], dict(shares)
     for source in vehicle.heat_sources:
         share, power = of.get(source.name, 1.0), source.maximum_power_w
+        if share < 1.0 and isinstance(power, Table):
+            power = power.changed(partial(mul, share))
         if share > 0.0:
-            kept.append(replace(
-                source, power_steps_w=tuple(share * step_w for step_w in source.power_steps_w),
-                maximum_power_w=replace(power, values=tuple(
-                    tuple(share * value for value in row) for row in power.values))
-                if share < 1.0 and isinstance(power, Table) else power))
+            kept.append(replace(source, maximum_power_w=power, power_steps_w=tuple(
+                share * step_w for step_w in source.power_steps_w)))
     return replace(vehicle, heat_sources=tuple(kept))
 
 
@@ -159,12 +159,8 @@ def grid_fed(vehicle: Vehicle) -> Vehicle:
     """
     battery = vehicle.battery
     return replace(vehicle, battery=replace(
-        battery, capacity_ah=ENDLESS_AH, resistance=_constant(NO_RESISTANCE_OHM),
-        discharge_power_limit=_constant(EVERY_POWER_W), soc_range=(0.0, battery.soc_range[1])))
-
-
-def _constant(value: float) -> Table:
-    return Table((0.0,), (0.0,), ((value,),))
+        battery, capacity_ah=ENDLESS_AH, resistance=Table.constant(NO_RESISTANCE_OHM),
+        discharge_power_limit=Table.constant(EVERY_POWER_W), soc_range=(0.0, battery.soc_range[1])))
 
 
 @dataclass(frozen=True)
@@ -199,7 +195,6 @@ def with_other_sources(drive: DriveInputs, drawn_w: float, heat_w: float) -> Dri
                    auxiliary_power_w=drive.auxiliary_power_w + drawn_w - heat_w)
 
 
-# `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 DriveRates = Callable[[AnyNumber, AnyNumber, Sequence[AnyNumber], DriveInputs],
                       tuple[AnyNumber, AnyNumber, AnyNumber]]
 # `mean_magnitude(mean, variance)`: see numerics.
@@ -269,7 +264,6 @@ class Lagging:
     sensor_place: AnyNumber
 
 
-# `step(lagging, rates, heat_capacity, duration_s)` -> temperature, charge, heat under way, sensor, local rise.
 LaggingStep = Callable[[Lagging, tuple[AnyNumber, AnyNumber, AnyNumber], AnyNumber, AnyNumber],
                        tuple[AnyNumber, AnyNumber, AnyNumber, AnyNumber, AnyNumber]]
 

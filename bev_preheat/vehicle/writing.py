@@ -9,13 +9,12 @@ from typing import Any, TYPE_CHECKING
 
 import yaml
 
-from bev_preheat.files.checked_yaml import load_schema
+from bev_preheat.files.checked_yaml import FileData, load_schema
 from bev_preheat.vehicle.loading import SCHEMA
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.vehicle.data_sheet_import import Entry
 
 WIDTH = 100

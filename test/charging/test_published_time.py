@@ -43,6 +43,11 @@ def own_minutes(vehicle, start, end, resistance_at_c=25.0):
     return float(np.mean(1.0 / rate) * (end - start) / 60.0)
 
 
+def test_an_unknown_chemistry_is_refused_beside_a_published_time():
+    with pytest.raises(InvalidInput, match="--chemistry: 'nca' is not one of nmc, lfp; NCA is given as nmc"):
+        describe_timed_car(replace(ID4, chemistry='nca', charging_time_10_80_min=29.0))
+
+
 def test_a_warm_session_in_closed_form():
     vehicle = plain_car(limit=constant(-60e3))
     expected_s = 3600.0 * 0.7 * VOLTAGE_V * CAPACITY_AH / 60e3
@@ -74,8 +79,8 @@ def test_a_session_takes_the_published_time(sheet):
      'fit --charging-curve, which takes '),
     ({'charging_time_10_80_min': 0.53}, '--charging-time-10-80-min: 0.53 min is implausible; it must be 4 ... '
      '240 min; 0.53 h would be 31.8 min'),
-    ({'charging_curves': (CURVE.scaled(1.2),)}, '--charging-curve: its maximum of 162 kW exceeds '
-     '--charging-power-kw 135 kW')])
+    ({'charging_curves': (replace(CURVE, power_kw=(162.0, 162.0, 84.0, 24.0)),)},
+     '--charging-curve: its maximum of 162 kW exceeds --charging-power-kw 135 kW')])
 def test_a_time_that_cannot_be_is_refused_in_words(changes, problem):
     with pytest.raises(InvalidInput) as refused:
         describe_timed_car(replace(ID4, **changes))

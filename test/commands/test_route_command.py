@@ -15,7 +15,7 @@ import pytest
 import route_examples as examples
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.csv_file import load_file_route, load_route
+from bev_preheat.route import load_route, route_for
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import load_vehicle
 
@@ -117,13 +117,13 @@ def test_a_plan_of_a_file_is_that_of_the_route_made_from_it(preheat, tmp_path):
         plans.append(json.loads((tmp_path / 'plan.json').read_text()))
     trajectories = [[value for key, value in plan.items() if 'temperature' in key] for plan in plans]
     assert trajectories[0] == trajectories[1] and trajectories[0]
-    assert load_file_route(tmp_path / 'made.csv', CAR.defaults).made_for == 'small_car'
+    assert route_for(tmp_path / 'made.csv', CAR).made_for == 'small_car'
 
 
 def test_charging_stops_are_written_and_read_again(preheat, tmp_path):
     assert preheat('route', '--from', 'answer.json', '--ambient', '-5', '--stop-duration', '20',
                    '--output', 'made.csv')[0] == 0
-    route = load_file_route(tmp_path / 'made.csv', CAR.defaults)
+    route = route_for(tmp_path / 'made.csv', CAR)
     stop, = route.stops
     half_s = 0.5 * examples.LENGTH_M / examples.SPEED_MPS
     assert route.route.time_s[stop.after_segment + 1] == pytest.approx(half_s, rel=0.01)
@@ -135,7 +135,7 @@ def test_charging_stops_are_written_and_read_again(preheat, tmp_path):
         (tmp_path / 'made.csv').write_text(
             text.replace(f'segment {stop.after_segment + 1}, 1200', f'segment {wrong}'))
         with pytest.raises(InvalidInput, match='charging stop: .* is not allowed; it must be'):
-            load_file_route(tmp_path / 'made.csv', CAR.defaults)
+            route_for(tmp_path / 'made.csv', CAR)
 
 
 def test_the_comparison_with_averages_is_printed(preheat):

@@ -53,7 +53,7 @@ class Car:
         curve = self.battery.open_circuit_voltage
         if hasattr(curve, 'values'):
             return bilinear(curve, soc, temperature_c)
-        c0, c1, c2, c3 = curve.coefficients_v
+        c0, c1, c2, c3 = curve.polynomial_v
         return c0 + c1 * soc + c2 * soc**2 + c3 * soc**3
 
     def resistance_ohm(self, soc, temperature_c):

@@ -151,7 +151,7 @@ def arrival(trip, state, heater_w):
 
 def whole_wh(trip, soc):
     """Return the energy of the whole charge at the voltage on arrival."""
-    c0, c1, c2, c3 = trip.vehicle.battery.open_circuit_voltage.coefficients_v
+    c0, c1, c2, c3 = trip.vehicle.battery.open_circuit_voltage.polynomial_v
     return trip.vehicle.battery.capacity_ah * (c0 + c1 * soc + c2 * soc**2 + c3 * soc**3)
 
 

@@ -11,7 +11,6 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.route import Route, route_for, route_source
-from bev_preheat.route.csv_file import load_file_route
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.vehicle import load_vehicle
 
@@ -42,12 +41,12 @@ def same(one, other):
     '# Route errand\n# vehicle: my car\n# vehicle: my car'])
 def test_the_file_says_for_which_vehicle_it_was_made(tmp_path, comment):
     path = file_of(tmp_path, f'{comment}\n{HEADER}\n{SEGMENT}\n')
-    assert load_file_route(path, REFERENCE.defaults).made_for == 'my car'
+    assert route_for(path, REFERENCE).made_for == 'my car'
 
 
 def test_two_vehicles_in_one_file_are_refused(tmp_path):
     path = file_of(tmp_path, f'# vehicle: a\n# vehicle: b\n{HEADER}\n{SEGMENT}\n')
-    assert problems_of(load_file_route, path, REFERENCE.defaults) == [
+    assert problems_of(route_for, path, REFERENCE) == [
         f"{path}, line 2: vehicle: 'b', but 'a' in line 1; a route has the powers of one vehicle"]
 
 

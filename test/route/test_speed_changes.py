@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The power of mean speeds against that of the same drive sampled each second."""
 
+from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -8,19 +9,14 @@ import numpy as np
 import pytest
 
 from bev_preheat.route.kinematics import drive_along, lay_track, RoadLeg
-from bev_preheat.route.road_load import (
-    compare_averages,
-    elevation_of_slope,
-    Motion,
-    propulsion_columns,
-    RoadVehicle,
-)
+from bev_preheat.route.road_load import compare_averages, elevation_of_slope, Motion, propulsion_columns
 from bev_preheat.route.speed_changes import CORRELATION_TIME_S, speed_changes
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import RoadLoad
 
-CAR = RoadVehicle(mass_kg=1500.0, drag_area_m2=0.6, rolling_resistance=0.01, drivetrain_efficiency=0.8,
-                  maximum_regeneration_power_w=40e3)
 VEHICLE = load_vehicle('small_car')
+CAR = replace(VEHICLE, road_load=RoadLoad(1500.0, 2.0, 0.3, 0.01), drivetrain=replace(
+    VEHICLE.drivetrain, efficiency=0.8, maximum_regeneration_power_w=40e3))
 
 
 def test_the_share_within_segments_is_that_of_a_simulated_process():

@@ -9,16 +9,11 @@ follows from the noise, estimated from the data: the remaining error of the slop
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import first_true
+from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.route.segments import ELEVATION_RANGE_M
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # Grid of the filter [m], coarser on long routes, and the range of its standard deviation [m].
 GRID_M = 20.0

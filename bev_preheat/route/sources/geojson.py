@@ -8,20 +8,23 @@ of the line from properties.segments[].steps[] with way_points, as openrouteserv
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.times import iso_seconds
-from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of_pieces, Pieces
+from bev_preheat.numerics import FloatArray
+from bev_preheat.route.sources.journey import (
+    check_coordinates,
+    distances_m,
+    Journey,
+    journey_of_pieces,
+    RouteOptions,
+)
 from bev_preheat.route.sources.json_values import checked, in_words, items
 from bev_preheat.route.sources.navigation import leg_of, points_of, Service
 from bev_preheat.route.sources.track import journey_of_points
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 KIND = 'GeoJSON line'
 OPENROUTESERVICE = Service(KIND, '', 'segments', ('distance',), ('duration',), (), 'steps', ('duration',))
@@ -46,7 +49,11 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
-        return journey_of_pieces(KIND, _legs(properties), options, ['the mean speed of each step is used'],
+        legs = [part for at, segment in enumerate(properties['segments'])
+                for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
+        if not legs:
+            raise InvalidInput('properties.segments: is empty')
+        return journey_of_pieces(KIND, legs, options, ['the mean speed of each step is used'],
                                  np.array((latitude_deg, longitude_deg, elevation_m)))
     times = [_times(line_properties, len(line)) for (_, _, line_properties), line in zip(lines, points)]
     time_s = None if any(each is None for each in times) else np.concatenate(
@@ -105,11 +112,3 @@ def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
             number_of = checked(value, f'properties.coordTimes[{at}]')
             seconds.append(number_of / 1000.0 if number_of > 1e11 else number_of)
     return np.array(seconds)
-
-
-def _legs(properties: dict[str, Any]) -> list[Pieces]:
-    legs = [part for at, segment in enumerate(properties['segments'])
-            for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
-    if not legs:
-        raise InvalidInput('properties.segments: is empty')
-    return legs

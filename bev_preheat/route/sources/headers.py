@@ -6,19 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from difflib import get_close_matches
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
+from bev_preheat.files.table import Table
 from bev_preheat.files.units import Conversion, conversion, split_unit, TO_OWN
-from bev_preheat.numerics import first_true
+from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import SLOPE_RANGE
-
-if TYPE_CHECKING:
-    from bev_preheat.files.table import Table
-    from bev_preheat.numerics import FloatArray
 
 
 class Quantity(NamedTuple):
@@ -118,23 +115,19 @@ def read_header(name: str, unit: str = '') -> Header | str | None:
     bare = split_unit(text)
     # The whole name first: t_env is no time in the unit env.
     stems = [(_stem(text), '' if bare.unit else unit), (_stem(bare.name).removesuffix('_in'), bare.unit or unit)]
+    advice = None
     for stem, given in stems:
         for quantity in _quantities(stem, given):
-            found = given or QUANTITIES[quantity].unit
-            if _fits(quantity, found):
-                own = 'degree' if TO_OWN[found][0] == 'degree' else QUANTITIES[quantity].own
+            known = QUANTITIES[quantity]
+            found = given or known.unit
+            own = TO_OWN.get(found, ('',))[0]
+            if own == known.own or (quantity == 'slope' and own == 'degree'):
                 return Header(quantity, name, stem, found, conversion(found, own))
-    for stem, given in stems:
-        for quantity in _quantities(stem, given):
-            as_well = ' or '.join(f'{stem}_{ending}' for ending in QUANTITIES[quantity].endings)
-            return (f'column {quoted(name)} has the unit {given}, which is not one of {quantity}' if given else
-                    f'column {quoted(name)} has no unit: rename it to {as_well}')
-    return None
-
-
-def _fits(quantity: str, unit: str) -> bool:
-    of_unit = TO_OWN.get(unit, ('',))[0]
-    return of_unit == QUANTITIES[quantity].own or (quantity == 'slope' and of_unit == 'degree')
+            as_well = ' or '.join(f'{stem}_{ending}' for ending in known.endings)
+            advice = advice or (
+                f'column {quoted(name)} has the unit {given}, which is not one of {quantity}' if given else
+                f'column {quoted(name)} has no unit: rename it to {as_well}')
+    return advice
 
 
 def _quantities(stem: str, unit: str) -> list[str]:

@@ -3,22 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import EARTH_RADIUS_M, first_true
+from bev_preheat.numerics import EARTH_RADIUS_M, first_true, FloatArray
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.road_load import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
 
 # Duration [s] of the segments that samples are joined to.
 SEGMENT_S = 30.0
@@ -151,8 +146,7 @@ def _edges(timeline: Timeline) -> FloatArray:
     kept[-1] = end_s
     pieces = [np.linspace(start_s, until_s, max(1, round((until_s - start_s) / SEGMENT_S)) + 1)[:-1]
               for start_s, until_s in zip(kept, kept[1:])]
-    edges_s: FloatArray = np.concatenate((*pieces, [end_s]))
-    return edges_s
+    return np.concatenate((*pieces, [end_s]))
 
 
 def interpolated(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.files.table import Table
 from bev_preheat.files.units import split_unit
 from bev_preheat.numerics import FloatArray
+from bev_preheat.route.sources.journey import Journey
 from bev_preheat.route.sources.table import journey_of_table
-
-if TYPE_CHECKING:
-    from bev_preheat.route.sources.journey import Journey
 
 MOST_NUMBER = 1e15
 
@@ -37,15 +35,6 @@ def parse_json(text: bytes) -> Any:
         raise InvalidInput('is not JSON: its values are nested too deeply') from error
     except ValueError as error:
         raise InvalidInput(f'is not JSON: {error}') from error
-
-
-def number(node: Any, key: str, place: str, low: float = 0.0, high: float = MOST_NUMBER) -> float:
-    """Return the number of a key of an object; raise InvalidInput naming place and key."""
-    if not isinstance(node, dict):
-        raise InvalidInput(f'{place}: must be an object, not {in_words(node)}')
-    if key not in node:
-        raise InvalidInput(f'{place}: missing {key}')
-    return checked(node[key], f'{place}.{key}', low, high)
 
 
 def checked(value: Any, place: str, low: float = 0.0, high: float = MOST_NUMBER) -> float:

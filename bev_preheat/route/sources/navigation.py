@@ -11,19 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, located, quoted
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import ELEVATION_RANGE_M
-from bev_preheat.route.sources.journey import journey_of_pieces, Pieces
-from bev_preheat.route.sources.json_values import checked, in_words, items, number, numbers
+from bev_preheat.route.sources.journey import Journey, journey_of_pieces, Pieces, RouteOptions
+from bev_preheat.route.sources.json_values import checked, in_words, items, numbers
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # Durations as a text; the longest leg and charging stop [s], and the longest leg [m].
 SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')
@@ -92,7 +89,10 @@ def service_of(contents: Any) -> Service | None:
     """Return the Service whose keys an answer has, None without one."""
     for service in SERVICES:
         route = _routes(contents, service)[0]
-        leg = _first(route.get(service.legs)) if service.legs and isinstance(route, dict) else route
+        leg = route
+        if service.legs and isinstance(route, dict):
+            legs = route.get(service.legs)
+            leg = legs[0] if isinstance(legs, list) and legs else None
         if all(_found(leg, paths) is not None for paths in (service.length, service.duration)) and (
                 service.routes or _found(leg, service.line) is not None):
             return service
@@ -120,10 +120,6 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
                        'the mean speed of the whole way is used; the answer has no steps that fit')
     points = _line(route, legs, nodes, service, place)
     return journey_of_pieces(service.kind, legs, options, remarks, points, _heights(nodes, service))
-
-
-def _first(values: Any) -> Any:
-    return values[0] if isinstance(values, list) and values else None
 
 
 def _routes(contents: Any, service: Service) -> list[Any]:
@@ -216,8 +212,8 @@ def _heights(nodes: list[tuple[Any, str]], service: Service) -> tuple[FloatArray
         length_m = _figure(leg, service.length, place, LONGEST_LEG_M) * service.metre
         if leg.get('elevation'):
             values_m = numbers(leg, 'elevation', place, *ELEVATION_RANGE_M)
-            interval_m = number(leg, 'elevation_interval', place, 0.1, 1e5) if 'elevation_interval' in leg \
-                else ELEVATION_INTERVAL_M
+            interval_m = checked(leg.get('elevation_interval', ELEVATION_INTERVAL_M),
+                                 f'{place}.elevation_interval', 0.1, 1e5)
             parts.append((begin_m + np.minimum(np.arange(len(values_m)) * interval_m, length_m), values_m))
         begin_m += length_m
     if not parts:

@@ -3,15 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.sources.journey import distances_m
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 # Bits of a number in each character, and the sign that another one follows.
 BITS, MORE, FIRST = 5, 0x20, 63
@@ -40,7 +36,7 @@ def decode_points_by_length(text: object, length_m: float) -> FloatArray:
                 if len(numbers) % (2 + with_elevation) == 0]
     if not readings:
         raise InvalidInput('the encoded polyline is cut off')
-    return min(readings, key=lambda points: _misfit((points[:, 0], points[:, 1]), length_m))
+    return min(readings, key=lambda points: _misfit(points, length_m))
 
 
 def decode_flexible(text: object) -> FloatArray:
@@ -88,8 +84,8 @@ def _points(numbers: list[int], places: int, third_places: tuple[int, ...] = ())
     return points
 
 
-def _misfit(line: tuple[FloatArray, FloatArray], length_m: float) -> float:
-    latitude_deg, longitude_deg = line
+def _misfit(points: FloatArray, length_m: float) -> float:
+    latitude_deg, longitude_deg, _ = points.T
     if np.abs(latitude_deg).max() > 90.0 or np.abs(longitude_deg).max() > 180.0:
         return np.inf
     own_m = max(float(distances_m(latitude_deg, longitude_deg).sum()), 1e-3)

@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import InvalidInput, located
+from bev_preheat.files.input_files import beginning_of
 from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.sources.headers import headers_of
+from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 # Largest file [bytes]; a day of samples at 10 Hz has less.
 LARGEST_FILE = 64_000_000
@@ -46,12 +44,7 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
 
 def kind_of(path: Path) -> str:
     """Return 'xml', 'json' or 'table'; raise InvalidInput if a file is too large, binary or cannot be read."""
-    try:
-        size = path.stat().st_size
-        with open(path, 'rb') as file:
-            beginning = file.read(BEGINNING)
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+    beginning, size = beginning_of(path, BEGINNING), path.stat().st_size
     if size > LARGEST_FILE:
         raise InvalidInput(f'{path}: has {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read')
     if b'\0' in beginning and not beginning.startswith((b'\xff\xfe', b'\xfe\xff')):

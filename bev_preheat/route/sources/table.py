@@ -8,22 +8,19 @@ is an instant. Durations or lengths make it a list of segments: one row is a seg
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.files.table import Table
 from bev_preheat.files.times import find_clock
-from bev_preheat.numerics import first_true
+from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.route.road_load import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.headers import column, Header, headers_of
 from bev_preheat.route.sources.journey import ChargingStop, Journey
-
-if TYPE_CHECKING:
-    from bev_preheat.files.table import Table
-    from bev_preheat.numerics import FloatArray
 
 # Fields of a Journey by their columns, and the columns of segments.
 OF_JOURNEY = {'ambient_temperature_c': 'ambient_temperature', 'cabin_heating_power_w': 'cabin_heating_power',

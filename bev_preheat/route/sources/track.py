@@ -4,22 +4,23 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import EARTH_RADIUS_M
+from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray
 from bev_preheat.route.kinematics import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
-from bev_preheat.route.sources.journey import check_coordinates, distances_m, journey_of, Timeline
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import BoolArray, FloatArray
-    from bev_preheat.route.sources.journey import Journey, RouteOptions
+from bev_preheat.route.sources.journey import (
+    check_coordinates,
+    distances_m,
+    Journey,
+    journey_of,
+    RouteOptions,
+    Timeline,
+)
 
 # No car is faster [m/s]; a fix beyond is an error of the receiver.
 MOST_SPEED_MPS = 83.0
@@ -44,9 +45,13 @@ SPEED_RANGE_KMH = (5.0, 250.0)
 
 
 def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray,
-                      elevation_m: FloatArray | None, time_s: FloatArray | None, options: RouteOptions,
+                      elevation_m: FloatArray, time_s: FloatArray | None, options: RouteOptions,
                       remarks: Sequence[str] = (), element: str = 'point') -> Journey:
-    """Return the Journey of M points on the map, shapes (M,); raise InvalidInput naming the point and remedy."""
+    """
+    Return the Journey of M points on the map, shapes (M,), NaN for an unknown elevation.
+
+    Raises InvalidInput naming the point and the remedy.
+    """
     check_coordinates(latitude_deg, longitude_deg, element)
     remarks = list(remarks)
     if time_s is None:
@@ -62,8 +67,8 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     if wild:
         remarks.append(f'{wild} {element}s dropped, from {element} {int(np.argmin(timely)) + 1} on: the time does '
                        'not fit those of the others')
-        latitude_deg, longitude_deg, time_s = latitude_deg[timely], longitude_deg[timely], time_s[timely]
-        elevation_m = None if elevation_m is None else elevation_m[timely]
+        latitude_deg, longitude_deg, elevation_m, time_s = (
+            values[timely] for values in (latitude_deg, longitude_deg, elevation_m, time_s))
     keep = _plausible(latitude_deg, longitude_deg, time_s)
     dropped = int((~keep).sum())
     if dropped > MOST_DROPPED * len(keep) or keep.sum() < 2:
@@ -73,8 +78,8 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
         first = int(np.argmin(keep)) + 1
         remarks.append(f'{dropped} {element}s dropped, from {element} {first} on: at the same time as '
                        'the one before, or too far from it')
-    latitude_deg, longitude_deg, time_s = latitude_deg[keep], longitude_deg[keep], time_s[keep]
-    elevation_m = None if elevation_m is None else elevation_m[keep]
+    latitude_deg, longitude_deg, elevation_m, time_s = (
+        values[keep] for values in (latitude_deg, longitude_deg, elevation_m, time_s))
     elapsed_s = time_s - time_s[0]
     step_m = _smooth_steps_m(latitude_deg, longitude_deg, elapsed_s)
     stands, breaks_s = _standstills(latitude_deg, longitude_deg, elapsed_s)
@@ -167,7 +172,7 @@ def _smooth_steps_m(latitude_deg: FloatArray, longitude_deg: FloatArray, elapsed
     return distances_m(gaussian(latitude_deg, deviation), gaussian(longitude_deg, deviation))
 
 
-def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevation_m: FloatArray | None,
+def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevation_m: FloatArray,
           options: RouteOptions, remarks: list[str]) -> Journey:
     """Return the Journey of a line without times, driven at the free speed and slower in curves."""
     if options.free_speed_kmh is None:
@@ -179,25 +184,23 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
                            f'{high:g} km/h')
     step_m = distances_m(latitude_deg, longitude_deg)
     different = np.concatenate(([True], step_m > 0.01))
-    latitude_deg, longitude_deg = latitude_deg[different], longitude_deg[different]
-    elevation_m = None if elevation_m is None else elevation_m[different]
+    latitude_deg, longitude_deg, elevation_m = (
+        values[different] for values in (latitude_deg, longitude_deg, elevation_m))
     distance_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
     if not 10.0 <= distance_m[-1] <= 5e6:
         raise InvalidInput(f'the {kind} is {figure(float(distance_m[-1]), 4)} m long; it must be 10 ... 5000000 m')
     cells = int(np.clip(np.ceil(distance_m[-1] / CURVE_OVER_M), 4, MOST_CELLS))
     grid_m = np.linspace(0.0, distance_m[-1], cells + 1)
-    allowed_mps = np.full(len(grid_m), options.free_speed_kmh / 3.6)
+    allowed_mps, in_curves = np.full(len(grid_m), options.free_speed_kmh / 3.6), ''
     if float(np.median(np.diff(distance_m))) <= DENSE_M:
         allowed_mps = np.minimum(allowed_mps, _curve_speed_mps(grid_m, distance_m, latitude_deg, longitude_deg))
-        remarks.append(f'no times: driven at {options.free_speed_kmh:g} km/h, slower in curves')
-    else:
-        remarks.append(f'no times: driven at {options.free_speed_kmh:g} km/h')
+        in_curves = ', slower in curves'
+    remarks.append(f'no times: driven at {options.free_speed_kmh:g} km/h{in_curves}')
     allowed_mps[[0, -1]] = 0.0
     drive = drive_along(Track(grid_m, allowed_mps, np.zeros(len(grid_m))), COMFORTABLE_MPS2, COMFORTABLE_MPS2)
     return journey_of(kind, Timeline(
         drive.distance_m, drive.time_s, np.interp(grid_m, distance_m, latitude_deg),
-        np.interp(grid_m, distance_m, longitude_deg),
-        None if elevation_m is None else np.interp(grid_m, distance_m, elevation_m)), remarks)
+        np.interp(grid_m, distance_m, longitude_deg), np.interp(grid_m, distance_m, elevation_m)), remarks)
 
 
 def _curve_speed_mps(grid_m: FloatArray, distance_m: FloatArray, latitude_deg: FloatArray,

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -14,22 +14,14 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table import Table
 from bev_preheat.files.times import iso_seconds
 from bev_preheat.files.units import NUMBER, split_unit
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import distances_m, Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
 from bev_preheat.route.sources.track import journey_of_points
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import FloatArray
-
 # Deeper nesting is no route.
 MOST_DEPTH = 50
-
-
-class _Refusal(Exception):
-    """Ends the parser."""
 
 
 def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None] | None = None) -> None:
@@ -38,13 +30,14 @@ def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None
     depth = 0
 
     def refuse(*_: object) -> None:
-        raise _Refusal('has a document type (<!DOCTYPE …>); delete it: routes need none')
+        raise InvalidInput(f'line {parser.CurrentLineNumber}: has a document type (<!DOCTYPE …>); delete it: '
+                           'routes need none')
 
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
         if depth > MOST_DEPTH:
-            raise _Refusal(f'elements are nested more than {MOST_DEPTH} deep')
+            raise InvalidInput(f'line {parser.CurrentLineNumber}: elements are nested more than {MOST_DEPTH} deep')
         if on_element is not None:
             on_element(name.rpartition(':')[2], attributes, parser.CurrentLineNumber)
 
@@ -57,8 +50,6 @@ def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None
     parser.EndElementHandler = end
     try:
         parser.Parse(text, True)
-    except _Refusal as error:
-        raise InvalidInput(f'line {parser.CurrentLineNumber}: {error}') from error
     except expat.ExpatError as error:
         raise InvalidInput(f'line {error.lineno}: is not XML: {expat.ErrorString(error.code)}; is the file '
                            'complete?') from error

@@ -19,7 +19,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.numerics import FLOATS, S_PER_H
 from bev_preheat.planning.maker_rules import MAKER_RULES
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, loaded, RoadForces
+from bev_preheat.route.road_load import air_density_kg_per_m3, battery_power_w, GRAVITY_MPS2, road_load_of
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
@@ -126,7 +126,7 @@ def _vehicle(car: str) -> Vehicle:
 
 def _cruising_power_w(vehicle: Vehicle, speed_mps: np.ndarray, ambient_c: float) -> np.ndarray:
     """Return the drivetrain's electrical power at constant speeds on a level road [W]."""
-    car = loaded(vehicle, RoadForces())
-    air_n = 0.5 * air_density_kg_per_m3(np.array(ambient_c), np.array(0.0)) * car.drag_area_m2 * speed_mps**2
+    road_load = road_load_of(vehicle)
+    air_n = 0.5 * air_density_kg_per_m3(np.array(ambient_c), np.array(0.0)) * road_load.drag_area_m2 * speed_mps**2
     return np.asarray(battery_power_w(
-        car, (car.rolling_resistance * car.mass_kg * GRAVITY_MPS2 + air_n) * speed_mps))
+        vehicle, (road_load.rolling_resistance * road_load.mass_kg * GRAVITY_MPS2 + air_n) * speed_mps))
