@@ -185,8 +185,7 @@ class CanFrames(RawLog):
             except Exception as error:
                 # cantools raises errors of several packages for frames that do not fit the DBC.
                 remarks.add(f'decode {message.name}', f'{self._path}, frame {number}: {message.name}: does not '
-                                                      'fit the '
-                            f'DBC ({quoted(str(error))}); it is dropped', noun='frame')
+                            f'fit the DBC ({quoted(str(error))}); it is dropped', noun='frame')
                 continue
             for signal, value in values.items():
                 name = f'{message.name}.{signal}'

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,14 @@ class Series:
 
     time_s: FloatArray
     value: FloatArray
+
+    def at(self, time_s: FloatArray, beyond: float | None = None) -> FloatArray:
+        """Return the values at instants, linear between samples; outside `beyond`, None: the first or last."""
+        return np.interp(time_s, self.time_s, self.value, beyond, beyond)
+
+    def part(self, chosen: BoolArray | IntArray) -> Series:
+        """Return the chosen samples."""
+        return Series(self.time_s[chosen], self.value[chosen])
 
 
 @dataclass(frozen=True)
