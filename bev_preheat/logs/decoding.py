@@ -97,11 +97,10 @@ class Decoder:
 
         Remarks name the first dropped reading of each cause: `where` followed by its place.
         """
-        angle = self.source.signal.endswith('_deg')
         if isinstance(values, np.ndarray):
-            numbers, wrong = values.astype(float), np.zeros(len(values), dtype=bool)
+            numbers = values.astype(float)
         else:
-            numbers, wrong = read_numbers(values, self._decimal, angle)
+            numbers, wrong = read_numbers(values, self._decimal, self.source.signal.endswith('_deg'))
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
                 self._dropped('text', f'{first} is not a number', wrong, places, where)
