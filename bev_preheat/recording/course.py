@@ -20,7 +20,7 @@ from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.recording.changes import Changes
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_REPORTED_K = 0.5

@@ -23,7 +23,7 @@ from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
 
 if TYPE_CHECKING:
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # A clock that jumps on from below a day by more than a day had not been set [ns].
 CLOCK_UNSET_NS = 86_400_000_000_000

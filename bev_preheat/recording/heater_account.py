@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.control.state import State
     from bev_preheat.recording.flight import Flight
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat_msgs.msg import HeatSourceStatus, HvchStatus
 

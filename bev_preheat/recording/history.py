@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.state import State
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # Rows of a drive of any length; a day has one a second.
 MOST_ROWS = 90_000

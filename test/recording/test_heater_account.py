@@ -16,8 +16,9 @@ from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.course import TripResults
-from bev_preheat.recording.heater_account import HeaterAccount, Span
-from bev_preheat.recording.player import Played
+from bev_preheat.recording.flight import Period
+from bev_preheat.recording.heater_account import HeaterAccount
+from bev_preheat.recording.replay import Played
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
