@@ -8,18 +8,21 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.errors import figure
 from bev_preheat.identification.check import rms
 from bev_preheat.identification.structures import graded, misfit_gains
 from bev_preheat.identification.uncertainty import QUANTILE, SYSTEMATIC_DEVIATIONS
+from bev_preheat.numerics import S_PER_H
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from bev_preheat.identification.check import Check
-    from bev_preheat.identification.coverage import Coverage
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.structures import LeftOut, StructureResult
+    from bev_preheat.identification.trips import Trip
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 GOOD_RMSE_K, POOR_RMSE_K = 0.6, 1.5
 COLDEST_USEFUL_C = -10.0
 LEAST_DRIVES = 6
+# A night that determines leakage: duration [h] and difference to the air [K].
+NIGHT_H, NIGHT_DIFFERENCE_K = 3.0, 5.0
 # Each heated drive is predicted from the others: two do not tell a shell.
 LEAST_HEATED = 3
 
@@ -142,6 +147,59 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
         yield f'{LEAST_DRIVES - coverage.drives} more drives of at least 20 min: intervals rest on whole trips.'
     if not widths['drivetrain_heat'].is_identified:
         yield 'A drive on a motorway and one in a town: they separate drivetrain heat from Joule heat.'
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """
+    Situations covered by trips.
+
+    Ranges are (low, high). The resistance is known between `resistance_from_c` and `resistance_to_c`, where at
+    least two trips with voltage and current were; None: nowhere. `coldest_trip` is the only one below, '' if none.
+    """
+
+    trips: int
+    drives: int
+    nights: int
+    charging_sessions: int
+    heated_trips: int
+    unheated_drives: int
+    hours: float
+    battery_c: tuple[float, float]
+    ambient_c: tuple[float, float]
+    soc: tuple[float, float]
+    speed_mps: tuple[float, float]
+    resistance_from_c: float | None
+    resistance_to_c: float | None
+    coldest_trip: str
+    coldest_c: float
+    telling_nights: int
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the coverage in JSON form."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+
+def coverage_of(trips: Sequence[Trip], electrical: Electrical) -> Coverage:
+    """Return the Coverage of Trips."""
+    def span(name: str) -> tuple[float, float]:
+        return (min(float(getattr(trip, name).min()) for trip in trips),
+                max(float(getattr(trip, name).max()) for trip in trips))
+
+    telling = [trip for trip in trips if trip.name in electrical.used]
+    lows = sorted((float(trip.battery_temperature_c.min()), trip.name) for trip in telling)
+    highs = sorted((float(trip.battery_temperature_c.max()) for trip in telling), reverse=True)
+    drives = [trip for trip in trips if trip.kind == 'drive']
+    nights = [trip for trip in trips if trip.kind == 'night at stand']
+    return Coverage(
+        len(trips), len(drives), len(nights), sum(trip.kind == 'charging session' for trip in trips),
+        sum(trip.heats for trip in trips), sum(not trip.heats for trip in drives),
+        sum(map(len, trips)) / S_PER_H, span('battery_temperature_c'), span('ambient_c'), span('soc'),
+        span('speed_mps'), lows[1][0] if len(lows) > 1 else None, highs[1] if len(highs) > 1 else None,
+        lows[0][1] if lows else '', lows[0][0] if lows else float('nan'),
+        sum(len(trip) > NIGHT_H * S_PER_H
+            and float(np.mean(np.abs(trip.battery_temperature_c - trip.ambient_c))) > NIGHT_DIFFERENCE_K
+            for trip in nights))
 
 
 @dataclass(frozen=True)

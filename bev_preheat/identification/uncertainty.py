@@ -18,15 +18,14 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.trips import LEAST_TRIPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, ResistanceCurve
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Uncertainty
 
 DRAWS = 2000
@@ -52,28 +51,22 @@ class Interval(NamedTuple):
     high: float
 
 
-def bootstrap(fit: ThermalFit) -> FloatArray:
-    """Return drawn coordinates (DRAWS, free)."""
+def bootstrap_intervals(fit: ThermalFit) -> list[Interval]:
+    """Return the Intervals of the free coordinates by drawing trips; of too few trips, those of the fit."""
+    centre, count = fit.theta[fit.free], len(fit.gradients)
+    if count < LEAST_TRIPS:
+        reach = QUANTILE * np.sqrt(np.diag(np.linalg.inv(fit.information)))
+        return [Interval(*pair) for pair in np.stack((centre - reach, centre + reach), axis=1).tolist()]
     generator = np.random.default_rng(SEED)
-    count = len(fit.terms)
-    gradients = np.array([term.gradient for term in fit.terms])
-    information = np.array([term.information for term in fit.terms])
     prior_root = np.linalg.cholesky(fit.prior_precision)
     # A draw of n of n trips varies too little by this factor.
     widen = math.sqrt(count / max(count - 1.0, 1.0))
     weights = generator.multinomial(count, np.full(count, 1.0 / count), DRAWS).astype(float)
     centres = generator.standard_normal((DRAWS, len(prior_root))) @ prior_root.T
-    pull = (widen * (weights - 1.0)) @ gradients + centres
-    whole = np.einsum('di,ijk->djk', weights, information) + fit.prior_precision
-    return np.asarray(fit.theta[fit.free] - np.linalg.solve(whole, pull[..., np.newaxis])[..., 0])
-
-
-def bootstrap_intervals(fit: ThermalFit) -> list[Interval]:
-    """Return the Intervals of the free coordinates by `bootstrap`; of too few trips to draw, those of the fit."""
-    if len(fit.terms) < LEAST_TRIPS:
-        reach, centre = QUANTILE * np.sqrt(np.diag(np.linalg.inv(fit.information))), fit.theta[fit.free]
-        return [Interval(*pair) for pair in np.stack((centre - reach, centre + reach), axis=1).tolist()]
-    ends = np.quantile(bootstrap(fit), [0.5 - 0.5 * PROBABILITY, 0.5 + 0.5 * PROBABILITY], axis=0)
+    pull = (widen * (weights - 1.0)) @ fit.gradients + centres
+    whole = np.einsum('di,ijk->djk', weights, fit.informations) + fit.prior_precision
+    drawn = centre - np.linalg.solve(whole, pull[..., np.newaxis])[..., 0]
+    ends = np.quantile(drawn, [0.5 - 0.5 * PROBABILITY, 0.5 + 0.5 * PROBABILITY], axis=0)
     return [Interval(*pair) for pair in ends.T.tolist()]
 
 
@@ -94,7 +87,7 @@ def profile_interval(fitter: Fitter, fit: ThermalFit, name: str) -> Interval:
             if (coordinate - bound) * side >= 0.0:
                 coordinate = bound
             near = replace(fit, theta=fit.theta + along * (coordinate - fit.theta[at]))
-            cost = fitter.fit(fit.structure, None, fit.electrical, near, {name: coordinate}).cost
+            cost = fitter.fit(fit.structure, fit.electrical, near, {name: coordinate}).cost
             # A held parameter has no prior in the fit's cost.
             cost += 0.5 * ((coordinate - parameter.prior) / parameter.deviation)**2
             rise = max(cost - fit.cost, 1e-6)

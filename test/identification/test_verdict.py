@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.identification.coverage import Coverage
-from bev_preheat.identification.result import Estimated, record_next, verdict_of
+from bev_preheat.identification.result import Coverage, Estimated, record_next, verdict_of
 from bev_preheat.identification.structures import graded, LeftOut, StructureResult
 
 WHOLE = Coverage(
