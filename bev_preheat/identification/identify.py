@@ -16,14 +16,7 @@ from bev_preheat.identification.curves import CorrectedResistance, knot_weights,
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION, fit_electrical
 from bev_preheat.identification.fit import Fitter
 from bev_preheat.identification.parameters import IN_CORE, NAMES, STRUCTURES, structures_of
-from bev_preheat.identification.result import (
-    coverage_of,
-    Estimated,
-    Identification,
-    record_next,
-    ResistanceCurve,
-    verdict_of,
-)
+from bev_preheat.identification.result import coverage_of, Estimated, Identification, ResistanceCurve
 from bev_preheat.identification.structures import (
     baselines,
     chosen_structure,
@@ -95,15 +88,10 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
     check = check_trips(car, [trip.settled for trip in trips], replays=False)
-    known_without, together = baselines(fitter), tuple(
-        pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
+    together = tuple(pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
     return Identification(
-        car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
-        known_without, tuple(left_out), together, coverage, check,
-        common_remarks(trips),
-        tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
-                         electrical)),
-        tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s,
+        car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures), baselines(fitter),
+        tuple(left_out), together, coverage, check, common_remarks(trips), time.perf_counter() - began_s,
         fitter.residual_k(fit))
 
 

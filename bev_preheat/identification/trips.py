@@ -48,7 +48,7 @@ UNKNOWN_SOC = 0.5
 SETTLED_S = 5.0 * 3600.0
 # A log without the battery's power is one at stand if it has the heater's power, or lasts this long [s].
 LEAST_STAND_S = 3600.0
-# A fit needs as many trips, and a change of the battery temperature over one of them [K].
+# Numbers of trips for a fit, and the change of the battery temperature that one trip must have [K].
 LEAST_TRIPS, MOST_TRIPS, LEAST_CHANGE_K = 3, 200, 2.0
 # Usual steps of a temperature signal.
 RESOLUTIONS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
