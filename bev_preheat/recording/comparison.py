@@ -217,8 +217,8 @@ def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple
         contents = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f'{path}: is not JSON: {error}') from error
-    if not isinstance(contents, dict) or contents.get('format') != FIGURES_FORMAT:
-        number = contents.get('format') if isinstance(contents, dict) else None
+    number = contents.get('format') if isinstance(contents, dict) else None
+    if number != FIGURES_FORMAT:
         raise InvalidInput(f'{path}: has format {quoted(str(number))}; this version reads format {FIGURES_FORMAT} '
                            '(preheat replay --write-expected)')
     expected = contents.get('expected')

@@ -131,39 +131,34 @@ class History:
         return self._latest_ns
 
     def _add_row(self, now_ns: int, state: State, command_w: float, has_planner: bool) -> None:
-        decision, measurement = state.decision, state.measurement
+        decision, measurement, at_ns = state.decision, state.measurement, now_ns - self._ahead_ns
         estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
+        row = dict.fromkeys(COLUMNS, math.nan)
+        row |= {'time': now_ns / NS_PER_S, 'ambient': _ambient_c(decision.leg, at_ns), 'commanded': command_w}
+        if measurement is not None:
+            row |= {'measured': measurement.state.temperature_c, 'soc': measurement.state.soc}
+            if measurement.power_w is not None:
+                row['power'] = measurement.power_w
+        if estimate is not None:
+            row |= _band('estimated', estimate.temperature_c, estimate.temperature_deviation_k)
+        if plan is not None:
+            row |= _band('predicted', plan.arrival_temperature_c, decision.arrival_deviation_k)
+            row['target'] = plan.target_temperature_c
+        heater_w, heat_w = command_w if estimate is None else estimate.heater.share * command_w, None
         answer = None if state.heater_answer is None else state.heater_answer.status
-        confirmed_w = math.nan if answer is None or state.vehicle.heat_sources else answer.confirmed_w
-        soc = math.nan if measurement is None else measurement.state.soc
-        if self._unheated is None:
-            self._unheated = Unheated(state.vehicle)
-        estimated_c = math.nan if estimate is None else estimate.temperature_c
-        estimated_k = math.nan if estimate is None else estimate.temperature_deviation_k
-        predicted_c = math.nan if plan is None else plan.arrival_temperature_c
-        predicted_k = decision.arrival_deviation_k
-        power_w = None if measurement is None else measurement.power_w
-        ambient_c = _ambient_c(decision.leg, now_ns - self._ahead_ns)
-        heater_w, heat_w = (confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
-                            else estimate.heater.share * command_w), None
+        if answer is not None and not state.vehicle.heat_sources:
+            row['confirmed'] = heater_w = answer.confirmed_w
         if state.vehicle.heat_sources and has_planner and state.temperature_c is not None:
             powers = state.answers.powers(
                 state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
-            at_ns = now_ns - self._ahead_ns
             heater_w, heat_w = powers.others_w(
-                -1, at_ns, at_ns, powers.temperature_c if math.isnan(ambient_c) else ambient_c,
+                -1, at_ns, at_ns, powers.temperature_c if math.isnan(row['ambient']) else row['ambient'],
                 [state.vehicle.most_w(each.name) for each in (state.answers.hvch, *state.answers.others)])
-        row = (
-            now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
-            estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,
-            predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
-            math.nan if plan is None else plan.target_temperature_c,
-            ambient_c, command_w,
-            confirmed_w, soc, math.nan if power_w is None else power_w,
-            self._unheated.unheated_c(
-                now_ns / NS_PER_S, math.nan if plan is None else float(plan.battery_temperature_c[0]), soc,
-                heater_w, heat_w))
-        for name, value in zip(COLUMNS, row):
+        if self._unheated is None:
+            self._unheated = Unheated(state.vehicle)
+        settled_c = math.nan if plan is None else float(plan.battery_temperature_c[0])
+        row['unheated'] = self._unheated.unheated_c(row['time'], settled_c, row['soc'], heater_w, heat_w)
+        for name, value in row.items():
             self.columns[name].append(value)
 
     def _add_diagnostics(self, now_ns: int, played: Played) -> None:
@@ -220,6 +215,10 @@ class History:
             plan.soc[indices].tolist(),
             # The mean power from each kept instant to the next.
             [*(sum(powers[low:high]) / (high - low) for low, high in zip(indices, indices[1:])), 0.0]))
+
+
+def _band(name: str, value: float, deviation: float) -> dict[str, float]:
+    return {name: value, f'{name}_low': value - deviation, f'{name}_high': value + deviation}
 
 
 def _ambient_c(leg: Leg | None, now_ns: int) -> float:
