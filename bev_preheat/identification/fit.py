@@ -109,7 +109,7 @@ class Fitter:
         count = len(gradients)
         ratio = (np.einsum('ti,ij,tj->', gradients, inverse, gradients) * count / max(count - 1.0, 1.0)
                  / max(float(np.trace(own @ inverse)), 1e-9))
-        self.dispersion = LEAST_DISPERSION * min(max(float(ratio), 1.0), MOST_DISPERSION / LEAST_DISPERSION)
+        self.dispersion = min(max(float(ratio), LEAST_DISPERSION), MOST_DISPERSION)
         return fit
 
     def fit(self, structure: str, electrical: Electrical, begin: ThermalFit | None = None,

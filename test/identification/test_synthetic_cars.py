@@ -41,7 +41,7 @@ def test_nights_alone_beside_drives_tell_the_leakage_and_no_heater_says_so():
     trips = trips_of(record_car(car, generator, heats=False), vehicle)
     fitter = Fitter(vehicle, trips)
     fit = fitter.fit('one mass', fit_electrical(vehicle, trips))
-    intervals = dict(zip(np.flatnonzero(fit.free).tolist(), bootstrap_intervals(fit)))
+    intervals = bootstrap_intervals(fit)
     # Coordinates: logarithm of the leakage at 1, heater efficiency at 4.
     assert intervals[1].high - intervals[1].low < 0.5
     prior = fitter.parameters['heater_efficiency']
