@@ -16,7 +16,7 @@ from bev_preheat.drawing.identification_figures import report_pictures
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
-from bev_preheat.identification.coverage import MOST_TRIPS
+from bev_preheat.identification.trips import LEAST_TRIPS, MOST_TRIPS
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.loading import SCHEMA
@@ -71,7 +71,6 @@ def run(arguments: Namespace) -> int:
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start, is_fit=True)
-    from bev_preheat.identification.coverage import LEAST_TRIPS
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.parameters import STRUCTURES
     from bev_preheat.identification.result import POOR_RMSE_K

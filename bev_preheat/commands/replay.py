@@ -121,7 +121,7 @@ def replayed(flight: Flight, changes: Changes, period: Period,
     """Return the Result in a Period, and the History of each drive; () without a report."""
     from bev_preheat.commands.replay_output import Result
     from bev_preheat.recording.flight import driven_ns
-    from bev_preheat.recording.what_if import replay, replay_changed, Watcher
+    from bev_preheat.recording.replay import replay, replay_changed
     is_changed = flight.is_log or not changes.is_nothing
     steps, length_ns = len(flight.given), driven_ns(flight, period)
     histories = []
@@ -130,11 +130,10 @@ def replayed(flight: Flight, changes: Changes, period: Period,
         histories = [History(length_ns) for _ in range(2 if is_changed else 1)]
     with progress_bar() as bar:
         task = bar.add_task('replaying', total=steps * (2 if is_changed else 1))
-        as_it_was = replay(flight, period, Watcher(
-            lambda done: bar.update(task, completed=done), histories[0] if histories else None))
-        changed = replay_changed(flight, changes, period, Watcher(
-            lambda done: bar.update(task, completed=steps + done),
-            histories[1] if histories else None), as_it_was.heater) if is_changed else None
+        as_it_was = replay(flight, period, lambda done: bar.update(task, completed=done),
+                           histories[0] if histories else None)
+        changed = replay_changed(flight, changes, period, lambda done: bar.update(task, completed=steps + done),
+                                 histories[1] if histories else None, as_it_was.heater) if is_changed else None
     return Result(flight, as_it_was, changes, changed), tuple(histories)
 
 
@@ -176,12 +175,12 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
     if arguments.json:
         write_json(arguments.json, {
             'now_ns': why.now_ns, 'answer': why.answer,
-            'sections': {section.heading: [list(row) for row in section.rows] for section in why.sections}})
+            'sections': {heading: [list(row) for row in rows] for heading, rows in why.sections.items()}})
     console = result_console(arguments.json)
     console.say(f'{moment(why.now_ns)}: {why.answer}')
-    for section in why.sections:
-        if section.rows:
-            print_records(console, section.heading, ('', ''), section.rows)
+    for heading, rows in why.sections.items():
+        if rows:
+            print_records(console, heading, ('', ''), rows)
     return 0
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bev_preheat.recording.course import Course
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.history import History
-    from bev_preheat.recording.what_if import Replayed
+    from bev_preheat.recording.replay import Replayed
 
 # The longest spans without a command are listed.
 LISTED_SPANS = 10

@@ -134,6 +134,8 @@ class TripCheck:
     def as_dictionary(self) -> dict[str, Any]:
         """Return the figures in JSON form."""
         trip, predicted = self.trip, self.prediction
+        without, with_it = ({str(lead_s): error_k for lead_s, error_k in errors_k.items()}
+                            for errors_k in (self.without_estimation_k, self.with_estimation_k))
         return {
             'name': trip.name, 'kind': trip.kind, 'duration_s': len(trip), 'start_temperature_c': trip.start_c,
             'measured_arrival_temperature_c': trip.arrival_c,
@@ -141,8 +143,8 @@ class TripCheck:
             'arrival_error_k': self.arrival_error_k, 'arrival_interval_error_k': self.arrival_interval_error_k,
             'measured_arrival_soc': trip.arrival_soc, 'predicted_arrival_soc': float(predicted.soc[-1]),
             'arrival_soc_error': self.arrival_soc_error, 'arrival_energy_error_wh': self.arrival_energy_error_wh,
-            'without_estimation_error_k': _text_keys(self.without_estimation_k),
-            'with_estimation_error_k': _text_keys(self.with_estimation_k), 'remarks': list(trip.remarks)}
+            'without_estimation_error_k': without, 'with_estimation_error_k': with_it,
+            'remarks': list(trip.remarks)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,11 +205,11 @@ class Check:
 
         Of errors beyond the intervals for which the arrival readings stand: smaller differences cannot be seen.
         """
-        leads = [self._checks_at(lead_s) for lead_s in LEADS_S]
-        return all(
+        no_worse = [
             rms([_beyond_k(check.trip, check.with_estimation_k[lead_s]) for check in checks])
             <= rms([_beyond_k(check.trip, check.without_estimation_k[lead_s]) for check in checks])
-            for lead_s, checks in zip(LEADS_S, leads) if checks) if any(leads) else None
+            for lead_s in LEADS_S if (checks := self._checks_at(lead_s))]
+        return all(no_worse) if no_worse else None
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the check in JSON form."""
@@ -262,7 +264,3 @@ def _reached_s(check: TripCheck) -> float:
 def rms(values: Sequence[float]) -> float:
     """Return the root mean square of values, NaN without any."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
-
-
-def _text_keys(values: dict[int, float]) -> dict[str, float]:
-    return {str(key): value for key, value in values.items()}

@@ -143,34 +143,22 @@ class _Rows:
 
 def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip]) -> Electrical:
     """Return the Electrical of Trips."""
-    capacity_ah, capacity_deviation_ah = _capacity(vehicle, trips)
+    capacity = _capacity(vehicle, trips)
     telling = [trip for trip in trips if trip.current_a is not None and trip.voltage_v is not None
-               and _variation_a(trip) > LEAST_VARIATION_A]
+               and len(trip) > 10 and np.std(np.diff(trip.current_a[::5])) > LEAST_VARIATION_A]
     precision = _prior_precision(vehicle)
     if not telling:
         prior = np.asarray(np.linalg.inv(precision), dtype=float)
         return Electrical(np.zeros(OCV), np.zeros(KNOTS), np.zeros(len(KNOTS_SOC)), prior[BETA, BETA],
-                          0.0, 0.0, 1.0, math.nan, capacity_ah, capacity_deviation_ah, ())
-    best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision)
-                for polarisation_s in POLARISATION_S), key=lambda found: found[0])
-    _, polarisation_s, theta, covariance, heat_share, residual_v, soc_weights = best
-    heat_factor = 1.0 + theta[RHO] * heat_share
-    # The mean over the drives of the correction over charge counts as one over temperature.
-    soc_factors, means = theta[BETA.stop:LOGS.stop], soc_weights / soc_weights.sum()
-    joined = np.concatenate((np.eye(KNOTS), np.tile(means, (KNOTS, 1))), axis=1)
-    return Electrical(
-        theta[:OCV], joined @ theta[LOGS] + math.log(heat_factor),
-        soc_factors - means @ soc_factors,
-        np.asarray(joined @ covariance[LOGS, LOGS] @ joined.T + SYSTEMATIC_DEVIATION**2, dtype=float),
-        float(theta[RHO]),
-        polarisation_s, float(heat_factor),
-        residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip in telling))
+                          0.0, 0.0, 1.0, math.nan, *capacity, ())
+    fits = (_fit(vehicle, telling, capacity, polarisation_s, precision) for polarisation_s in POLARISATION_S)
+    return min(fits, key=lambda found: found[0])[1]
 
 
-def _fit(vehicle: Vehicle, telling: Sequence[Trip], capacity_ah: float, polarisation_s: float,
-         precision: FloatArray) -> tuple[float, float, FloatArray, FloatArray, float, float, FloatArray]:
-    """Return cost, time constant, parameters, covariance, heat share of x, residual [V], and heat by KNOTS_SOC."""
-    rows = [_Rows(vehicle, trip, capacity_ah, polarisation_s) for trip in telling]
+def _fit(vehicle: Vehicle, telling: Sequence[Trip], capacity: tuple[float, float], polarisation_s: float,
+         precision: FloatArray) -> tuple[float, Electrical]:
+    """Return the cost of a fit with a time constant of the polarisation, and its Electrical."""
+    rows = [_Rows(vehicle, trip, capacity[0], polarisation_s) for trip in telling]
     prior_root = np.linalg.cholesky(precision).T
     # A first guess of the noise, then that of the residuals: only the balance with the prior depends on it.
     noise_v, theta = 5.0, np.zeros(STATE_SIZE)
@@ -195,15 +183,30 @@ def _fit(vehicle: Vehicle, telling: Sequence[Trip], capacity_ah: float, polarisa
         weight = noise_v**-2 / np.sqrt(1.0 + (errors_v / noise_v)**2)
         information += slope.T @ (weight[:, np.newaxis] * slope)
         gradients.append(slope.T @ (weight * errors_v))
-    inverse = np.linalg.inv(information)
-    # Errors within a trip hang together, so each trip is one observation ("sandwich" estimate).
-    count = len(gradients)
-    spread = np.array(gradients).T @ np.array(gradients) * (count / max(count - 1.0, 1.0))
-    covariance = inverse @ (spread + precision) @ inverse
-    soc_weights = np.sum([row.drop_v**2 @ row.weights[:, KNOTS:] for row in rows], axis=0)
+    covariance = sandwich(information, np.array(gradients).T @ np.array(gradients), len(gradients), precision)
     heat_share = float(np.average([row.heat_share for row in rows], weights=[row.square_a2 for row in rows]))
-    return (found.cost, polarisation_s, theta, covariance, heat_share, float(np.sqrt(np.mean(all_v**2))),
-            soc_weights)
+    heat_factor = 1.0 + theta[RHO] * heat_share
+    # The mean over the drives of the correction over charge counts as one over temperature.
+    soc_weights = np.sum([row.drop_v**2 @ row.weights[:, KNOTS:] for row in rows], axis=0)
+    soc_factors, means = theta[BETA.stop:LOGS.stop], soc_weights / soc_weights.sum()
+    joined = np.concatenate((np.eye(KNOTS), np.tile(means, (KNOTS, 1))), axis=1)
+    return found.cost, Electrical(
+        theta[:OCV], joined @ theta[LOGS] + math.log(heat_factor), soc_factors - means @ soc_factors,
+        np.asarray(joined @ covariance[LOGS, LOGS] @ joined.T + SYSTEMATIC_DEVIATION**2, dtype=float),
+        float(theta[RHO]), polarisation_s, float(heat_factor), float(np.sqrt(np.mean(all_v**2))), *capacity,
+        tuple(trip.name for trip in telling))
+
+
+def sandwich(information: FloatArray, squares: FloatArray, trips: int, precision: FloatArray) -> FloatArray:
+    """
+    Return a covariance (n, n) from the information, the prior's precision and the trips' gradients.
+
+    Each trip counts as one observation ("sandwich" estimate), because errors within a trip hang together.
+    `squares` (n, n) is the sum of the outer products of the gradients.
+    """
+    inverse = np.linalg.inv(information)
+    spread = squares * (trips / max(trips - 1.0, 1.0))
+    return np.asarray(inverse @ (spread + precision) @ inverse)
 
 
 _SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * (LOGS.stop - OCV), 0.2])
@@ -218,11 +221,6 @@ def _prior_precision(vehicle: Vehicle) -> FloatArray:
         len(KNOTS_SOC), SOC_LEVEL_DEVIATION, SOC_KNOT_DEVIATION)
     precision[RHO, RHO] = 1.0 / POLARISATION_DEVIATION**2
     return precision
-
-
-def _variation_a(trip: Trip) -> float:
-    assert trip.current_a is not None
-    return float(np.std(np.diff(trip.current_a[::5]))) if len(trip) > 10 else 0.0
 
 
 def _capacity(vehicle: Vehicle, trips: Sequence[Trip]) -> tuple[float, float]:

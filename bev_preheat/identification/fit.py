@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from bev_preheat.identification.coverage import LEAST_TRIPS
-from bev_preheat.identification.electrical import fit_electrical
-from bev_preheat.identification.parameters import ALL_STRUCTURES, ALWAYS, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.electrical import sandwich
+from bev_preheat.identification.parameters import ALL_STRUCTURES, NAMES, parameters_of, STRUCTURES
 from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
+from bev_preheat.identification.trips import LEAST_TRIPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -45,19 +45,12 @@ FIT_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class TripTerms:
-    """One trip's part of gradient (n,) and information (n, n) over the parameters at the optimum."""
-
-    gradient: FloatArray
-    information: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class ThermalFit:
     """
     A fit: coordinates (PARAMETERS,), which of them are `free`, their `covariance`, and each trip's start [deg C].
 
-    `information` (free, free) includes the prior; `terms` are the trips' parts. `cost` is half the sum of squares.
+    `information` (free, free) includes the prior; `gradients` (trips, free) and `informations` (trips, free, free)
+    are the trips' parts. `cost` is half the sum of squares.
     """
 
     structure: str
@@ -65,30 +58,19 @@ class ThermalFit:
     free: BoolArray
     information: FloatArray
     prior_precision: FloatArray
-    terms: tuple[TripTerms, ...]
+    gradients: FloatArray
+    informations: FloatArray
     starts_c: tuple[float, ...]
     electrical: Electrical
     cost: float
 
     @property
     def covariance(self) -> FloatArray:
-        """
-        Return the covariance (PARAMETERS, PARAMETERS): 0 for fixed parameters.
-
-        Each trip counts as one observation ("sandwich" estimate), because errors within a trip hang together.
-        """
-        inverse = np.linalg.inv(self.information)
-        if len(self.terms) < LEAST_TRIPS:
-            return self._whole(np.asarray(inverse, dtype=float))
-        gradients = np.array([term.gradient for term in self.terms])
-        count = len(gradients)
-        spread = gradients.T @ gradients * (count / max(count - 1.0, 1.0))
-        return self._whole(inverse @ (spread + self.prior_precision) @ inverse)
-
-    def _whole(self, own: FloatArray) -> FloatArray:
-        """Return the covariance of all parameters from that of the free ones."""
-        whole = np.zeros((PARAMETERS, PARAMETERS))
-        whole[np.ix_(self.free, self.free)] = own
+        """Return the covariance (PARAMETERS, PARAMETERS): 0 for fixed parameters."""
+        whole, trips = np.zeros((PARAMETERS, PARAMETERS)), len(self.gradients)
+        whole[np.ix_(self.free, self.free)] = (
+            np.linalg.inv(self.information) if trips < LEAST_TRIPS else
+            sandwich(self.information, self.gradients.T @ self.gradients, trips, self.prior_precision))
         return whole
 
 
@@ -101,15 +83,11 @@ class Fitter:
         self.courses = [course_of(trip, vehicle) for trip in trips]
         # The same without the hours in which nights settle, which a file cannot predict.
         self.settled = [course_of(trip.settled, vehicle) for trip in trips]
-        self.has_heating = [trip.heats for trip in trips]
-        self._models: dict[str, ThermalModel] = {}
+        self.models = {name: ThermalModel(vehicle, structure.free, structure)
+                       for name, structure in ALL_STRUCTURES.items()}
         self._set_noise(NOISE_K)
         # Readings that count as one independent observation.
         self.dispersion = LEAST_DISPERSION
-
-    def electrical(self, kept: Sequence[int] | None = None) -> Electrical:
-        """Return the Electrical of the kept trips (indices; None: all)."""
-        return fit_electrical(self.vehicle, [self.trips[at] for at in self._kept(kept)])
 
     def find_dispersion(self, electrical: Electrical, structures: Iterable[str] = STRUCTURES) -> ThermalFit:
         """
@@ -119,49 +97,34 @@ class Fitter:
         factor that is found here, because errors of model and sensor last (quasi-likelihood).
         """
         self.dispersion = LEAST_DISPERSION
-        fit = min((self.fit(structure, None, electrical) for structure in structures), key=lambda fit: fit.cost)
-        structure = fit.structure
-        model = self.model(structure)
-        sensors_c = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, electrical)[0]
-                     for course, start_c in zip(self.courses, fit.starts_c)]
-        self._set_noise(likely_noise_k([course.readings for course in self.courses], sensors_c))
+        fit = min((self.fit(structure, electrical) for structure in structures), key=lambda fit: fit.cost)
+        self._set_noise(likely_noise_k([course.readings for course in self.courses], self._sensors_c(fit)))
         if len(self.trips) < LEAST_TRIPS:
             self.dispersion = USUAL_DISPERSION
-            return self.fit(structure, None, electrical, fit)
-        fit = self.fit(structure, None, electrical, fit)
+            return self.fit(fit.structure, electrical, fit)
+        fit = self.fit(fit.structure, electrical, fit)
         inverse = np.linalg.inv(fit.information)
-        gradients = np.array([term.gradient for term in fit.terms])
-        gradients = gradients - gradients.mean(axis=0)
+        gradients = fit.gradients - fit.gradients.mean(axis=0)
         own = fit.information - fit.prior_precision
         count = len(gradients)
         ratio = (np.einsum('ti,ij,tj->', gradients, inverse, gradients) * count / max(count - 1.0, 1.0)
                  / max(float(np.trace(own @ inverse)), 1e-9))
-        self.dispersion = LEAST_DISPERSION * min(max(float(ratio), 1.0), MOST_DISPERSION / LEAST_DISPERSION)
+        self.dispersion = min(max(float(ratio), LEAST_DISPERSION), MOST_DISPERSION)
         return fit
 
-    def _kept(self, kept: Sequence[int] | None) -> Sequence[int]:
-        return range(len(self.trips)) if kept is None else kept
-
-    def free_names(self, structure: str, kept: Sequence[int] | None = None) -> list[str]:
-        """Return the names of the free thermal parameters of a structure for the kept trips."""
-        heating = any(self.has_heating[at] for at in self._kept(kept))
-        own = ALL_STRUCTURES[structure]
-        return [name for name in NAMES if name in ALWAYS or name in own.names
-                or (heating and not own.has_shell and name == 'heat_lag')]
-
-    def fit(self, structure: str, kept: Sequence[int] | None = None, electrical: Electrical | None = None,
-            begin: ThermalFit | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
+    def fit(self, structure: str, electrical: Electrical, begin: ThermalFit | None = None,
+            held: Mapping[str, float] | None = None, left_out: int | None = None) -> ThermalFit:
         """
-        Return the ThermalFit of a structure to the kept trips (indices; None: all).
+        Return the ThermalFit of a structure to all trips, without the one `left_out` (its index).
 
         `electrical` is that of these trips, `begin` a fit to all trips to begin at; `held` maps names to the
         coordinates at which they are held.
         """
-        indices = list(self._kept(kept))
-        electrical = self.electrical(indices) if electrical is None else electrical
-        model = self.model(structure)
-        names = self.free_names(structure, indices)
-        free = np.array([name in names for name in NAMES] + [True] * (PARAMETERS - len(NAMES)))
+        indices = [at for at in range(len(self.trips)) if at != left_out]
+        model, names = self.models[structure], ALL_STRUCTURES[structure].free
+        has_heating = any(self.trips[at].heats for at in indices)
+        free = np.array([name in names and (has_heating or name != 'heat_lag') for name in NAMES]
+                        + [True] * (PARAMETERS - len(NAMES)))
         prior, low, high = self._prior(electrical)
         theta = prior.copy()
         for at, name in enumerate(NAMES):
@@ -222,38 +185,29 @@ class Fitter:
             at = rows.stop
             terms.append(_terms(residuals[rows], slopes[rows, :count], slopes[rows, count + number],
                                 found.x[count + number], start_deviations_k[number]))
-        information = precision + sum(term.information for term in terms)
-        return ThermalFit(structure, theta.copy(), free, np.asarray(information), precision, tuple(terms),
+        gradients, informations = map(np.array, zip(*terms))
+        return ThermalFit(structure, theta.copy(), free, precision + sum(informations), precision, gradients,
+                          informations,
                           tuple(course.trip.start_c + offset for course, offset in zip(courses, found.x[count:])),
                           electrical, float(found.cost))
-
-    def model(self, structure: str) -> ThermalModel:
-        """Return the ThermalModel of a structure."""
-        if structure not in self._models:
-            own = ALL_STRUCTURES[structure]
-            self._models[structure] = ThermalModel(
-                self.vehicle, (*ALWAYS, *own.names, *(() if own.has_shell else ('heat_lag',))), own)
-        return self._models[structure]
 
     def trip_residuals(self, model: ThermalModel, at: int, theta: FloatArray, start_offset_k: float,
                        electrical: Electrical) -> tuple[FloatArray, FloatArray]:
         """Return weighted residuals (K,) of a trip's readings and their slopes (K, PARAMETERS + 1)."""
-        sensor_c, slopes = self.sensor_c(model, self.courses[at], theta, start_offset_k, electrical)
+        sensor_c, slopes = self._sensor_c(model, self.courses[at], theta, start_offset_k, electrical)
         residual, slope = self._residuals[at](sensor_c)
         weight = math.sqrt(1.0 / self.dispersion)
         return weight * residual, (weight * slope)[:, np.newaxis] * slopes
 
     def residual_k(self, fit: ThermalFit) -> float:
         """Return the root mean square of a fit's errors on the readings of all trips [K]."""
-        model = self.model(fit.structure)
-        errors_k = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, fit.electrical)[0]
-                    - course.readings.mean_c for course, start_c in zip(self.courses, fit.starts_c)]
+        errors_k = [sensor_c - course.readings.mean_c
+                    for sensor_c, course in zip(self._sensors_c(fit), self.courses)]
         return float(np.sqrt(np.mean(np.concatenate(errors_k)**2)))
 
     def misfit(self, fit: ThermalFit, at: int) -> float:
         """Return half the sum of squares of a trip's residuals with a fit that need not know it."""
-        course, model, offset_k = self.courses[at], self.model(fit.structure), 0.0
-        deviation_k = start_deviation_k(course)
+        model, offset_k, deviation_k = self.models[fit.structure], 0.0, start_deviation_k(self.courses[at])
         for _ in range(MISFIT_STEPS):
             # Gauss-Newton in the start temperature.
             residual, slope = self.trip_residuals(model, at, fit.theta, offset_k, fit.electrical)
@@ -266,8 +220,14 @@ class Fitter:
         self.noise_k = noise_k
         self._residuals = [ReadingResiduals(course.readings, noise_k) for course in self.courses]
 
-    def sensor_c(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
-                 electrical: Electrical) -> tuple[FloatArray, FloatArray]:
+    def _sensors_c(self, fit: ThermalFit) -> list[FloatArray]:
+        """Return the sensor temperatures at each course's readings [deg C] with a fit to all trips."""
+        model = self.models[fit.structure]
+        return [self._sensor_c(model, course, fit.theta, start_c - course.trip.start_c, fit.electrical)[0]
+                for course, start_c in zip(self.courses, fit.starts_c)]
+
+    def _sensor_c(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
+                  electrical: Electrical) -> tuple[FloatArray, FloatArray]:
         """Return sensor temperatures at a course's readings (K,) [deg C], and their slopes (K, PARAMETERS + 1)."""
         start_c = course.trip.start_c + start_offset_k
         readings_c, slopes = model.course(course, theta, start_c, electrical)
@@ -303,9 +263,9 @@ def start_deviation_k(course: Course) -> float:
 
 
 def _terms(residual: FloatArray, slope: FloatArray, start_slope: FloatArray, start_offset_k: float,
-           start_deviation_k: float) -> TripTerms:
+           start_deviation_k: float) -> tuple[FloatArray, FloatArray]:
     """Return a trip's gradient and information with its start temperature eliminated (Schur complement)."""
     information, gradient = slope.T @ slope, slope.T @ residual
     cross, own = slope.T @ start_slope, start_slope @ start_slope + 1.0 / start_deviation_k**2
     start_gradient = start_slope @ residual + start_offset_k / start_deviation_k**2
-    return TripTerms(gradient - cross * (start_gradient / own), information - np.outer(cross, cross) / own)
+    return gradient - cross * (start_gradient / own), information - np.outer(cross, cross) / own

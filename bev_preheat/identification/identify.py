@@ -12,20 +12,18 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from bev_preheat.identification.check import check_trips
-from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
-from bev_preheat.identification.electrical import CAPACITY_DEVIATION
+from bev_preheat.identification.electrical import CAPACITY_DEVIATION, fit_electrical
 from bev_preheat.identification.fit import Fitter
 from bev_preheat.identification.parameters import IN_CORE, NAMES, STRUCTURES, structures_of
-from bev_preheat.identification.result import Estimated, Identification, record_next, ResistanceCurve, verdict_of
+from bev_preheat.identification.result import coverage_of, Estimated, Identification, ResistanceCurve
 from bev_preheat.identification.structures import (
     baselines,
     chosen_structure,
     leave_each_out,
-    left_out_electricals,
     try_structures,
 )
-from bev_preheat.identification.trips import common_remarks
+from bev_preheat.identification.trips import common_remarks, refuse_poor
 from bev_preheat.identification.uncertainty import (
     correlations,
     Interval,
@@ -44,6 +42,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import ThermalFit
+    from bev_preheat.identification.parameters import Parameter
     from bev_preheat.identification.trips import Trip
     from bev_preheat.vehicle.description import Vehicle
 
@@ -64,8 +63,9 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     refuse_poor(trips)
     fitter = Fitter(vehicle, trips)
     tell('voltage and current')
-    electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
-    tried = structures_tried or structures_of(vehicle, any(fitter.has_heating))
+    electrical = fit_electrical(vehicle, trips)
+    electricals = [fit_electrical(vehicle, [trip for trip in trips if trip is not left_out]) for left_out in trips]
+    tried = structures_tried or structures_of(vehicle, any(trip.heats for trip in trips))
     fitter.find_dispersion(electrical, tried)
     structures, fits = try_structures(fitter, tried, electrical, electricals, tell)
     structure = chosen_structure(structures, [trip.kind for trip in trips])
@@ -73,7 +73,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     full = fits[structure]
     intervals = intervals_of(fitter, full)
     if STRUCTURES[structure].has_shell:
-        intervals = wider(fitter, intervals, fitter.fit(structure + IN_CORE, None, electrical, full))
+        intervals = wider(fitter, intervals, fitter.fit(structure + IN_CORE, electrical, full))
     held, fit = keep_start(fitter, full, intervals)
     if held:
         intervals = wider(fitter, intervals, fit)
@@ -88,15 +88,10 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
     check = check_trips(car, [trip.settled for trip in trips], replays=False)
-    known_without, together = baselines(fitter), tuple(
-        pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
+    together = tuple(pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
     return Identification(
-        car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
-        known_without, tuple(left_out), together, coverage, check,
-        common_remarks(trips),
-        tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
-                         electrical)),
-        tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s,
+        car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures), baselines(fitter),
+        tuple(left_out), together, coverage, check, common_remarks(trips), time.perf_counter() - began_s,
         fitter.residual_k(fit))
 
 
@@ -110,7 +105,7 @@ def keep_start(fitter: Fitter, full: ThermalFit,
     it may at random, the parameter whose release helps most is released.
     """
     def beside(kept: dict[str, float]) -> ThermalFit:
-        return fitter.fit(full.structure, None, full.electrical, full, kept)
+        return fitter.fit(full.structure, full.electrical, full, kept)
 
     held = _untold(fitter, intervals)
     fit = beside(held)
@@ -125,17 +120,12 @@ def keep_start(fitter: Fitter, full: ThermalFit,
 
 def _untold(fitter: Fitter, intervals: dict[str, Interval]) -> dict[str, float]:
     """Return the priors' centres of the parameters whose intervals are hardly narrower than the priors'."""
-    held = {}
-    for name, interval in intervals.items():
-        parameter = fitter.parameters[name]
-        low, high = _prior_interval(fitter, name)
-        if interval.high - interval.low > MOST_OF_PRIOR * (high - low):
-            held[name] = parameter.prior
-    return held
+    priors = {name: _prior_interval(fitter.parameters[name]) for name in intervals}
+    return {name: fitter.parameters[name].prior for name, interval in intervals.items()
+            if interval.high - interval.low > MOST_OF_PRIOR * (priors[name].high - priors[name].low)}
 
 
-def _prior_interval(fitter: Fitter, name: str) -> Interval:
-    parameter = fitter.parameters[name]
+def _prior_interval(parameter: Parameter) -> Interval:
     reach = QUANTILE * parameter.deviation
     return Interval(max(parameter.prior - reach, parameter.low), min(parameter.prior + reach, parameter.high))
 
@@ -146,10 +136,9 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
     estimates = []
     for name, interval in intervals.items():
         parameter, at = fitter.parameters[name], NAMES.index(name)
-        prior = _prior_interval(fitter, name)
         coordinate = float(fit.theta[at])
         estimate, low, high, prior_low, prior_high = (
-            float(parameter.value(end)) for end in (coordinate, *interval, *prior))
+            float(parameter.value(end)) for end in (coordinate, *interval, *_prior_interval(parameter)))
         bound = next((end for end in (parameter.low, parameter.high) if abs(coordinate - end) < AT_BOUND), None)
         estimates.append(Estimated(
             name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
@@ -162,7 +151,7 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
 
 def _arrival_slopes(fitter: Fitter, fit: ThermalFit) -> list[float]:
     """Return the root mean square over trips of the arrival temperature's slope over each coordinate."""
-    model = fitter.model(fit.structure)
+    model = fitter.models[fit.structure]
     last = np.array([model.course(course, fit.theta, start_c, fit.electrical)[1][-1]
                      for course, start_c in zip(fitter.courses, fit.starts_c)])
     return [float(value) for value in np.sqrt(np.mean(last**2, axis=0))]

@@ -69,9 +69,13 @@ class Structure(NamedTuple):
         """Whether the battery has two masses."""
         return self.sensor != ''
 
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the free parameters; of `heat_lag`, which a shell replaces, only if a trip has heating."""
+        return (*ALWAYS, *self.names, *(() if self.has_shell else ('heat_lag',)))
 
-# Structures of a vehicle file by name, simple ones first. The heat's lag is free, too, if there is heating and no
-# shell in its place.
+
+# Structures of a vehicle file by name, simple ones first.
 STRUCTURES = {
     'one mass': Structure(),
     'one mass, sensor lag': Structure(('sensor_lag',)),

@@ -87,32 +87,28 @@ def _segments(path: str | Path, recording: Recording, defaults: Defaults,
                             'channel in a signal map (--signals), or rename the column', *recording.remarks])
     time_s, usual_s = _instants(path, found['speed_mps'], found['power_w'], remarks)
 
-    def at_instants(name: str) -> FloatArray:
-        series = found[name]
-        return np.interp(time_s, series.time_s, series.value)
-
     cabin_w, battery_w = _heaters(path, recording, defaults, time_s, remarks)
     auxiliary_w = np.full(len(time_s), defaults.auxiliary_power_w)
     if 'auxiliary_w' in found:
         if found['auxiliary_w'].value.any():
-            auxiliary_w = at_instants('auxiliary_w')
+            auxiliary_w = found['auxiliary_w'].at(time_s)
         else:
             # Loggers write 0 for a value that they do not get.
             remarks.append(f'{path}: auxiliary_w is always 0; auxiliaries '
                            f'({figure(defaults.auxiliary_power_w)} W) are those of the vehicle')
     if 'aircon_w' in found:
-        auxiliary_w = auxiliary_w + at_instants('aircon_w')
+        auxiliary_w = auxiliary_w + found['aircon_w'].at(time_s)
     return {
-        'duration_s': np.diff(time_s, append=time_s[-1] + usual_s), 'speed_mps': at_instants('speed_mps'),
-        'propulsion_power_w': at_instants('power_w') - cabin_w - battery_w - auxiliary_w,
-        'ambient_temperature_c': at_instants('ambient_c'), 'cabin_heating_power_w': cabin_w,
+        'duration_s': np.diff(time_s, append=time_s[-1] + usual_s), 'speed_mps': found['speed_mps'].at(time_s),
+        'propulsion_power_w': found['power_w'].at(time_s) - cabin_w - battery_w - auxiliary_w,
+        'ambient_temperature_c': found['ambient_c'].at(time_s), 'cabin_heating_power_w': cabin_w,
         'auxiliary_power_w': auxiliary_w}
 
 
 def _heaters(path: str | Path, recording: Recording, defaults: Defaults, time_s: FloatArray,
              remarks: list[str]) -> tuple[FloatArray, FloatArray]:
     """Return the electrical powers of heating cabin and battery [W] at instants."""
-    power_w = {name: np.interp(time_s, recording.signals[name].time_s, recording.signals[name].value)
+    power_w = {name: recording.signals[name].at(time_s)
                for name in ('heater_w', 'battery_heater_w', 'cabin_heater_w') if name in recording.signals}
     battery_w = power_w.get('battery_heater_w', np.zeros(len(time_s)))
     if 'cabin_heater_w' in power_w:
@@ -163,7 +159,7 @@ def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]
         steps_s, at = np.diff(series.time_s), np.flatnonzero(gaps(series))
         if not at.size:
             continue
-        usual_s, span_s = float(np.median(steps_s)), float(np.ptp(series.time_s))
+        usual_s, most_s = float(np.median(steps_s)), MOST_BRIDGED * float(np.ptp(series.time_s))
         longest_s = max(BRIDGED_GAP_S, BRIDGED_GAP_INTERVALS * usual_s)
         worst = at[np.argmax(steps_s[at])]
         if steps_s[worst] > longest_s:
@@ -171,10 +167,9 @@ def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]
                                f'{figure(series.time_s[worst])} s to {figure(series.time_s[worst + 1])} s; at '
                                f'most {figure(longest_s)} s are bridged')
         missing_s = float(np.sum(steps_s[at] - usual_s))
-        if missing_s > MOST_BRIDGED * span_s:
+        if missing_s > most_s:
             raise InvalidInput(f'{path}: {name}: {figure(missing_s)} s without samples, in {len(at)} gaps; at '
-                               'most '
-                               f'{figure(MOST_BRIDGED * span_s)} s, {MOST_BRIDGED:.0%} of the log, are bridged')
+                               f'most {figure(most_s)} s, {MOST_BRIDGED:.0%} of the log, are bridged')
         first = at[0]
         many = f' (and {len(at) - 1} more gaps, {figure(missing_s)} s in all)' if len(at) > 1 else ''
         described.setdefault(

@@ -92,7 +92,9 @@ def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
     soc, current, speed = (signals.get(key) for key in ('soc', 'current_a', 'speed_mps'))
     charge, constant_a = _only_value(soc), _only_value(current)
     if soc is not None and charge is not None and current is not None:
-        drawn_ah = _drawn_ah(current, soc.time_s[0], soc.time_s[-1])
+        # Long intervals without samples count nothing.
+        part = current.part((current.time_s >= soc.time_s[0]) & (current.time_s <= soc.time_s[-1]))
+        drawn_ah = float(integral(part)[-1] / S_PER_H) if len(part.value) else 0.0
         if abs(drawn_ah) > STUCK_SOC_SHARE * vehicle.battery.capacity_ah:
             problems.append(f'{name}: soc: stays at {figure(charge, 4)} while {drawn_ah:+.1f} Ah are drawn; '
                             'record the state of charge')
@@ -128,10 +130,3 @@ def _jumps(name: str, series: Series | None) -> list[str]:
     return [f'{name}: battery_temperature_c: jumps from {series.value[at - 1]:.1f} to {series.value[at]:.1f} degC '
             f'after {series.time_s[at - 1]:.0f} s; no battery warms or cools so fast; cut the log there, or drop '
             'the wrong readings']
-
-
-def _drawn_ah(current: Series, start_s: float = -math.inf, end_s: float = math.inf) -> float:
-    """Return the charge drawn between two instants [Ah]; long intervals without samples count nothing."""
-    inside = (current.time_s >= start_s) & (current.time_s <= end_s)
-    part = Series(current.time_s[inside], current.value[inside])
-    return float(integral(part)[-1] / S_PER_H) if len(part.value) else 0.0

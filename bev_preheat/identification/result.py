@@ -8,18 +8,21 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.errors import figure
 from bev_preheat.identification.check import rms
 from bev_preheat.identification.structures import graded, misfit_gains
 from bev_preheat.identification.uncertainty import QUANTILE, SYSTEMATIC_DEVIATIONS
+from bev_preheat.numerics import S_PER_H
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from bev_preheat.identification.check import Check
-    from bev_preheat.identification.coverage import Coverage
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.structures import LeftOut, StructureResult
+    from bev_preheat.identification.trips import Trip
     from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -27,38 +30,38 @@ if TYPE_CHECKING:
 GOOD_RMSE_K, POOR_RMSE_K = 0.6, 1.5
 COLDEST_USEFUL_C = -10.0
 LEAST_DRIVES = 6
+# A night that determines leakage: duration [h] and difference to the air [K].
+NIGHT_H, NIGHT_DIFFERENCE_K = 3.0, 5.0
 # Each heated drive is predicted from the others: two do not tell a shell.
 LEAST_HEATED = 3
 
 
-def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
-               structures: Sequence[StructureResult], structure: str, coverage: Coverage,
-               together: Sequence[tuple[str, str, float]], electrical: Electrical) -> Iterator[str]:
+def verdict_of(result: Identification) -> Iterator[str]:
     """Yield the verdict's sentences, the most important first."""
+    estimates, coverage = result.estimates, result.coverage
     unusual = [item for item in estimates if item.is_unusual]
-    if left_out:
-        yield from _on_trips_left_out(left_out, baselines, unusual)
+    if result.left_out:
+        yield from _on_trips_left_out(result, unusual)
     else:
         yield (f'Only {coverage.trips} log{"" if coverage.trips == 1 else "s"}: nothing tests the file; the '
                'intervals say how far it can be trusted. Record more, and each log is predicted from the others.')
     yield from map(_on_unusual, unusual)
-    yield from _resistance(coverage, electrical)
+    yield from _resistance(coverage, result.electrical)
     unknown = [item.label for item in estimates if not item.is_identified]
     if unknown:
         yield f"Not told by these logs, so START's value stays: {', '.join(unknown)}."
     if coverage.heated_trips == 0:
         yield 'Without any use of the battery heater its efficiency is unknown.'
     labels = {item.name: item.label for item in estimates}
-    for one, other, ratio in together:
+    for one, other, ratio in result.together:
         if one in labels and other in labels:
             yield f'Known only together (correlation {ratio:+.2f}): {labels[one]} and {labels[other]}.'
-    if left_out:
-        yield from _structures(structures, structure, [trip.kind for trip in left_out])
+    if result.left_out:
+        yield from _structures(result)
 
 
-def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
-                       unusual: Sequence[Estimated]) -> Iterator[str]:
-    grading = graded(left_out)
+def _on_trips_left_out(result: Identification, unusual: Sequence[Estimated]) -> Iterator[str]:
+    grading = graded(result.left_out)
     rmse_k = rms([trip.error_k for trip in grading])
     worst = max(grading, key=lambda trip: abs(trip.error_k))
     grade = ('The file should not be trusted yet' if rmse_k > POOR_RMSE_K or unusual else
@@ -68,12 +71,12 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
         grade += f', because of its {" and ".join(item.label for item in unusual)} (see below)'
     yield (f'{grade}: fitted without a trip, it predicts the arrival temperature of that trip with an RMSE of '
            f'{rmse_k:.2f} K (worst {worst.error_k:+.2f} K, {worst.name}).')
-    for baseline in baselines.values():
+    for baseline in result.baselines.values():
         if rmse_k > baseline.rmse_k:
             consequence = ('these trips are too alike to test the file for others' if rmse_k < GOOD_RMSE_K else
                            'the fit has no value yet')
             yield f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): {consequence}.'
-    for trip in left_out:
+    for trip in result.left_out:
         if trip not in grading:
             yield (f'{trip.name} is the only {trip.kind}: without it the others miss it by {trip.error_k:+.2f} K; '
                    'no other log tests its part of the file.')
@@ -106,10 +109,11 @@ def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
     yield f'Resistance above {high_c:.0f} degC is extrapolated.'
 
 
-def _structures(structures: Sequence[StructureResult], structure: str, kinds: Sequence[str]) -> Iterator[str]:
-    first, own = structures[0], next(result for result in structures if result.structure == structure)
-    diverging = [result.structure for result in structures if result.diverges]
-    yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
+def _structures(result: Identification) -> Iterator[str]:
+    first, kinds = result.structures[0], [trip.kind for trip in result.left_out]
+    own = next(each for each in result.structures if each.structure == result.structure)
+    diverging = [each.structure for each in result.structures if each.diverges]
+    yield (f'Structure: {own.structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
            + ('no other structure explains unseen trips clearly better.' if own is first else
               f'it explains unseen trips better than {first.structure}, by '
               f'{figure(float(misfit_gains(first, own, kinds).sum()), 3)} in the log-likelihood '
@@ -118,10 +122,10 @@ def _structures(structures: Sequence[StructureResult], structure: str, kinds: Se
         yield f'On these trips the fit diverges: {", ".join(diverging)}.'
 
 
-def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: Electrical) -> Iterator[str]:
+def missing_recordings(result: Identification) -> Iterator[str]:
     """Yield the recordings that would determine most, the most valuable first."""
-    widths = {item.name: item for item in estimates}
-    if not electrical.used:
+    coverage, is_identified = result.coverage, {item.name: item.is_identified for item in result.estimates}
+    if not result.electrical.used:
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
     more = LEAST_HEATED - coverage.heated_trips
     if more > 0:
@@ -130,7 +134,7 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
                'around the core.')
     if coverage.heated_trips > 0 and coverage.unheated_drives == 0:
         yield 'Two drives without battery heating: they separate the heater from the Joule heat.'
-    if coverage.telling_nights == 0 and not widths['leakage'].is_identified:
+    if coverage.telling_nights == 0 and not is_identified['leakage']:
         yield ('A night at stand: the battery at least 10 K warmer than the air, one reading a minute for six '
                'hours or more; it tells the leakage.')
     if coverage.battery_c[0] > COLDEST_USEFUL_C:
@@ -140,8 +144,61 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
         yield f'A second drive below {coverage.resistance_from_c:.0f} degC: the resistance there rests on one.'
     if coverage.drives < LEAST_DRIVES:
         yield f'{LEAST_DRIVES - coverage.drives} more drives of at least 20 min: intervals rest on whole trips.'
-    if not widths['drivetrain_heat'].is_identified:
+    if not is_identified['drivetrain_heat']:
         yield 'A drive on a motorway and one in a town: they separate drivetrain heat from Joule heat.'
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """
+    Situations covered by trips.
+
+    Ranges are (low, high). The resistance is known between `resistance_from_c` and `resistance_to_c`, where at
+    least two trips with voltage and current were; None: nowhere. `coldest_trip` is the only one below, '' if none.
+    """
+
+    trips: int
+    drives: int
+    nights: int
+    charging_sessions: int
+    heated_trips: int
+    unheated_drives: int
+    hours: float
+    battery_c: tuple[float, float]
+    ambient_c: tuple[float, float]
+    soc: tuple[float, float]
+    speed_mps: tuple[float, float]
+    resistance_from_c: float | None
+    resistance_to_c: float | None
+    coldest_trip: str
+    coldest_c: float
+    telling_nights: int
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the coverage in JSON form."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+
+def coverage_of(trips: Sequence[Trip], electrical: Electrical) -> Coverage:
+    """Return the Coverage of Trips."""
+    def span(name: str) -> tuple[float, float]:
+        return (min(float(getattr(trip, name).min()) for trip in trips),
+                max(float(getattr(trip, name).max()) for trip in trips))
+
+    telling = [trip for trip in trips if trip.name in electrical.used]
+    lows = sorted((float(trip.battery_temperature_c.min()), trip.name) for trip in telling)
+    highs = sorted((float(trip.battery_temperature_c.max()) for trip in telling), reverse=True)
+    drives = [trip for trip in trips if trip.kind == 'drive']
+    nights = [trip for trip in trips if trip.kind == 'night at stand']
+    return Coverage(
+        len(trips), len(drives), len(nights), sum(trip.kind == 'charging session' for trip in trips),
+        sum(trip.heats for trip in trips), sum(not trip.heats for trip in drives),
+        sum(map(len, trips)) / S_PER_H, span('battery_temperature_c'), span('ambient_c'), span('soc'),
+        span('speed_mps'), lows[1][0] if len(lows) > 1 else None, highs[1] if len(highs) > 1 else None,
+        lows[0][1] if lows else '', lows[0][0] if lows else float('nan'),
+        sum(len(trip) > NIGHT_H * S_PER_H
+            and float(np.mean(np.abs(trip.battery_temperature_c - trip.ambient_c))) > NIGHT_DIFFERENCE_K
+            for trip in nights))
 
 
 @dataclass(frozen=True)
@@ -218,8 +275,6 @@ class Identification:
     coverage: Coverage
     check: Check
     remarks: tuple[str, ...]
-    verdict: tuple[str, ...]
-    record_next: tuple[str, ...]
     duration_s: float
     fit_rmse_k: float
 
@@ -239,9 +294,14 @@ class Identification:
         return (self.rmse_k if self.left_out else self.fit_rmse_k) <= POOR_RMSE_K
 
     @property
-    def unidentified(self) -> list[str]:
-        """Return the labels of the parameters that keep their prior."""
-        return [item.label for item in self.estimates if not item.is_identified]
+    def verdict(self) -> tuple[str, ...]:
+        """The sentences on how far the file can be trusted, the most important first."""
+        return tuple(verdict_of(self))
+
+    @property
+    def record_next(self) -> tuple[str, ...]:
+        """The recordings that would determine most, the most valuable first."""
+        return tuple(missing_recordings(self))
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the result in JSON form."""
@@ -249,7 +309,7 @@ class Identification:
         return {
             'vehicle': self.vehicle.name, 'start': self.start_name, 'structure': self.structure,
             'parameters': [asdict(item) for item in self.estimates],
-            'unidentified': self.unidentified,
+            'unidentified': [item.label for item in self.estimates if not item.is_identified],
             'resistance': {name: values.tolist() for name, values in vars(curve).items()},
             'electrical': {
                 'heat_factor': electrical.heat_factor, 'polarisation': electrical.polarisation,

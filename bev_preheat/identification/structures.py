@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.identification.check import predict, rms
-from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import STRUCTURES
+from bev_preheat.identification.trips import LEAST_TRIPS
 from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 
@@ -85,11 +85,6 @@ def graded(left_out: Sequence[LeftOut]) -> list[LeftOut]:
     return [trip for trip in left_out if kinds.count(trip.kind) > 1] or list(left_out)
 
 
-def left_out_electricals(fitter: Fitter) -> list[Electrical]:
-    """Return, for each trip, the Electrical of all others."""
-    return [fitter.electrical(_others(fitter, at)) for at in range(len(fitter.trips))]
-
-
 def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical, electricals: Sequence[Electrical],
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
     """Return results of the structures that may be chosen, and their fits to all trips; `tell` gets each name."""
@@ -99,16 +94,16 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
         electricals = ()
     for structure in structures:
         tell(f'structure: {structure}')
-        fit = fitter.fit(structure, None, whole)
+        fit = fitter.fit(structure, whole)
         if results and fit.cost > min(result.cost for result in results) - LEAST_MISFIT_GAIN:
             continue
         fits[structure], errors_k, misfits = fit, [], []
         for at, electrical in enumerate(electricals):
             tell(f'structure: {structure}, without {fitter.trips[at].name}')
-            without = fitter.fit(structure, _others(fitter, at), electrical, fit)
+            without = fitter.fit(structure, electrical, fit, left_out=at)
             course = fitter.settled[at]
             trip = course.trip
-            readings_c, _ = fitter.model(structure).course(course, without.theta, trip.start_c, electrical)
+            readings_c, _ = fitter.models[structure].course(course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
             misfits.append(fitter.misfit(without, at))
         results.append(StructureResult(structure, fit.cost, tuple(misfits), tuple(errors_k)))
@@ -146,10 +141,10 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
         course = fitter.settled[at]
         trip = course.trip
         tell(f'leaving out {trip.name}')
-        without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
+        without = fitter.fit(fit.structure, electrical, fit, held, at)
         car = identified_vehicle(fitter, without)
         error_k = float(predict(car, trip).reading_c[-1]) - trip.arrival_c
-        _, slopes = fitter.model(fit.structure).course(course, without.theta, trip.start_c, electrical)
+        _, slopes = fitter.models[fit.structure].course(course, without.theta, trip.start_c, electrical)
         slope = slopes[-1, :-1]
         step_k = trip.resolution_k / math.sqrt(12.0)
         found.append(LeftOut(trip.name, error_k, math.sqrt(
@@ -170,12 +165,8 @@ def baselines(fitter: Fitter) -> dict[str, StructureResult]:
     columns = np.stack((np.ones_like(squares), squares / max(float(squares.max()), 1e-9)), axis=1)
     errors_k = []
     for at in range(len(squares)):
-        kept = _others(fitter, at)
-        coefficients, *_ = np.linalg.lstsq(columns[kept], warmed_k[kept], rcond=None)
+        coefficients, *_ = np.linalg.lstsq(
+            np.delete(columns, at, axis=0), np.delete(warmed_k, at), rcond=None)
         errors_k.append(float(columns[at] @ coefficients - warmed_k[at]))
     found = {'constant temperature': tuple(-warmed_k), 'regression on I^2': tuple(errors_k)}
     return {name: StructureResult(name, math.nan, (), errors) for name, errors in found.items()}
-
-
-def _others(fitter: Fitter, left_out: int) -> list[int]:
-    return [at for at in range(len(fitter.trips)) if at != left_out]

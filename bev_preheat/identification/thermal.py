@@ -16,7 +16,7 @@ import casadi
 import numpy as np
 
 from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
-from bev_preheat.identification.parameters import NAMES, Structure, STRUCTURES
+from bev_preheat.identification.parameters import NAMES, Structure
 from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
@@ -46,7 +46,6 @@ DRIVE_STEP_S, STAND_STEP_S = 15, 300
 SETTLING_S = 7200.0
 # A signal with steps below this is continuous [K].
 LEAST_RESOLUTION_K = 0.2
-ONE_MASS = STRUCTURES['one mass']
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +139,7 @@ def _readings(trip: Trip, edges: FloatArray) -> tuple[Readings, IntArray]:
 class ThermalModel:
     """Sensor temperatures over courses for a START vehicle; coordinates are those of `NAMES`, then log factors."""
 
-    def __init__(self, vehicle: Vehicle, free: Collection[str], structure: Structure = ONE_MASS) -> None:
+    def __init__(self, vehicle: Vehicle, free: Collection[str], structure: Structure) -> None:
         """Take the START vehicle; slopes over names that are not `free` are 0."""
         self._vehicle, self._structure = vehicle, structure
         self._free = [name in free for name in NAMES] + [True] * len(KNOTS_C)

@@ -48,6 +48,8 @@ UNKNOWN_SOC = 0.5
 SETTLED_S = 5.0 * 3600.0
 # A log without the battery's power is one at stand if it has the heater's power, or lasts this long [s].
 LEAST_STAND_S = 3600.0
+# Numbers of trips for a fit, and the change of the battery temperature that one trip must have [K].
+LEAST_TRIPS, MOST_TRIPS, LEAST_CHANGE_K = 3, 200, 2.0
 # Usual steps of a temperature signal.
 RESOLUTIONS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 
@@ -163,14 +165,11 @@ def trips_from(makers: Iterable[Callable[[], Trip]]) -> list[Trip]:
             trips.append(make())
         except InvalidInput as error:
             problems += error.problems
-    seen: dict[str, Trip] = {}
-    for trip in trips:
-        twin = next((other for other in seen.values() if len(other) == len(trip)
-                     and np.array_equal(other.power_w, trip.power_w)
+    for number, trip in enumerate(trips):
+        twin = next((other for other in trips[:number] if np.array_equal(other.power_w, trip.power_w)
                      and np.array_equal(other.battery_temperature_c, trip.battery_temperature_c)), None)
         if twin is not None:
             problems.append(f'{trip.name}: is the same recording as {twin.name}; name each log once')
-        seen[f'{trip.name} {len(seen)}'] = trip
     if problems:
         raise InvalidInput(problems)
     return trips
@@ -183,10 +182,11 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     if problems := problems_of(recording, signals, vehicle):
         raise InvalidInput(problems)
     has_voltage = 'voltage_v' in signals and 'current_a' in signals
-    needed = ('battery_temperature_c', 'soc', *(('voltage_v', 'current_a') if has_voltage else ('power_w',)))
+    of_power = ('voltage_v', 'current_a') if has_voltage else ('power_w',)
+    needed = ('battery_temperature_c', 'soc', *of_power)
     start_s = max(signals[key].time_s[0] for key in needed)
     end_s = min(signals[key].time_s[-1] for key in needed)
-    start_s, end_s, hole = _longest_part(signals, needed[2:], start_s, end_s)
+    start_s, end_s, hole = _longest_part(signals, of_power, start_s, end_s)
     if end_s - start_s < SHORTEST_TRIP_S:
         raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log '
                            f'must last at least {SHORTEST_TRIP_S:.0f} s{f" ({hole})" if hole else ""}')
@@ -195,32 +195,28 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
                            f'{LONGEST_TRIP_S / 3600.0:.0f} h are allowed; cut it into trips')
     grid_s = np.arange(np.floor(end_s - start_s) + 1.0) + start_s
 
-    def linear(key: str) -> FloatArray:
-        return np.asarray(np.interp(grid_s, signals[key].time_s, signals[key].value), dtype=float)
-
     def held(key: str) -> FloatArray:
         series = signals[key]
         at = np.searchsorted(series.time_s, grid_s, side='right') - 1
         return np.asarray(series.value[np.maximum(at, 0)])
 
     remarks = [*map(partial(_without_path, name), recording.remarks), *at_stand, *filter(None, (hole,))]
-    voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
-    power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
+    voltage_v, current_a = (signals[key].at(grid_s) if has_voltage else None for key in ('voltage_v', 'current_a'))
     has_speed = 'speed_mps' in recording.signals
-    speed_mps = linear('speed_mps') if has_speed else np.zeros_like(grid_s)
+    speed_mps = signals['speed_mps'].at(grid_s) if has_speed else np.zeros_like(grid_s)
     if not has_speed and not at_stand:
         remarks.append('no speed: leakage with speed cannot be identified')
     heater_w = held('battery_heater_w') if 'battery_heater_w' in signals else np.zeros_like(grid_s)
     cabin_w, auxiliary_w = (np.zeros_like(grid_s), np.zeros_like(grid_s)) if at_stand else _others(
         signals, held, grid_s, vehicle, remarks)
-    idle_w = power_w - heater_w
-    propulsion_w = linear('propulsion_power_w') if 'propulsion_power_w' in signals else (
+    idle_w = _product(signals, of_power, grid_s) - heater_w
+    propulsion_w = signals['propulsion_power_w'].at(grid_s) if 'propulsion_power_w' in signals else (
         idle_w - cabin_w - auxiliary_w)
     standing = speed_mps < STANDING_MPS if has_speed else np.full(
         len(grid_s), bool(at_stand) or idle_w.mean() < 0.0)
     temperature_c, weight = _readings(signals['battery_temperature_c'], grid_s, held('battery_temperature_c'))
     return Trip(name, temperature_c, held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
-                cabin_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
+                cabin_w, heater_w, speed_mps, signals['ambient_c'].at(grid_s), voltage_v, current_a,
                 tuple(remarks), _period_s(signals['battery_temperature_c'].time_s), weight)
 
 
@@ -257,13 +253,15 @@ def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]
 
 def _hardly_any_power(signals: Mapping[str, Series]) -> bool:
     """Return whether the battery's power without the heater's is below that of a standing car."""
-    if 'power_w' in signals:
-        time_s, power_w = signals['power_w'].time_s, signals['power_w'].value
-    else:
-        time_s = signals['current_a'].time_s
-        power_w = signals['current_a'].value * np.interp(
-            time_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
-    return len(power_w) > 0 and float(np.mean(np.abs(power_w) < IDLE_W)) > SHARE_OF_STAND
+    of_power = ('power_w',) if 'power_w' in signals else ('current_a', 'voltage_v')
+    time_s = signals[of_power[0]].time_s
+    return len(time_s) > 0 and float(
+        np.mean(np.abs(_product(signals, of_power, time_s)) < IDLE_W)) > SHARE_OF_STAND
+
+
+def _product(signals: Mapping[str, Series], keys: Sequence[str], time_s: FloatArray) -> FloatArray:
+    """Return the product of signals at instants: of voltage and current, or the power itself."""
+    return np.asarray(np.prod([signals[key].at(time_s) for key in keys], axis=0))
 
 
 def _readings(series: Series, grid_s: FloatArray, held_c: FloatArray) -> tuple[FloatArray, FloatArray | None]:
@@ -334,7 +332,14 @@ def _longest_part(signals: Mapping[str, Series], keys: Sequence[str], begin_s: f
 
     A hole is where a signal of the power has no sample for long while the car draws power.
     """
-    holes = [hole for key in keys for hole in _holes(signals, key, begin_s, end_s)]
+    holes: list[tuple[float, float, str]] = []
+    for key in keys:
+        time_s = signals[key].time_s
+        for at in np.flatnonzero(np.diff(time_s) > POWER_GAP_S):
+            around_s = time_s[at:at + 2]
+            draws = (np.abs(_product(signals, keys, around_s)) > LEAST_DRAWN_W).any()
+            if draws and around_s[0] < end_s and around_s[1] > begin_s:
+                holes.append((float(around_s[0]), float(around_s[1]), key))
     if not holes:
         return begin_s, end_s, ''
     edges, at_s = [], begin_s
@@ -348,18 +353,6 @@ def _longest_part(signals: Mapping[str, Series], keys: Sequence[str], begin_s: f
         f'{POWER_GAP_S:.0f} s): only {own_s:.0f} ... {until_s:.0f} s are used')
 
 
-def _holes(signals: Mapping[str, Series], key: str, begin_s: float,
-           end_s: float) -> Iterable[tuple[float, float, str]]:
-    time_s = signals[key].time_s
-    for at in np.flatnonzero(np.diff(time_s) > POWER_GAP_S):
-        around_s = time_s[at:at + 2]
-        power_w = (np.interp(around_s, signals['current_a'].time_s, signals['current_a'].value)
-                   * np.interp(around_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
-                   if key != 'power_w' else signals['power_w'].value[at:at + 2])
-        if (np.abs(power_w) > LEAST_DRAWN_W).any() and around_s[0] < end_s and around_s[1] > begin_s:
-            yield float(around_s[0]), float(around_s[1]), key
-
-
 def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:
     """Return the remarks on Trips, each once, with the names of the trips or their number."""
     names: dict[str, list[str]] = {}
@@ -368,3 +361,24 @@ def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:
             names.setdefault(remark, []).append(trip.name)
     return tuple(f'{", ".join(found) if len(found) <= MOST_NAMED else f"{len(found)} logs"}: {remark}'
                  for remark, found in names.items())
+
+
+def refuse_poor(trips: Sequence[Trip]) -> None:
+    """Raise InvalidInput with a sentence for each reason why no car can be identified from Trips."""
+    problems = []
+    has_drive = any(trip.kind == 'drive' for trip in trips)
+    if not trips or (has_drive and len(trips) < LEAST_TRIPS):
+        problems.append(f'{len(trips)} usable log{"" if len(trips) == 1 else "s"}; at least {LEAST_TRIPS} are '
+                        'needed with drives, because each is predicted from the others; record more drives')
+    if len(trips) > MOST_TRIPS:
+        problems.append(f'{len(trips)} logs; at most {MOST_TRIPS} are fitted; leave out the shortest')
+    changes_k = [float(np.ptp(trip.battery_temperature_c)) for trip in trips]
+    if trips and max(changes_k) < LEAST_CHANGE_K:
+        problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
+                        f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
+                        'or a night at stand after a drive')
+    if trips and all(trip.kind == 'charging session' for trip in trips):
+        problems.append('none of the logs is a drive, a night or heated at stand; record at least one drive of '
+                        '20 min')
+    if problems:
+        raise InvalidInput(problems)

@@ -18,15 +18,14 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.trips import LEAST_TRIPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, ResistanceCurve
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Uncertainty
 
 DRAWS = 2000
@@ -52,29 +51,24 @@ class Interval(NamedTuple):
     high: float
 
 
-def bootstrap(fit: ThermalFit) -> FloatArray:
-    """Return drawn coordinates (DRAWS, free)."""
-    generator = np.random.default_rng(SEED)
-    count = len(fit.terms)
-    gradients = np.array([term.gradient for term in fit.terms])
-    information = np.array([term.information for term in fit.terms])
-    prior_root = np.linalg.cholesky(fit.prior_precision)
-    # A draw of n of n trips varies too little by this factor.
-    widen = math.sqrt(count / max(count - 1.0, 1.0))
-    weights = generator.multinomial(count, np.full(count, 1.0 / count), DRAWS).astype(float)
-    centres = generator.standard_normal((DRAWS, len(prior_root))) @ prior_root.T
-    pull = (widen * (weights - 1.0)) @ gradients + centres
-    whole = np.einsum('di,ijk->djk', weights, information) + fit.prior_precision
-    return np.asarray(fit.theta[fit.free] - np.linalg.solve(whole, pull[..., np.newaxis])[..., 0])
-
-
-def bootstrap_intervals(fit: ThermalFit) -> list[Interval]:
-    """Return the Intervals of the free coordinates by `bootstrap`; of too few trips to draw, those of the fit."""
-    if len(fit.terms) < LEAST_TRIPS:
-        reach, centre = QUANTILE * np.sqrt(np.diag(np.linalg.inv(fit.information))), fit.theta[fit.free]
-        return [Interval(*pair) for pair in np.stack((centre - reach, centre + reach), axis=1).tolist()]
-    ends = np.quantile(bootstrap(fit), [0.5 - 0.5 * PROBABILITY, 0.5 + 0.5 * PROBABILITY], axis=0)
-    return [Interval(*pair) for pair in ends.T.tolist()]
+def bootstrap_intervals(fit: ThermalFit) -> dict[int, Interval]:
+    """Return the Intervals of free coordinates by index, from drawn trips; of too few trips, those of the fit."""
+    centre, count = fit.theta[fit.free], len(fit.gradients)
+    if count < LEAST_TRIPS:
+        reach = QUANTILE * np.sqrt(np.diag(np.linalg.inv(fit.information)))
+        ends = np.stack((centre - reach, centre + reach))
+    else:
+        generator = np.random.default_rng(SEED)
+        prior_root = np.linalg.cholesky(fit.prior_precision)
+        # A draw of n of n trips varies too little by this factor.
+        widen = math.sqrt(count / max(count - 1.0, 1.0))
+        weights = generator.multinomial(count, np.full(count, 1.0 / count), DRAWS).astype(float)
+        centres = generator.standard_normal((DRAWS, len(prior_root))) @ prior_root.T
+        pull = (widen * (weights - 1.0)) @ fit.gradients + centres
+        whole = np.einsum('di,ijk->djk', weights, fit.informations) + fit.prior_precision
+        drawn = centre - np.linalg.solve(whole, pull[..., np.newaxis])[..., 0]
+        ends = np.quantile(drawn, [0.5 - 0.5 * PROBABILITY, 0.5 + 0.5 * PROBABILITY], axis=0)
+    return {at: Interval(*pair) for at, pair in zip(np.flatnonzero(fit.free).tolist(), ends.T.tolist())}
 
 
 def profile_interval(fitter: Fitter, fit: ThermalFit, name: str) -> Interval:
@@ -94,7 +88,7 @@ def profile_interval(fitter: Fitter, fit: ThermalFit, name: str) -> Interval:
             if (coordinate - bound) * side >= 0.0:
                 coordinate = bound
             near = replace(fit, theta=fit.theta + along * (coordinate - fit.theta[at]))
-            cost = fitter.fit(fit.structure, None, fit.electrical, near, {name: coordinate}).cost
+            cost = fitter.fit(fit.structure, fit.electrical, near, {name: coordinate}).cost
             # A held parameter has no prior in the fit's cost.
             cost += 0.5 * ((coordinate - parameter.prior) / parameter.deviation)**2
             rise = max(cost - fit.cost, 1e-6)
@@ -107,10 +101,9 @@ def profile_interval(fitter: Fitter, fit: ThermalFit, name: str) -> Interval:
 
 def intervals_of(fitter: Fitter, fit: ThermalFit) -> dict[str, Interval]:
     """Return the Intervals of the free thermal parameters: the wider of bootstrap and profile at each end."""
-    drawn = dict(zip(np.flatnonzero(fit.free).tolist(), bootstrap_intervals(fit)))
-    found = {}
+    drawn, found = bootstrap_intervals(fit), {}
     for at, name in enumerate(NAMES):
-        if not fit.free[at]:
+        if at not in drawn:
             continue
         profile, own = profile_interval(fitter, fit, name), drawn[at]
         parameter, systematic = fitter.parameters[name], QUANTILE * SYSTEMATIC_DEVIATIONS.get(name, 0.0)
@@ -123,7 +116,7 @@ def intervals_of(fitter: Fitter, fit: ThermalFit) -> dict[str, Interval]:
 
 def wider(fitter: Fitter, intervals: dict[str, Interval], fit: ThermalFit) -> dict[str, Interval]:
     """Return Intervals that also contain those of a fit with held parameters, or of another structure."""
-    drawn, found = dict(zip(np.flatnonzero(fit.free).tolist(), bootstrap_intervals(fit))), {}
+    drawn, found = bootstrap_intervals(fit), {}
     for name, interval in intervals.items():
         parameter, own = fitter.parameters[name], drawn.get(NAMES.index(name), interval)
         found[name] = Interval(max(min(interval.low, own.low), parameter.low),
@@ -159,9 +152,8 @@ def uncertainty_of(start: Uncertainty, estimates: Iterable[Estimated], resistanc
     give it. `speed_mps` is the mean speed of the drives: the factor on the leakage is one on both of its parts.
     """
     by_name = {item.name: item for item in estimates}
-    found = {factor: _log_deviation(by_name[name].low, by_name[name].high) for factor, name in (
-        ('heat_capacity', 'heat_capacity'), ('heater_efficiency', 'heater_efficiency'))
-        if name in by_name and by_name[name].is_identified}
+    found = {name: _log_deviation(item.low, item.high) for name, item in by_name.items()
+             if name in ('heat_capacity', 'heater_efficiency') and item.is_identified}
     at_stand, with_speed = by_name['leakage'], by_name['leakage_with_speed']
     if at_stand.is_identified:
         found['leakage'] = math.hypot(

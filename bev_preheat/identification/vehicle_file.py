@@ -41,28 +41,24 @@ COOLANT_EXCESS_K = 60.0
 LEAST_LAG_S = 1.0
 
 
-def values_of(fitter: Fitter, fit: ThermalFit) -> dict[str, float]:
-    """Return the thermal parameters' values by name."""
-    return {name: float(fitter.parameters[name].value(coordinate))
-            for name, coordinate in zip(NAMES, fit.theta.tolist())}
-
-
 def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
     """Return START with the values of a fit, as a vehicle file with them would be loaded."""
-    vehicle, values, electrical = fitter.vehicle, values_of(fitter, fit), fit.electrical
-    battery = vehicle.battery
+    vehicle, battery, electrical = fitter.vehicle, fitter.vehicle.battery, fit.electrical
+    values = {name: float(fitter.parameters[name].value(coordinate))
+              for name, coordinate in zip(NAMES, fit.theta.tolist())}
+    is_free = dict(zip(NAMES, fit.free.tolist()))
     voltage: Curve = battery.open_circuit_voltage
     if electrical.used:
         voltage = voltage_table(CorrectedVoltage(voltage, *map(float, electrical.voltage_v)), battery.soc_range)
     path, structure = vehicle.heat_path, STRUCTURES[fit.structure]
     if path.is_shell or structure.has_shell:
         path = HeatPath(path.heater_lag_s, sensor_lag_s=path.sensor_lag_s)
-    if _is_free(fit, 'heat_lag'):
+    if is_free['heat_lag']:
         coolant = path.coolant_heat_capacity_j_per_k or (
             vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w * values['heat_lag'] / COOLANT_EXCESS_K)
         path = replace(path, coolant_heat_capacity_j_per_k=coolant,
                        coolant_conductance_w_per_k=coolant / max(values['heat_lag'], LEAST_LAG_S))
-    if _is_free(fit, 'sensor_lag'):
+    if is_free['sensor_lag']:
         path = replace(path, sensor_lag_s=values['sensor_lag'])
     losses = 1.0 - vehicle.drivetrain.efficiency
     share = min(values['drivetrain_heat'] / losses, 1.0) if losses > 0.0 else 0.0
@@ -77,10 +73,6 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
             leakage=Leakage(values['leakage'], values['leakage_with_speed'])))
     return found if not structure.has_shell else with_shell(
         found, values['shell_share'], values['shell_conductance'], structure.sensor)
-
-
-def _is_free(fit: ThermalFit, name: str) -> bool:
-    return bool(fit.free[NAMES.index(name)])
 
 
 def identified_text(start: dict[str, FileData], vehicle: Vehicle, notes: Mapping[str, str],
@@ -108,19 +100,14 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, notes: Mapping
     contents['drivetrain']['heat_recovery_efficiency'] = _rounded(vehicle.drivetrain.heat_recovery_efficiency)
     lags = {key: _rounded(value) for key, value in asdict(path).items()
             if value > 0.0 and (not path.is_shell or key in ('heater_lag_s', 'sensor_lag_s'))}
-    contents.pop('heat_path', None)
-    if lags:
-        contents['heat_path'] = lags
-    contents.pop('thermal', None)
-    if path.is_shell:
-        contents['thermal'] = {
-            'shell_share': _rounded(path.shell_share),
-            'conductance_w_per_k': _rounded(path.coolant_conductance_w_per_k),
-            'sensor': path.sensor_place}
+    thermal = {} if not path.is_shell else {
+        'shell_share': _rounded(path.shell_share),
+        'conductance_w_per_k': _rounded(path.coolant_conductance_w_per_k), 'sensor': path.sensor_place}
     deviations = {key: value for key, value in vars(vehicle.uncertainty).items() if value is not None}
-    contents.pop('uncertainty', None)
-    if deviations:
-        contents['uncertainty'] = deviations
+    for key, values in (('heat_path', lags), ('thermal', thermal), ('uncertainty', deviations)):
+        contents.pop(key, None)
+        if values:
+            contents[key] = values
     assumed = [key for key in contents.pop('assumed', [])
                if key != 'battery.connection_resistance_ohm'
                and not any(key == done or key.startswith(f'{done}.') for done in identified)]

@@ -13,6 +13,8 @@ from bev_preheat.logs.recording import Series
 from bev_preheat.logs.unit_hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bev_preheat.logs.decoding import Decoder
     from bev_preheat.logs.raw_log import Piece, RawLog, Remarks
     from bev_preheat.logs.signal_map import Source
@@ -65,6 +67,9 @@ def _halved(time_s: FloatArray, values: FloatArray, places: IntArray) -> tuple[F
     return mean(time_s), mean(values), places[::2].copy()
 
 
+COMBINATIONS: dict[str, Callable[..., FloatArray]] = {'mean': np.nanmean, 'min': np.nanmin, 'max': np.nanmax}
+
+
 def combined(parts: list[Series], how: str, hold_s: float, at_least: int = 0) -> Series:
     """
     Return one Series of several channels: their mean, min or max at the instants of the longest.
@@ -79,12 +84,10 @@ def combined(parts: list[Series], how: str, hold_s: float, at_least: int = 0) ->
         before, after = at - 1, np.minimum(at, len(part.time_s) - 1)
         nearest_s = np.minimum(np.abs(part.time_s[before] - longest.time_s),
                                np.abs(part.time_s[after] - longest.time_s))
-        rows.append(np.where(nearest_s <= hold_s, np.interp(longest.time_s, part.time_s, part.value), np.nan))
+        rows.append(np.where(nearest_s <= hold_s, part.at(longest.time_s), np.nan))
     table = np.array(rows)
-    value = (np.nanmin(table, axis=0) if how == 'min' else np.nanmax(table, axis=0) if how == 'max' else
-             np.nanmean(table, axis=0))
-    enough = np.isfinite(table).sum(axis=0) >= at_least
-    return Series(longest.time_s[enough], value[enough])
+    value = COMBINATIONS[how](table, axis=0)
+    return Series(longest.time_s, value).part(np.isfinite(table).sum(axis=0) >= at_least)
 
 
 # A channel is combined with others at an instant if it has a reading this near [s].
@@ -104,7 +107,8 @@ class Assembly:
     def __init__(self, path: str | Path, log: RawLog, decoders: dict[tuple[str, str], Decoder], remarks: Remarks,
                  repair: bool) -> None:
         """Begin without samples; the Decoders are those of channels by (signal, channel)."""
-        self._path, self._log, self._remarks, self._repair = path, log, remarks, repair
+        self._path, self._where, self._is_absolute = path, f'{path}, {log.place}', log.absolute
+        self._remarks, self._repair = remarks, repair
         self._decoders = decoders
         self._samples = {key: Samples() for key in decoders}
         self._series: dict[str, Series] = {}
@@ -113,8 +117,8 @@ class Assembly:
         """Decode a Piece for each signal that its channel may be."""
         for key, samples in self._samples.items():
             if key[1] == piece.channel:
-                samples.add(piece.time_s, self._decoders[key].decode(
-                    piece.values, piece.places, f'{self._path}, {self._log.place}'), piece.places)
+                values = self._decoders[key].decode(piece.values, piece.places, self._where)
+                samples.add(piece.time_s, values, piece.places)
 
     def series(self, chosen: dict[str, tuple[tuple[str, ...], ...]]) -> tuple[dict[str, Series],
                                                                               dict[str, tuple[str, ...]]]:
@@ -160,11 +164,11 @@ class Assembly:
             values = self._settled(signal, decoder, Series(time_s, values), places)
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
-        part = _in_order(self._path, self._log, channel, time_s, values, places, self._remarks)
+        part = self._in_order(time_s, values, places)
         if signal in OTHER and len(part.time_s) > LEAST_OF_JUMPS and np.mean(jumps(part)) > MOST_JUMPS:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
                               f'is not taken for {signal}')
-            return Series(part.time_s[:0], part.value[:0])
+            return Series(np.empty(0), np.empty(0))
         return part
 
     def _settled(self, signal: str, decoder: Decoder, own: Series, places: IntArray) -> FloatArray:
@@ -172,29 +176,27 @@ class Assembly:
         source, is_choice = decoder.source, bool(decoder.source.other_units)
         raw = Series(own.time_s, decoder.raw(own.value))
         left = likely(decoder.hypotheses, raw, source, self._series)
-        name = f'{self._path}: {decoder.channel}: '
-        words = ', or '.join(each.words(decoder.given) for each in left)
-        middle = f'its readings, {figure(float(np.median(raw.value)))} in the middle, '
-        if len(left) == 1 and (self._repair or is_choice):
-            if not is_choice:
-                self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}are implausible as {signal}; '
-                                  f'{words} they are plausible; repaired')
+        is_settled, said = len(left) == 1 and (self._repair or is_choice), ''
+        if is_choice and not is_settled:
+            said = (f'may be in {" or ".join(each.unit for each in decoder.hypotheses)}; taken as '
+                    f'{decoder.given.unit}; name the unit in a signal map')
+        elif left and not is_choice:
+            words = ', or '.join(each.words(decoder.given) for each in left)
+            how = ('repaired' if is_settled else 'name it in a signal map' if len(left) > 1 else
+                   'read the log with repair (--repair) or name it in a signal map')
+            said = f'are implausible as {signal}; {words} they are plausible; {how}'
+        if said:
+            self._remarks.add(f'mixed {decoder.channel}', f'{self._path}: {decoder.channel}: its readings, '
+                              f'{figure(float(np.median(raw.value)))} in the middle, {said}')
+        if is_settled:
             decoder.given = left[0]
-        elif is_choice:
-            self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}may be in '
-                              f'{" or ".join(each.unit for each in decoder.hypotheses)}; taken as '
-                              f'{decoder.given.unit}; name the unit in a signal map')
-        elif left:
-            how = 'read the log with repair (--repair) or name it' if len(left) == 1 else 'name it'
-            self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}are implausible as {signal}; {words} '
-                              f'they are plausible; {how} in a signal map')
         values = decoder.given.own(raw.value, source)
         bad = ~plausible(values, source)
         if bad.any():
             at = int(np.argmax(bad))
-            self._remarks.add(f'{decoder.channel} {signal} range', f'{self._path}, {self._log.place} '
-                              f'{places[at]}: {decoder.channel}: {decoder.why_dropped(raw.value[at])}; it is '
-                              'dropped', int(bad.sum()))
+            self._remarks.add(f'{decoder.channel} {signal} range', f'{self._where} {places[at]}: '
+                              f'{decoder.channel}: {decoder.why_dropped(raw.value[at])}; it is dropped',
+                              int(bad.sum()))
         return np.where(bad, np.nan, values)
 
     def _combined(self, source: Source, parts: dict[str, Series]) -> Series | None:
@@ -209,43 +211,40 @@ class Assembly:
             list(parts.values()), source.combine or 'mean', COMBINED_WITHIN_S, source.at_least)
         return whole if len(whole.time_s) else None
 
-
-def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, values: FloatArray,
-              places: IntArray, remarks: Remarks) -> Series:
-    """Return the samples with strictly increasing times; remark on those that were sorted or left out."""
-    if len(time_s):
-        # Clocks that were not yet set, or a digit that was lost.
-        far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
-        if far.any():
-            first = places[int(np.argmax(far))]
-            remarks.add_shared('far', f'{path}, {log.place} {first}: the time is more than '
-                               f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped',
-                               int(far.sum()), 'reading')
-            time_s, values, places = time_s[~far], values[~far], places[~far]
-    steps_s = np.diff(time_s)
-    if log.absolute and len(steps_s) and np.mean(steps_s < 0.0) > 1.0 - MOST_OUT_OF_ORDER:
-        remarks.add_shared('newest', f'{path}: begins with the newest reading; the readings are sorted', 1, '')
-        time_s, values, places, steps_s = time_s[::-1], values[::-1], places[::-1], -steps_s[::-1]
-    back = np.flatnonzero(steps_s < 0.0)
-    if back.size:
-        at = back[0] + 1
-        where = (f'{path}, {log.place} {places[at]}: the time goes back by {-steps_s[back[0]]:g} s')
-        late = time_s < np.maximum.accumulate(time_s)
-        if late.sum() > max(2.0, MOST_OUT_OF_ORDER * len(time_s)):
-            raise InvalidInput(f'{where}, and {int(late.sum())} of {len(time_s)} readings lie before one above '
-                               'them; a log must be one drive: split it, or name the channel of the time in a '
-                               'signal map')
-        remarks.add_shared('order', f'{where}; the readings are sorted', int(back.size), 'place')
-        order = np.argsort(time_s, kind='stable')
-        time_s, values, places = time_s[order], values[order], places[order]
+    def _in_order(self, time_s: FloatArray, values: FloatArray, places: IntArray) -> Series:
+        """Return the samples with strictly increasing times; remark on those that were sorted or left out."""
+        if len(time_s):
+            # Clocks that were not yet set, or a digit that was lost.
+            far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
+            if far.any():
+                self._remarks.add_shared(
+                    'far', f'{self._where} {places[int(np.argmax(far))]}: the time is more than '
+                    f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped', int(far.sum()),
+                    'reading')
+                time_s, values, places = time_s[~far], values[~far], places[~far]
         steps_s = np.diff(time_s)
-    same = np.flatnonzero(steps_s == 0.0)
-    if same.size:
-        # A clock of whole seconds, and faster readings: their mean counts.
-        remarks.add_shared('same', f'{path}, {log.place} {places[same[0] + 1]}: has the time of the reading '
-                                   'before; '
-                           'their mean counts', int(same.size), 'reading')
-        starts = np.flatnonzero(np.concatenate([[True], steps_s > 0.0]))
-        values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))
-        time_s = time_s[starts]
-    return Series(time_s, values)
+        if self._is_absolute and len(steps_s) and np.mean(steps_s < 0.0) > 1.0 - MOST_OUT_OF_ORDER:
+            self._remarks.add_shared(
+                'newest', f'{self._path}: begins with the newest reading; the readings are sorted', 1, '')
+            time_s, values, places, steps_s = time_s[::-1], values[::-1], places[::-1], -steps_s[::-1]
+        back = np.flatnonzero(steps_s < 0.0)
+        if back.size:
+            first = f'{self._where} {places[back[0] + 1]}: the time goes back by {-steps_s[back[0]]:g} s'
+            late = int((time_s < np.maximum.accumulate(time_s)).sum())
+            if late > max(2.0, MOST_OUT_OF_ORDER * len(time_s)):
+                raise InvalidInput(f'{first}, and {late} of {len(time_s)} readings lie before one above them; a '
+                                   'log must be one drive: split it, or name the channel of the time in a signal '
+                                   'map')
+            self._remarks.add_shared('order', f'{first}; the readings are sorted', int(back.size), 'place')
+            order = np.argsort(time_s, kind='stable')
+            time_s, values, places = time_s[order], values[order], places[order]
+            steps_s = np.diff(time_s)
+        same = np.flatnonzero(steps_s == 0.0)
+        if same.size:
+            # A clock of whole seconds, and faster readings: their mean counts.
+            self._remarks.add_shared('same', f'{self._where} {places[same[0] + 1]}: has the time of the reading '
+                                     'before; their mean counts', int(same.size), 'reading')
+            starts = np.flatnonzero(np.concatenate([[True], steps_s > 0.0]))
+            values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))
+            time_s = time_s[starts]
+        return Series(time_s, values)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Collection, Iterator
 from contextlib import nullcontext
+from functools import partial
 from itertools import chain, islice
 import logging
 from pathlib import Path
@@ -153,15 +154,18 @@ class CanFrames(RawLog):
     def __init__(self, path: str | Path, kind: str, encoding: str, databases: Collection[str | Path]) -> None:
         """Take the DBC files; raises InvalidInput if none is given, or if one cannot be read."""
         require('can', 'cantools')
-        self._path, self._kind, self._encoding = path, kind, encoding
-        self.format = f'CAN frames ({kind})'
-        self._messages = _messages(path, kind, databases)
-        self.channels = tuple(
-            Channel(f'{message.name}.{signal.name}', unit_named(signal.unit or ''), all_bits_set(signal))
-            for message in self._messages.values() for signal in message.signals)
-        self._nothing = {f'{message.name}.{signal.name}': {
-            scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}
-            for message in self._messages.values() for signal in message.signals}
+        files = dbc_files(path, databases)
+        if not files:
+            raise needs_dbc(path, kind)
+        self._path, self.format = path, f'CAN frames ({kind})'
+        self._frames = partial(frames_of, path, kind, encoding)
+        self._messages = {message.frame_id: message for file in files for message in load_dbc(file).messages}
+        signals = {f'{message.name}.{signal.name}': signal
+                   for message in self._messages.values() for signal in message.signals}
+        self.channels = tuple(Channel(name, unit_named(signal.unit or ''), all_bits_set(signal))
+                              for name, signal in signals.items())
+        self._nothing = {name: {scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}
+                         for name, signal in signals.items()}
 
     def use(self, signal_map: SignalMap) -> None:
         """Tell by the first frame whether the times are those of a clock."""
@@ -170,12 +174,11 @@ class CanFrames(RawLog):
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted signals; see RawLog."""
+        yield from pieces_of(self._readings(wanted, remarks))
+
+    def _readings(self, wanted: Collection[str], remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         names = {identifier: message for identifier, message in self._messages.items()
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
-        yield from pieces_of(self._readings(names, wanted, remarks))
-
-    def _readings(self, names: dict[int, Any], wanted: Collection[str],
-                  remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         for number, frame in enumerate(self._frames(remarks), start=1):
             message = names.get(frame.arbitration_id)
             if message is None or frame.is_error_frame or frame.is_remote_frame or not frame.data:
@@ -185,8 +188,7 @@ class CanFrames(RawLog):
             except Exception as error:
                 # cantools raises errors of several packages for frames that do not fit the DBC.
                 remarks.add(f'decode {message.name}', f'{self._path}, frame {number}: {message.name}: does not '
-                                                      'fit the '
-                            f'DBC ({quoted(str(error))}); it is dropped', noun='frame')
+                            f'fit the DBC ({quoted(str(error))}); it is dropped', noun='frame')
                 continue
             for signal, value in values.items():
                 name = f'{message.name}.{signal}'
@@ -198,9 +200,6 @@ class CanFrames(RawLog):
                                 f'{quoted(word)}; it is dropped')
                 else:
                     yield name, float(frame.timestamp), float(value), number
-
-    def _frames(self, remarks: Remarks | None) -> Iterator[Any]:
-        return frames_of(self._path, self._kind, self._encoding, remarks)
 
 
 def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Any]:
@@ -280,14 +279,6 @@ def needs_dbc(path: str | Path, kind: str) -> InvalidInput:
     """Return the refusal of frames without a DBC."""
     return InvalidInput(f'{path}: CAN frames ({kind}) need a DBC: name it in a signal map (dbc: FILE), or put it '
                         f'beside the log as {Path(path).with_suffix(".dbc").name}')
-
-
-def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) -> dict[int, Any]:
-    """Return the messages of DBC files by their identifiers."""
-    files = dbc_files(path, databases)
-    if not files:
-        raise needs_dbc(path, kind)
-    return {message.frame_id: message for file in files for message in load_dbc(file).messages}
 
 
 def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | Path]) -> CanFrames | None:

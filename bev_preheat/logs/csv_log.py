@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 import re
-from typing import NamedTuple, Protocol, TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from bev_preheat.logs.choice import find_time_column, TimeColumn
 from bev_preheat.logs.raw_log import Channel, Piece, RawLog
 
 if TYPE_CHECKING:
-    from bev_preheat.files.table import Layout
+    from bev_preheat.files.table import TableFile
+    from bev_preheat.logs.json_lines import JsonRows
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
     from bev_preheat.numerics import FloatArray, IntArray
@@ -59,20 +60,10 @@ def roles_of(names: Sequence[str]) -> Roles | None:
     return None if name is None or value is None else Roles(name, value, unit)
 
 
-class Rows(Protocol):
-    """Rows of a file in the columns of their Layout, as those of files.table.TableFile and json_lines.JsonRows."""
-
-    path: str | Path
-    layout: Layout
-
-    def blocks(self, drop: Callable[[int, str], object]) -> Iterator[tuple[IntArray, list[tuple[str, ...]]]]:
-        """Yield numbers of lines and the cells of each column; `drop` gets number and fault of other lines."""
-
-
 class TextLog(RawLog):
-    """An open log of Rows; see RawLog. With `Roles` a row has a single reading, else a reading of each channel."""
+    """An open log of rows; see RawLog. With `Roles` a row has a single reading, else a reading of each channel."""
 
-    def __init__(self, table: Rows, roles: Roles | None, kind: str = 'CSV', column: str = 'column',
+    def __init__(self, table: TableFile | JsonRows, roles: Roles | None, kind: str = 'CSV', column: str = 'column',
                  place: str = 'line') -> None:
         """Take the rows, the file's kind, its words for column and row; with Roles, read the channels' names."""
         self._table, self._roles, self._column, self.place = table, roles, column, place

@@ -97,27 +97,24 @@ class Decoder:
 
         Remarks name the first dropped reading of each cause: `where` followed by its place.
         """
-        angle = self.source.signal.endswith('_deg')
         if isinstance(values, np.ndarray):
-            numbers, wrong = values.astype(float), np.zeros(len(values), dtype=bool)
+            numbers = values.astype(float)
         else:
-            numbers, wrong = read_numbers(values, self._decimal, angle)
+            numbers, wrong = read_numbers(values, self._decimal, self.source.signal.endswith('_deg'))
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
-                self._dropped('text', f'{first} is not a number', wrong, places, where)
+                self._drop(numbers, wrong, 'text', f'{first} is not a number', places, where)
             if not self._is_chosen and not self._unit:
                 self._unit = _fitting(unit_in_cells(values[:100]), self.source.signal)
                 self.given = self.given._replace(unit=self._unit or self.given.unit)
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
         for nothing in self.source.no_reading:
             none = np.abs(numbers - nothing) <= 1e-9 * max(abs(nothing), 1.0)
-            self._dropped(f'none {nothing:g}', f'{nothing:g} means no reading', none, places, where)
-            numbers[none] = np.nan
+            self._drop(numbers, none, f'none {nothing:g}', f'{nothing:g} means no reading', places, where)
         full = all_ones(numbers, self.source.signal.endswith('_c'), self._full)
         if full.any():
             value = figure(numbers[int(np.argmax(full))])
-            self._dropped('ones', f'{value} has all bits set, which means no reading', full, places, where)
-            numbers[full] = np.nan
+            self._drop(numbers, full, 'ones', f'{value} has all bits set, which means no reading', places, where)
         finite = numbers[np.isfinite(numbers)]
         if not finite.size:
             return numbers
@@ -128,8 +125,7 @@ class Decoder:
         if bad.any() and not self.hypotheses and len(self.source.scales) == 1:
             self.hypotheses = hypotheses(finite, self.given, self.source)
         if not self.hypotheses:
-            self._dropped('range', self.why_dropped(numbers[int(np.argmax(bad))]), bad, places, where)
-            own[bad] = np.nan
+            self._drop(own, bad, 'range', self.why_dropped(numbers[int(np.argmax(bad))]), places, where)
         return own
 
     def raw(self, own: FloatArray) -> FloatArray:
@@ -168,7 +164,9 @@ class Decoder:
                 self.given = scaled
                 return
 
-    def _dropped(self, cause: str, words: str, which: BoolArray, places: IntArray, where: str) -> None:
+    def _drop(self, values: FloatArray, which: BoolArray, cause: str, words: str, places: IntArray,
+              where: str) -> None:
+        values[which] = np.nan
         if which.any():
             self.said.add(f'{self.channel} {self.source.signal} {cause}',
                           f'{where} {places[int(np.argmax(which))]}: {self.channel}: {words}; it is dropped',

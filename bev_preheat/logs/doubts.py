@@ -35,7 +35,7 @@ def by_position(signals: Mapping[str, Series]) -> Series | None:
         return None
     latitude, longitude = signals['latitude_deg'], signals['longitude_deg']
     north = np.radians(latitude.value)
-    east = np.radians(np.interp(latitude.time_s, longitude.time_s, longitude.value, left=np.nan, right=np.nan))
+    east = np.radians(longitude.at(latitude.time_s, np.nan))
     step_s = np.diff(latitude.time_s)
     steps_m = EARTH_RADIUS_M * np.hypot(np.diff(north), np.diff(east) * np.cos(0.5 * (north[1:] + north[:-1])))
     # Jumps of the receiver are no drives.
@@ -51,7 +51,7 @@ def distances(driven: Series, other: Series) -> tuple[float, float] | None:
         return None
     ends = other.time_s[inside][[0, -1]]
     other_m = float(np.ptp(other.value[inside]))
-    own_m = float(np.diff(np.interp(ends, driven.time_s, driven.value))[0])
+    own_m = float(np.diff(driven.at(ends))[0])
     return (own_m, other_m) if other_m >= UNIT_TELLING_M and own_m > 0.0 else None
 
 
@@ -144,8 +144,8 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
             # The power of ten that brings the capacity nearest to a typical one.
             factor = float(10.0 ** np.round(np.log10(typical / capacity)))
             scale = ('its integral over the change of the state of charge gives a capacity of '
-                     f'{figure(capacity, 3)} '
-                     f'{unit} (plausible: {low:g} ... {high:g}); a factor of {figure(factor)} is missing')
+                     f'{figure(capacity, 3)} {unit} (plausible: {low:g} ... {high:g}); a factor of '
+                     f'{figure(factor)} is missing')
         # Of readings that stay far from zero an offset may be missing as well.
         sizes = np.abs(series.value)
         is_clear = not scale or bool(np.quantile(sizes, 0.05) < 0.5 * np.median(sizes))
@@ -160,7 +160,7 @@ def _resistance(signals: Signals) -> Iterator[Doubt]:
     """Compare steps of the current with those of the voltage, which falls while more is drawn."""
     if {'voltage_v', 'current_a'} <= signals.keys():
         current = signals['current_a']
-        steps_v, steps_a = np.diff(_at(current.time_s, signals['voltage_v'])), np.diff(current.value)
+        steps_v, steps_a = np.diff(signals['voltage_v'].at(current.time_s, np.nan)), np.diff(current.value)
         clear = np.isfinite(steps_v) & (np.abs(steps_a) > LEAST_CURRENT_STEP_A)
         steps_v, steps_a = steps_v[clear], steps_a[clear]
         if len(steps_v) > LEAST_STEPS and np.ptp(steps_v) > 0.0 and (
@@ -174,7 +174,7 @@ def _power(signals: Signals) -> Iterator[Doubt]:
     if not {'power_w', 'voltage_v', 'current_a'} <= signals.keys():
         return
     power, current = signals['power_w'], signals['current_a']
-    product = _at(power.time_s, current) * _at(power.time_s, signals['voltage_v'])
+    product = current.at(power.time_s, np.nan) * signals['voltage_v'].at(power.time_s, np.nan)
     clear = np.isfinite(product) & (np.abs(product) > 1000.0) & (power.value != 0.0)
     if clear.sum() < 5:
         return
@@ -194,7 +194,7 @@ def _size(signals: Signals) -> Iterator[Doubt]:
     for signal in ('power_w', 'propulsion_power_w'):
         if {signal, 'speed_mps'} <= signals.keys():
             power = signals[signal]
-            moving = power.value[_at(power.time_s, signals['speed_mps']) > 5.0]
+            moving = power.value[signals['speed_mps'].at(power.time_s, np.nan) > 5.0]
             largest = float(np.max(np.abs(moving), initial=0.0))
             if len(moving) >= 10 and 0.0 < largest < 600.0:
                 yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it in '
@@ -220,7 +220,7 @@ def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
         if signal not in signals:
             continue
         series = signals[signal]
-        speed_mps = _at(series.time_s, speed)
+        speed_mps = speed.at(series.time_s, np.nan)
         moving = speed_mps > MOVING_MPS
         if moving.sum() < 10 or not len(series.time_s) or np.mean(series.value[moving]) > -least:
             continue
@@ -253,23 +253,22 @@ def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> 
 
 def _distance(signals: Signals) -> Iterator[Doubt]:
     """Compare speed and odometer with the distance by position, else with each other."""
-    speed, odometer, position = signals.get('speed_mps'), _by_odometer(signals), by_position(signals)
-    speed = None if speed is None else Series(speed.time_s, integral(speed))
-    known = {signal: driven for signal, driven in (('speed_mps', speed), ('odometer_m', odometer))
-             if driven is not None and position is not None and distances(driven, position) is not None}
-    for signal, driven in known.items():
-        assert position is not None
-        yield from _mixed(signal, driven, position, 'position')
-    if 'speed_mps' not in known and speed is not None and odometer is not None:
-        yield from _mixed('speed_mps', speed, odometer, 'odometer')
+    position, driven = by_position(signals), dict[str, Series]()
+    if 'speed_mps' in signals:
+        driven['speed_mps'] = Series(signals['speed_mps'].time_s, integral(signals['speed_mps']))
+    # Odometers are coarse.
+    if 'odometer_m' in signals and np.ptp(signals['odometer_m'].value) >= 10.0 * UNIT_TELLING_M:
+        driven['odometer_m'] = signals['odometer_m']
+    known = {} if position is None else {
+        signal: found for signal, each in driven.items() if (found := distances(each, position)) is not None}
+    for signal, found in known.items():
+        yield from _mixed(signal, *found, 'position')
+    if 'speed_mps' not in known and len(driven) == 2 and (found := distances(*driven.values())) is not None:
+        yield from _mixed('speed_mps', *found, 'odometer')
 
 
-def _mixed(signal: str, driven: Series, other: Series, words: str) -> Iterator[Doubt]:
-    """Doubt the unit of a speed or an odometer by the distance that it gives and another one."""
-    found = distances(driven, other)
-    if found is None:
-        return
-    own_m, other_m = found
+def _mixed(signal: str, own_m: float, other_m: float, words: str) -> Iterator[Doubt]:
+    """Doubt the unit of a speed or an odometer by the distance that it gives and another one [m]."""
     is_speed = signal == 'speed_mps'
     for factor, mixed in (SPEED_FACTORS if is_speed else ODOMETER_FACTORS).items():
         if abs(other_m / own_m / factor - 1.0) < AGREEMENT:
@@ -280,13 +279,6 @@ def _mixed(signal: str, driven: Series, other: Series, words: str) -> Iterator[D
                                 f'distance by {words} {other_m / 1000.0:.2f} km; {mixed}'
                                 f'{", or an odometer in miles" if both else ""}?', factor, is_clear=not both)
             return
-
-
-def _by_odometer(signals: Signals) -> Series | None:
-    """Return the odometer, None if it is too coarse for the distance."""
-    if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * UNIT_TELLING_M:
-        return None
-    return signals['odometer_m']
 
 
 def _motion(signals: Signals) -> Iterator[Doubt]:
@@ -307,8 +299,7 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
                                      'm/s?', 1.0 / 3.6)
     if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_TRAVEL_MPS:
         yield Doubt('speed_mps', f'speed_mps: is above {figure(float(np.quantile(moving, 0.9)), 3)} m/s for a '
-                                 'tenth of '
-                    'the drive; km/h taken as m/s?', 1.0 / 3.6)
+                                 'tenth of the drive; km/h taken as m/s?', 1.0 / 3.6)
 
 
 def _temperature(signals: Signals) -> Iterator[Doubt]:
@@ -333,11 +324,6 @@ def _temperature(signals: Signals) -> Iterator[Doubt]:
             yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {other} at {figure(near, 4)}; is it in '
                                 f'degF{"" if is_clear else ", in tenths, or a byte without its offset"}?',
                         1.0 / 1.8, -32.0 / 1.8, is_clear)
-
-
-def _at(time_s: FloatArray, series: Series) -> FloatArray:
-    """Return a signal at instants, NaN outside its samples."""
-    return np.interp(time_s, series.time_s, series.value, left=np.nan, right=np.nan)
 
 
 CHECKS: tuple[Callable[[Signals], Iterator[Doubt]], ...] = (

@@ -50,8 +50,8 @@ def heater_response(signals: Mapping[str, Series]) -> HeaterResponse | None:
     if end_s - begin_s < LEAST_S or not (heater.value > 0.0).any():
         return None
     at_s = np.arange(begin_s, end_s, GRID_S)
-    rise_k = np.interp(at_s, temperature.time_s, temperature.value)
-    rise_k = rise_k - rise_k[0]
+    temperature_c = temperature.at(at_s)
+    rise_k = temperature_c - temperature_c[0]
     energy_j = _integral(heater, np.maximum(at_s - DELAY_S, begin_s))
     # A steady rise shows nothing: the drive's own heat, and a cabin's heater that is always on, are as steady.
     others = [np.ones_like(at_s), at_s - begin_s]
@@ -59,10 +59,7 @@ def heater_response(signals: Mapping[str, Series]) -> HeaterResponse | None:
         power = signals['power_w']
         others += [_integral(Series(power.time_s, heat), at_s) for heat in (power.value**2, np.abs(power.value))]
     if 'ambient_c' in signals:
-        ambient = signals['ambient_c']
-        colder = np.interp(at_s, ambient.time_s, ambient.value) - np.interp(
-            at_s, temperature.time_s, temperature.value)
-        others.append(GRID_S * np.cumsum(colder))
+        others.append(GRID_S * np.cumsum(signals['ambient_c'].at(at_s) - temperature_c))
     without, _ = _fitted(rise_k, others)
     left, share = _fitted(rise_k, [*others, energy_j])
     if share <= 0.0 or left > MOST_UNEXPLAINED * without:
@@ -74,7 +71,7 @@ def heater_response(signals: Mapping[str, Series]) -> HeaterResponse | None:
 
 def _integral(series: Series, at_s: FloatArray) -> FloatArray:
     """Return the integral of a signal from the first of the instants on."""
-    found = np.interp(at_s, series.time_s, integral(series))
+    found = Series(series.time_s, integral(series)).at(at_s)
     return np.asarray(found - found[0])
 
 

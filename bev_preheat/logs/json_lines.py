@@ -171,7 +171,7 @@ Item = Mapping[str, str]
 
 
 class JsonRows:
-    """Objects with flat keys as Rows of a log; a field is a column."""
+    """Objects with flat keys as the rows of a log, like files.table.TableFile; a field is a column."""
 
     def __init__(self, path: str | Path, encoding: str) -> None:
         """Read the fields of the first objects; raises InvalidInput if the file has no object."""
@@ -199,7 +199,7 @@ class JsonRows:
             tuple(item.get(key, '') for key in header) for item in sample), len(header), '.')
 
     def blocks(self, drop: Callable[[int, str], object]) -> Iterator[tuple[IntArray, list[tuple[str, ...]]]]:
-        """Yield numbers of lines and the texts of each field, '' for a missing one; see Rows."""
+        """Yield numbers of lines and the texts of each field, '' for a missing one; `drop` as for TableFile."""
         items, size = self._items(drop), max(CELLS_AT_ONCE // len(self.layout.header), 1)
         while block := list(islice(items, size)):
             yield np.array([number for number, _ in block]), [

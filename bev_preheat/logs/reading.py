@@ -55,8 +55,8 @@ def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog
             return log
     if encoding_of(head) is not None:
         raise InvalidInput(f'{path}: is text, but no log: a CSV log has a header that names its columns and '
-                           'lines of '
-                           'values below it, JSON lines have an object a line, candump has (time) channel frame')
+                           'lines of values below it, JSON lines have an object a line, candump has (time) '
+                           'channel frame')
     raise InvalidInput(f'{path}: is no log of a known format; known: CSV with a header (one column a signal, or '
                        'SECONDS;PID;VALUE;UNITS), JSON lines, MDF, candump, ASC or BLF with a DBC, MCAP and '
                        'rosbag2')
@@ -117,8 +117,6 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
             _refuse_several(path, piece.channel, cars[piece.channel])
         assembly.take(piece)
     series, used = assembly.series(chosen)
-    if not series:
-        raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)
                for signal, channels in used.items()}
     _refuse_to_and_fro(path, series)
@@ -211,11 +209,11 @@ def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks
         return
     good = speed.value <= HIGHEST_SPEED_MPS
     at = int(np.argmin(good))
-    remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at '
-                        f'{figure(speed.time_s[at] - speed.time_s[0])} s '
-                f'is dropped (plausible: 0 ... {HIGHEST_SPEED_MPS:g})', int((~good).sum()))
+    after_s = speed.time_s[at] - speed.time_s[0]
+    remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at {figure(after_s)} s is dropped '
+                f'(plausible: 0 ... {HIGHEST_SPEED_MPS:g})', int((~good).sum()))
     if good.any():
-        series['speed_mps'] = Series(speed.time_s[good], speed.value[good])
+        series['speed_mps'] = speed.part(good)
     else:
         del series['speed_mps']
 
@@ -240,6 +238,5 @@ def _add_power(series: dict[str, Series], sources: dict[str, tuple[str, ...]]) -
     inside = (current.time_s >= voltage.time_s[0]) & (current.time_s <= voltage.time_s[-1])
     if inside.any():
         time_s = current.time_s[inside]
-        volts = np.interp(time_s, voltage.time_s, voltage.value)
-        series['power_w'] = Series(time_s, volts * current.value[inside])
+        series['power_w'] = Series(time_s, voltage.at(time_s) * current.value[inside])
         sources['power_w'] = ('voltage_v x current_a',)

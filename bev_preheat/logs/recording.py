@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray
+    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,14 @@ class Series:
 
     time_s: FloatArray
     value: FloatArray
+
+    def at(self, time_s: FloatArray, beyond: float | None = None) -> FloatArray:
+        """Return the values at instants, linear between samples; outside `beyond`, None: the first or last."""
+        return np.interp(time_s, self.time_s, self.value, beyond, beyond)
+
+    def part(self, chosen: BoolArray | IntArray) -> Series:
+        """Return the chosen samples."""
+        return Series(self.time_s[chosen], self.value[chosen])
 
 
 @dataclass(frozen=True)
@@ -81,19 +89,14 @@ class Sampling:
     longest_gap_s: float
 
 
-def shortest_gap_s(series: Series) -> float:
-    """Return the length from which on an interval is a gap [s]."""
-    if len(series.time_s) < 2:
-        return np.inf
-    steps_s = np.diff(series.time_s)
-    usual_s = float(np.median(steps_s))
-    regular = np.mean(np.abs(steps_s - usual_s) <= REGULAR_DEVIATION * usual_s) >= REGULAR_SHARE
-    return max(LEAST_GAP_S, (REGULAR_GAP_TIMES if regular else GAP_TIMES) * usual_s)
-
-
 def gaps(series: Series) -> BoolArray:
     """Return which intervals between samples are gaps, shape (N - 1,)."""
-    return np.diff(series.time_s) > shortest_gap_s(series)
+    steps_s = np.diff(series.time_s)
+    if not len(steps_s):
+        return np.zeros(0, dtype=bool)
+    usual_s = float(np.median(steps_s))
+    regular = np.mean(np.abs(steps_s - usual_s) <= REGULAR_DEVIATION * usual_s) >= REGULAR_SHARE
+    return np.asarray(steps_s > max(LEAST_GAP_S, (REGULAR_GAP_TIMES if regular else GAP_TIMES) * usual_s))
 
 
 def sampling(series: Series) -> Sampling:

@@ -108,41 +108,30 @@ class RosBag(RawLog):
 
     def _mcap_messages(self, problem: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
         """Yield those of MCAP files: AnyReader refuses a file with a channel that is not ROS's."""
-        types = _RecordedTypes()
+        from rosbags.typesys import get_typestore, Stores
+        recorded, here, stores = get_typestore(Stores.EMPTY), known_types(), dict[str, Any]()
         for file in self._files:
             for topic, type_name, received_ns, data, text in mcap_messages(file, problem.append):
-                store = types.store_of(type_name, text)
+                if type_name not in stores:
+                    stores[type_name] = _typestore(type_name, text.decode('utf-8', 'replace'), recorded, here)
+                store = stores[type_name]
                 if store is not None:
                     message = _deserialized(store, type_name, data)
                     yield topic, received_ns * NS, _stamp_s(message), message
 
 
-class _RecordedTypes:
-    """The types of messages by name, as the recording defines them."""
-
-    def __init__(self) -> None:
-        from rosbags.typesys import get_typestore, Stores
-        self._recorded, self._here = get_typestore(Stores.EMPTY), known_types()
-        self._stores: dict[str, Any] = {}
-
-    def store_of(self, type_name: str, text: bytes) -> Any:
-        """Return the Typestore of a type with its definition; None if it is not a message of ROS."""
-        if type_name not in self._stores:
-            self._stores[type_name] = self._found(type_name, text.decode('utf-8', 'replace'))
-        return self._stores[type_name]
-
-    def _found(self, type_name: str, text: str) -> Any:
-        from rosbags.typesys import get_types_from_msg
-        if type_name in self._here.fielddefs and not text.strip():
-            return self._here
-        try:
-            types = get_types_from_msg(text, type_name)
-            self._recorded.register({name: fields for name, fields in types.items()
-                                     if name not in self._recorded.fielddefs})
-        except Exception:
-            # Another language of definitions, such as JSON or IDL.
-            return self._here if type_name in self._here.fielddefs else None
-        return self._recorded
+def _typestore(type_name: str, text: str, recorded: Any, here: Any) -> Any:
+    """Return the Typestore with a type: `recorded`, with its recorded definition, or `here`; None: not ROS's."""
+    from rosbags.typesys import get_types_from_msg
+    if type_name in here.fielddefs and not text.strip():
+        return here
+    try:
+        types = get_types_from_msg(text, type_name)
+        recorded.register({name: fields for name, fields in types.items() if name not in recorded.fielddefs})
+    except Exception:
+        # Another language of definitions, such as JSON or IDL.
+        return here if type_name in here.fielddefs else None
+    return recorded
 
 
 def _deserialized(store: Any, type_name: str, data: bytes) -> Any:

@@ -151,8 +151,7 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
 
 def _agrees(signal: str, series: Series, position: Series) -> bool:
     """Return whether a speed or an odometer gives the distance by position."""
-    order = np.argsort(series.time_s, kind='stable')
-    series = Series(series.time_s[order], series.value[order])
+    series = series.part(np.argsort(series.time_s, kind='stable'))
     driven = Series(series.time_s, integral(series)) if signal == 'speed_mps' else series
     found = distances(driven, position)
     return found is not None and abs(found[0] / found[1] - 1.0) < AGREEMENT

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import replace
 from itertools import groupby, zip_longest
+from operator import itemgetter
 from pathlib import Path
 import sqlite3
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
 from bev_preheat.control.heater import SOURCE_STATUS
@@ -29,7 +31,7 @@ from bev_preheat.recording.records import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from bev_preheat.recording.records import Beginning
 
@@ -46,19 +48,17 @@ SAME_CLOCK_NS = NS_PER_S // 2
 REPEAT_NS = NS_PER_S
 
 
-def bag_messages(path: Path, types: Mapping[str, str],
-                 remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
+def bag_messages(path: Path, remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
     """
-    Yield topic, type, time of arrival [ns] and bytes of the messages of topics with these names and types.
+    Yield topic, type, time of arrival [ns] and bytes of the messages of the topics in TYPES.
 
-    `types` has the type by the last part of the topic's name. Raises InvalidInput, naming the file, if it cannot
-    be read, or if a type of ours was recorded with other fields.
+    Raises InvalidInput, naming the file, if it cannot be read, or if a type of ours has other fields there.
     """
     for file in files_of(path):
         before = len(remarks)
         read = _sqlite_messages if beginning_of(file).startswith(SQLITE) else _mcap
         is_empty = True
-        for message in read(file, types, remarks):
+        for message in read(file, remarks):
             is_empty = False
             yield message
         if is_empty and len(remarks) > before:
@@ -87,25 +87,24 @@ def is_bag(path: Path) -> bool:
     return (path / 'metadata.yaml').is_file() if path.is_dir() else beginning_of(path).startswith((MCAP, SQLITE))
 
 
-def _is_wanted(topic: str, type_name: str, types: Mapping[str, str]) -> bool:
-    return types.get(topic.rpartition('/')[2]) == type_name
+def _is_wanted(topic: str, type_name: str) -> bool:
+    return TYPES.get(topic.rpartition('/')[2]) == type_name
 
 
-def _mcap(path: Path, types: Mapping[str, str], remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
+def _mcap(path: Path, remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
     def note(problem: str) -> None:
         remarks.append(f'{path}: {problem}; the messages before are used')
 
     checked: set[str] = set()
     for topic, type_name, received_ns, data, text in mcap_messages(path, note):
-        if _is_wanted(topic, type_name, types):
+        if _is_wanted(topic, type_name):
             if type_name not in checked:
                 checked.add(type_name)
                 check_fields(path, type_name, text.decode('utf-8', 'replace'))
             yield topic, type_name, received_ns, data
 
 
-def _sqlite_messages(path: Path, types: Mapping[str, str],
-                     remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
+def _sqlite_messages(path: Path, remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
     # A recorder that was killed leaves a journal beside the file; without one nothing is written beside it.
     how = 'mode=ro' if path.with_name(f'{path.name}-wal').exists() else 'mode=ro&immutable=1'
     try:
@@ -114,7 +113,7 @@ def _sqlite_messages(path: Path, types: Mapping[str, str],
         raise InvalidInput(f'{path}: cannot be read: {error}') from error
     try:
         wanted = {number: (topic, type_name) for number, topic, type_name in base.execute(
-            'SELECT id, name, type FROM topics') if _is_wanted(topic, type_name, types)}
+            'SELECT id, name, type FROM topics') if _is_wanted(topic, type_name)}
         texts = _sqlite_texts(base)
         for _, type_name in wanted.values():
             if type_name in texts:
@@ -160,27 +159,6 @@ def fields_of(text: str) -> list[str]:
     return [line for line in stripped if line and '=' not in line.replace('<=', '')]
 
 
-class _Message(NamedTuple):
-    """A message of an input: its instant [ns of the planner's clock], topic, type and bytes."""
-
-    now_ns: int
-    topic: str
-    type_name: str
-    data: bytes
-
-
-class _Command(NamedTuple):
-    """
-    A recorded command: its stamp [ns], and its power [W], end of its lease [ns] and reason.
-
-    `sources` are name and power [W] of other heat sources that it commands.
-    """
-
-    now_ns: int
-    values: tuple[float, int, int]
-    sources: tuple[tuple[str, float], ...] = ()
-
-
 def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) -> Flight:
     """
     Return the Flight of a ros2 bag; `beginning` has the vehicle file and the parameters of the recorded planner.
@@ -190,20 +168,20 @@ def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) 
     """
     remarks: list[str] = []
     found: dict[str, list[tuple[int, str, str, bytes]]] = {}
-    for topic, type_name, received_ns, data in bag_messages(path, TYPES, remarks):
+    for topic, type_name, received_ns, data in bag_messages(path, remarks):
         prefix, _, name = topic.rpartition('/')
         found.setdefault(prefix, []).append((received_ns, name, type_name, data))
     messages = _of_namespace(path, found, namespace)
     commands, inputs = _in_time(messages)
-    if not any(message.topic == BATTERY_STATE for message in inputs):
+    topics = set(map(_topic, inputs))
+    if BATTERY_STATE not in topics:
         raise InvalidInput(f'{path}: has no battery_state; a planner without it never heats')
     remarks.append('the recording has no learned factors and no instants of steps; the instants are those of '
                    'its commands' if commands else
                    'the recording has no hvch_command: there are no commands to reproduce')
-    if not any(message.topic == ROUTE_PLAN for message in inputs):
+    if ROUTE_PLAN not in topics:
         remarks.append('the recording has no route_plan')
-    given = _steps(_from_start(inputs, commands), commands) if commands else with_repeats(
-        [_given(message) for message in inputs])
+    given = _steps(_from_start(inputs, commands), commands) if commands else with_repeats(inputs)
     return Flight(replace(beginning, now_ns=given[0].step.now_ns), tuple(given), (path,), remarks=tuple(remarks),
                   source=ROS2_BAG, has_commands=bool(commands), power_tolerance_w=1.0)
 
@@ -230,91 +208,85 @@ def _of_namespace(path: Path, found: dict[str, list[tuple[int, str, str, bytes]]
     return sorted([*found[prefix], *shared], key=lambda message: message[0])
 
 
-def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command], list[_Message]]:
-    """Return commands and inputs in the planner's time, each in order."""
-    commands: list[_Command] = []
-    inputs: list[_Message] = []
+def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[RecordedStep], list[Given]]:
+    """Return the steps with the commands, and those with the inputs, in the planner's time, each in order."""
+    commands: list[tuple[int, tuple[float, int, int]]] = []
+    inputs: list[Given] = []
     # Powers of other heat sources by stamp, end of lease and reason, which the command of the HVCH has, too.
     sources: dict[tuple[int, ...], dict[str, float]] = {}
     # How far the planner's clock is ahead of the recorder's; simulated time may be far off.
     ahead_ns = 0
     for received_ns, topic, type_name, data in messages:
+        message = read_message(type_name, data)
         if topic in (COMMAND, SOURCE_COMMAND):
-            message = read_message(type_name, data)
             stamp_ns, power_w = nanoseconds(message.header.stamp), float(message.battery_heating_power)
             values = power_w, nanoseconds(message.valid_until), int(message.reason)
             if topic == COMMAND:
                 ahead_ns = stamp_ns - received_ns
-                commands.append(_Command(stamp_ns, values))
+                commands.append((stamp_ns, values))
             elif power_w > 0.0:
                 sources.setdefault((stamp_ns, *values[1:]), {})[str(message.name)] = power_w
             continue
-        stamp_ns = _stamp_ns(read_message(type_name, data), topic)
+        stamp_ns = _stamp_ns(message)
         if abs(ahead_ns) > SAME_CLOCK_NS or (not commands and abs(stamp_ns - received_ns) > SAME_CLOCK_NS
                                              and topic == BATTERY_STATE):
             is_stamped = topic in (BATTERY_STATE, ROUTE_PROGRESS, HVCH_STATUS, SOURCE_STATUS) and stamp_ns
             now_ns = stamp_ns if is_stamped else received_ns + ahead_ns
         else:
             now_ns = stamp_ns if 0 <= received_ns - stamp_ns <= TRANSPORT_NS else received_ns
-        inputs.append(_Message(now_ns, topic, type_name, data))
-    commands = [command._replace(sources=tuple(sources.get((command.now_ns, *command.values[1:]), {}).items()))
-                for command in commands]
-    return sorted(commands, key=lambda command: command.now_ns), sorted(
-        inputs, key=lambda message: message.now_ns)
+        inputs.append(Given(RecordedStep(now_ns, events=({'kind': topic},)), (type_name, data)))
+    steps = [RecordedStep(now_ns, command=values, sources=tuple(sources.get((now_ns, *values[1:]), {}).items()))
+             for now_ns, values in sorted(commands, key=itemgetter(0))]
+    return steps, sorted(inputs, key=_instant_ns)
 
 
-def _stamp_ns(message: Any, topic: str) -> int:
+def _stamp_ns(message: Any) -> int:
     header = getattr(message, 'header', None)
     stamp = header.stamp if header is not None else getattr(message, 'stamp', None)
     return 0 if stamp is None else nanoseconds(stamp)
 
 
-def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Message]:
+def _topic(given: Given) -> str:
+    return str(given.step.events[0]['kind'])
+
+
+def _instant_ns(given: Given) -> int:
+    return given.step.now_ns
+
+
+def _from_start(inputs: list[Given], commands: list[RecordedStep]) -> list[Given]:
     """Return the inputs from the planner's start on, whose first commands name missing inputs; else all inputs."""
-    first = commands[0]
-    if first.values[2] not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
+    reasons = [(step.now_ns, step.command[2]) for step in commands if step.command is not None]
+    first_ns, first_reason = reasons[0]
+    if first_reason not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
         return inputs
-    kept = [message for message in inputs if message.now_ns >= first.now_ns]
+    kept = [each for each in inputs if each.step.now_ns >= first_ns]
     for topic, unknown in ((BATTERY_STATE, (Status.NO_ROUTE, Status.NO_BATTERY_STATE)),
                            (ROUTE_PLAN, (Status.NO_ROUTE,))):
-        before = [message for message in inputs if message.topic == topic and message.now_ns < first.now_ns]
-        known_ns = next((command.now_ns for command in commands if command.values[2] not in unknown), None)
+        before = [each for each in inputs if _topic(each) == topic and each.step.now_ns < first_ns]
+        known_ns = next((now_ns for now_ns, reason in reasons if reason not in unknown), None)
         if before and known_ns is not None and not any(
-                message.topic == topic and message.now_ns <= known_ns for message in kept):
+                _topic(each) == topic and each.step.now_ns <= known_ns for each in kept):
             # It was on its way, or latched.
-            kept.insert(0, before[-1]._replace(now_ns=known_ns))
-    return sorted(kept, key=lambda message: message.now_ns)
+            kept.insert(0, replace(before[-1], step=replace(before[-1].step, now_ns=known_ns)))
+    return sorted(kept, key=_instant_ns)
 
 
-def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
+def _steps(inputs: list[Given], commands: list[RecordedStep]) -> list[Given]:
     """Return a step for each command, with the input just before it, which it answers at once."""
     given: list[Given] = []
-    waiting = iter([*inputs, None])
-    message = next(waiting)
-    for now_ns, group in groupby(commands, key=lambda command: command.now_ns):
+    begin = 0
+    for now_ns, group in groupby(commands, key=lambda step: step.now_ns):
         answers = list(group)
-        before: list[_Message] = []
-        while message is not None and message.now_ns <= now_ns:
-            before.append(message)
-            message = next(waiting)
+        end = bisect_right(inputs, now_ns, key=_instant_ns)
         # The answers to the first inputs are missing from the recording.
-        lost = max(len(before) - len(answers), 0)
-        given += [_given(each) for each in before[:lost]]
+        answered = max(begin, end - len(answers))
+        given += inputs[begin:answered]
         # Simulated time may stand while several inputs are answered.
-        given += [_given(each, answer) for each, answer in zip_longest(before[lost:], answers)]
-    while message is not None:
-        given.append(_given(message))
-        message = next(waiting)
-    return given
-
-
-def _given(message: _Message | None, command: _Command | None = None) -> Given:
-    assert message is not None or command is not None
-    now_ns = command.now_ns if command is not None else message.now_ns if message is not None else 0
-    return Given(RecordedStep(now_ns, events=() if message is None else ({'kind': message.topic},),
-                              command=None if command is None else command.values,
-                              sources=() if command is None else command.sources),
-                 None if message is None else (message.type_name, message.data))
+        given += [Given(answer) if each is None else Given(replace(answer, events=each.step.events), each.message)
+                  for each, answer in zip_longest(inputs[answered:end], answers)]
+        begin = end
+    return given + inputs[begin:]
 
 
 def with_repeats(given: list[Given]) -> list[Given]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import difflib
+from itertools import pairwise
 import json
 import math
 from pathlib import Path
@@ -26,7 +27,7 @@ from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
-    from bev_preheat.recording.course import Course
+    from bev_preheat.recording.course import Course, Instant
     from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.records import RecordedStep
 
@@ -127,7 +128,7 @@ def cause_of(flight: Flight, first: Difference) -> str:
 
 
 FIGURES_FORMAT = 1
-SAMPLE_S = 60
+SAMPLE_NS = 60 * NS_PER_S
 # Tolerances that `figures` are written with; the others are compared as they are.
 ENERGY = '_wh'
 TOLERANCES = {
@@ -164,8 +165,8 @@ def figures(comparison: Comparison | None, course: Course) -> dict[str, Any]:
         **({} if comparison is None else {
             'reproduced': comparison.is_reproduced, 'commands': comparison.commands,
             'different': comparison.different, 'largest_difference_w': comparison.largest_w}),
-        'heating_begins_s': seconds(heating[0][0] if heating else None),
-        'heating_ends_s': seconds(heating[-1][1] if heating else None),
+        'heating_begins_s': seconds(heating[0].from_ns if heating else None),
+        'heating_ends_s': seconds(heating[-1].to_ns if heating else None),
         'switch_ons': len(heating),
         **course.results.energies_wh,
         'arrival_s': seconds(None if arrival is None else arrival.now_ns),
@@ -183,17 +184,16 @@ def _known(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
 
 
-def _minutes(course: Course) -> list[Any]:
+def _minutes(course: Course) -> list[Instant]:
     """Return the latest Instant at each full minute from the start on."""
-    instants = course.instants
-    found: list[Any] = []
-    start_ns, index = instants[0].now_ns, 0
-    while index < len(instants):
-        due_ns = start_ns + len(found) * SAMPLE_S * NS_PER_S
-        while index < len(instants) and instants[index].now_ns <= due_ns:
-            index += 1
-        if index < len(instants) or instants[-1].now_ns == due_ns:
-            found.append(instants[index - 1])
+    found: list[Instant] = []
+    due_ns = course.instants[0].now_ns
+    for latest, following in pairwise(course.instants):
+        while following.now_ns > due_ns:
+            found.append(latest)
+            due_ns += SAMPLE_NS
+    if course.instants[-1].now_ns == due_ns:
+        found.append(course.instants[-1])
     return found
 
 
@@ -217,8 +217,8 @@ def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple
         contents = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f'{path}: is not JSON: {error}') from error
-    if not isinstance(contents, dict) or contents.get('format') != FIGURES_FORMAT:
-        number = contents.get('format') if isinstance(contents, dict) else None
+    number = contents.get('format') if isinstance(contents, dict) else None
+    if number != FIGURES_FORMAT:
         raise InvalidInput(f'{path}: has format {quoted(str(number))}; this version reads format {FIGURES_FORMAT} '
                            '(preheat replay --write-expected)')
     expected = contents.get('expected')
@@ -243,24 +243,21 @@ def _entry(path: str | Path, name: str, entry: Any, known: dict[str, Any]) -> tu
 
 def deviations(expected: dict[str, tuple[Any, float]], values: dict[str, Any]) -> list[Deviation]:
     """Return the Deviations of `figures` from an expectation, in its order; [] if all are as expected."""
-    found: list[Deviation] = []
-    for name, (wanted, tolerance) in expected.items():
-        value = values[name]
-        if isinstance(wanted, list) and isinstance(value, list):
-            found += _list_deviation(name, value, wanted, tolerance)
-        elif not _is_near(value, wanted, tolerance):
-            found.append(Deviation(name, _words(value), _words(wanted), f'{tolerance:g}'))
-    return found
+    return [found for name, (wanted, tolerance) in expected.items()
+            if (found := _deviation(name, values[name], wanted, tolerance)) is not None]
 
 
-def _list_deviation(name: str, value: list[Any], wanted: list[Any], tolerance: float) -> list[Deviation]:
-    """Return the first difference of two lists, if there is one."""
-    for index, (one, other) in enumerate(zip(value, wanted)):
-        if not _is_near(one, other, tolerance):
-            return [Deviation(f'{name}[{index}]', _words(one), _words(other), f'{tolerance:g}')]
-    if len(value) != len(wanted):
-        return [Deviation(name, f'{len(value)} values', f'{len(wanted)} values', '0')]
-    return []
+def _deviation(name: str, value: Any, wanted: Any, tolerance: float) -> Deviation | None:
+    """Return the Deviation of a value, of two lists the first one; None without."""
+    if isinstance(wanted, list) and isinstance(value, list):
+        items = (_deviation(f'{name}[{index}]', *both, tolerance) for index, both in enumerate(zip(value, wanted)))
+        first = next(filter(None, items), None)
+        if first is None and len(value) != len(wanted):
+            return Deviation(name, f'{len(value)} values', f'{len(wanted)} values', '0')
+        return first
+    if _is_near(value, wanted, tolerance):
+        return None
+    return Deviation(name, _words(value), _words(wanted), f'{tolerance:g}')
 
 
 def _is_near(value: Any, wanted: Any, tolerance: float) -> bool:

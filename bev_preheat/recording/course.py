@@ -15,12 +15,13 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.changes import changes_in_words
-from bev_preheat.recording.heater_account import FULL_FROM, HeaterAccount, RECORDED_HOLD_NS, Span
+from bev_preheat.recording.flight import Period
+from bev_preheat.recording.heater_account import FULL_FROM, HeaterAccount, RECORDED_HOLD_NS
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
     from bev_preheat.recording.changes import Changes
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_REPORTED_K = 0.5
@@ -122,7 +123,6 @@ class TripResults:
     """The HeaterAccount of each heat source of a drive, by name, and the TripResults of its trips."""
 
     def __init__(self) -> None:
-        """Start without a trip."""
         self.accounts: defaultdict[str, HeaterAccount] = defaultdict(HeaterAccount)
         self.trips: list[TripResult] = []
         self._latest_ns = 0
@@ -185,7 +185,7 @@ class TripResults:
         trip.is_over = trip.has_arrived or status is Status.NO_ROUTE
 
 
-def lapses_in_words(spans: list[Span]) -> str:
+def lapses_in_words(spans: list[Period]) -> str:
     """Return the number and the length of the spans without a valid command; '' for none."""
     if not spans:
         return ''
@@ -262,26 +262,26 @@ class Course:
                 known.append((played.now_ns, value))
 
     @property
-    def heating(self) -> list[tuple[int, int]]:
-        """The periods of heating, as instants [ns]."""
+    def heating(self) -> list[Period]:
+        """The periods of heating."""
         return self._periods([instant.command_w for instant in self.instants])
 
     @property
-    def cooling(self) -> list[tuple[int, int]]:
-        """The periods of cooling, as instants [ns]."""
+    def cooling(self) -> list[Period]:
+        """The periods of cooling."""
         return self._periods([instant.cold_w for instant in self.instants])
 
-    def _periods(self, powers_w: list[float]) -> list[tuple[int, int]]:
-        periods: list[tuple[int, int]] = []
+    def _periods(self, powers_w: list[float]) -> list[Period]:
+        periods: list[Period] = []
         begun: int | None = None
         for instant, power_w in zip(self.instants, powers_w):
             if power_w >= LEAST_HEAT_W and begun is None:
                 begun = instant.now_ns
             elif power_w < LEAST_HEAT_W and begun is not None:
-                periods.append((begun, instant.now_ns))
+                periods.append(Period(begun, instant.now_ns))
                 begun = None
         if begun is not None:
-            periods.append((begun, self.instants[-1].now_ns))
+            periods.append(Period(begun, self.instants[-1].now_ns))
         return periods
 
     @property
@@ -295,7 +295,7 @@ class Course:
         arrival, predicted = self.arrival, self.latest_prediction
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
-            **{kind: [{'from_ns': begun, 'to_ns': ended} for begun, ended in periods]
+            **{kind: [period._asdict() for period in periods]
                for kind, periods in (('heating', self.heating), ('cooling', self.cooling))},
             **self.results.energies_wh,
             'without_command': [span._asdict() for span in self.results.account.without_command],
@@ -322,8 +322,8 @@ def _start(recorded: Course, changed: Course) -> str:
     if not after:
         return f'not {done} either' if not before else f'not {done}'
     if not before:
-        return f'started after {duration_text((after[0][0] - changed.instants[0].now_ns) / NS_PER_S)}'
-    later_s = (after[0][0] - before[0][0]) / NS_PER_S
+        return f'started after {duration_text((after[0].from_ns - changed.instants[0].now_ns) / NS_PER_S)}'
+    later_s = (after[0].from_ns - before[0].from_ns) / NS_PER_S
     if abs(later_s) < SAME_START_S:
         return 'started at the same time'
     return f'started {duration_text(abs(later_s))} {"later" if later_s > 0.0 else "earlier"}'

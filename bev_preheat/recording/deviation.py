@@ -36,7 +36,6 @@ class Deviation:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Start without a difference."""
         battery = vehicle.battery
         self._heat_capacity_j_per_k = vehicle.pack_heat_capacity_j_per_k
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
@@ -85,7 +84,6 @@ class SourceHeat:
     """The power and the heat of a vehicle's heat sources under commands."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Take the heat sources beside the HVCH."""
         self._sources = {source.name: (source.maximum_power_w.function(FLOATS), source.hvch_watts.function(FLOATS))
                          for source in vehicle.heat_sources}
 
@@ -116,7 +114,6 @@ class Unheated:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Start without heat."""
         self._vehicle = vehicle
         self.sources = SourceHeat(vehicle) if vehicle.heat_sources else None
         self.restart()
@@ -137,16 +134,15 @@ class Unheated:
         if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < UNHEATED_GAP_S:
             self.restart()
         self._latest_s = at_s
-        return self._taken_c(at_s, settled_c, soc, (power_w, heat_w))
+        return self._taken_c(at_s, settled_c, soc, power_w, heat_w)
 
-    def _taken_c(self, at_s: float, settled_c: float, soc: float, powers_w: tuple[float, float | None]) -> float:
-        power_w, heat_w = powers_w
+    def _taken_c(self, at_s: float, settled_c: float, soc: float, power_w: float, heat_w: float | None) -> float:
         if heat_w is None and self.sources is not None:
             return math.nan
         # The difference of a car without the heater is negative.
         power_w = _finite(power_w, 0.0)
         heat_w = power_w if heat_w is None else _finite(heat_w, 0.0)
-        self._deviation.advance(_ns(at_s), -power_w, -heat_w, soc, settled_c)
+        self._deviation.advance(round(at_s * NS_PER_S), -power_w, -heat_w, soc, settled_c)
         return settled_c + self._deviation.temperature_k
 
     def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
@@ -160,12 +156,8 @@ class Unheated:
         ahead = copy.copy(self)
         ahead._deviation = copy.copy(self._deviation)
         # Its steps may be longer than gaps of measurements.
-        return [ahead._taken_c(*each) for each in zip(
+        return [ahead._taken_c(at_s, temperature_c, soc, *taken_w) for at_s, temperature_c, soc, taken_w in zip(
             times_s, temperatures_c, socs, (*powers_w, *powers_w[-1:]))]
-
-
-def _ns(at_s: float) -> int:
-    return round(at_s * NS_PER_S)
 
 
 def _finite(value: float, otherwise: float) -> float:

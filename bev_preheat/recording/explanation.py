@@ -10,26 +10,23 @@ from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.player import Player
+from bev_preheat.recording.replay import Player
 
 if TYPE_CHECKING:
     from bev_preheat.control.state import State
+    from bev_preheat.planning.plan import Plan
     from bev_preheat.recording.flight import Flight
 
 
-class Section(NamedTuple):
-    """A heading, and pairs of a name and a value."""
-
-    heading: str
-    rows: tuple[tuple[str, str], ...]
+Rows = list[tuple[str, str]]
 
 
 class Why(NamedTuple):
-    """The instant [ns], the command and its reason as a sentence, and the Sections that explain it."""
+    """The instant [ns], the command and its reason as a sentence; names and values that explain it, by heading."""
 
     now_ns: int
     answer: str
-    sections: tuple[Section, ...]
+    sections: dict[str, Rows]
 
 
 def explain(flight: Flight, at_ns: int) -> Why:
@@ -56,13 +53,16 @@ def why(state: State, now_ns: int) -> Why:
         f'{command.battery_heating_power_w:.0f} W',
         *(f'{name} {power_w:.0f} W' for name, power_w in command.sources_w)))
     answer = f'{power}, {decision.status.name}: {decision.explanation}'
-    sections = [_inputs(state, now_ns), *(
-        Section(entry.name, tuple((value.key, value.value) for value in entry.values if value.value))
-        for entry in planner_diagnostics(state, now_ns))]
-    return Why(now_ns, answer, (*sections, *_plan(state, now_ns), _otherwise(state, now_ns)))
+    sections = {'inputs': _inputs(state, now_ns)}
+    for entry in planner_diagnostics(state, now_ns):
+        sections[entry.name] = [(value.key, value.value) for value in entry.values if value.value]
+    if decision.plan is not None:
+        sections['plan'] = _plan(decision.plan, state, now_ns)
+    sections['what would have to change'] = _otherwise(state, now_ns)
+    return Why(now_ns, answer, sections)
 
 
-def _inputs(state: State, now_ns: int) -> Section:
+def _inputs(state: State, now_ns: int) -> Rows:
     rows = []
     measurement, mission, place = state.measurement, state.mission, state.place
     if measurement is None:
@@ -87,22 +87,18 @@ def _inputs(state: State, now_ns: int) -> Section:
             rows.append((name, refused))
     if state.rivals:
         rows.append(('other nodes that command heat', state.rivals))
-    return Section('inputs', tuple(rows))
+    return rows
 
 
-def _plan(state: State, now_ns: int) -> list[Section]:
-    decision = state.decision
-    plan = decision.plan
-    if plan is None:
-        return []
+def _plan(plan: Plan, state: State, now_ns: int) -> Rows:
     rows = [('target [degC]', f'{plan.target_temperature_c:.2f}'),
             ('predicted on arrival [degC]',
-             f'{plan.arrival_temperature_c:.2f} +- {decision.arrival_deviation_k:.2f}'),
+             f'{plan.arrival_temperature_c:.2f} +- {state.decision.arrival_deviation_k:.2f}'),
             ('charge on arrival [1]', f'{plan.arrival_soc:.4f}')]
     begins_s = _begins_s(state, now_ns)
     if begins_s is not None:
         rows.append(('heating begins', 'now' if begins_s <= 0.0 else f'in {duration_text(begins_s)}'))
-    return [Section('plan', tuple(rows))]
+    return rows
 
 
 def _begins_s(state: State, now_ns: int) -> float | None:
@@ -112,7 +108,7 @@ def _begins_s(state: State, now_ns: int) -> float | None:
     return (decision.plan_start_ns - now_ns) / NS_PER_S + decision.plan.heating_start_s
 
 
-def _otherwise(state: State, now_ns: int) -> Section:
+def _otherwise(state: State, now_ns: int) -> Rows:
     decision, begins_s = state.decision, _begins_s(state, now_ns)
     otherwise = decision.status.meaning.otherwise
     sentences = [('for another answer', otherwise)] if otherwise else []
@@ -126,4 +122,4 @@ def _otherwise(state: State, now_ns: int) -> Section:
         sentences.append(('for another answer', 'A higher target or a colder battery would need heat.'))
     for verdict in state.signal_verdicts:
         sentences.append((f'{verdict.signal} in doubt', verdict.sentence))
-    return Section('what would have to change', tuple(sentences))
+    return sentences

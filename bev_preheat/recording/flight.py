@@ -23,7 +23,7 @@ from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
 
 if TYPE_CHECKING:
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # A clock that jumps on from below a day by more than a day had not been set [ns].
 CLOCK_UNSET_NS = 86_400_000_000_000
@@ -99,24 +99,18 @@ class Flight:
 def read_flight(path: str | Path) -> Flight:
     """Return the Flight of a file and its process's later ones, or of a folder's latest; raises InvalidInput."""
     require('mcap')
-    parts = _parts_of(Path(path))
-    beginning: Beginning | None = None
-    given: list[Given] = []
-    gaps: list[int] = []
-    starts: list[Start] = []
-    remarks: list[str] = []
-    for number, part in enumerate(parts):
-        first, read, part_gaps, part_starts = _read_part(part, remarks)
-        if beginning is None:
-            beginning = first
-        elif first.part != beginning.part + number:
-            gaps.append(len(given))
-            remarks.append(f'{part.name}: the file before it is missing')
-        gaps += [len(given) + gap for gap in part_gaps]
-        starts += [start._replace(at=len(given) + start.at) for start in part_starts]
-        given += read
-    assert beginning is not None
-    return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks), starts=tuple(starts))
+    flight, *others = map(_read_part, _parts_of(Path(path)))
+    for number, part in enumerate(others, start=1):
+        at, remarks = len(flight.given), part.remarks
+        gaps = [at + gap for gap in part.gaps]
+        if part.beginning.part != flight.beginning.part + number:
+            gaps.insert(0, at)
+            remarks = *remarks, f'{part.paths[0].name}: the file before it is missing'
+        flight = replace(
+            flight, given=flight.given + part.given, paths=flight.paths + part.paths, gaps=(*flight.gaps, *gaps),
+            remarks=flight.remarks + remarks,
+            starts=(*flight.starts, *(start._replace(at=at + start.at) for start in part.starts)))
+    return flight
 
 
 def _parts_of(path: Path) -> list[Path]:
@@ -142,10 +136,11 @@ def _life(path: Path) -> str:
     return path.name.rsplit('_', 1)[0]
 
 
-def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], list[int], list[Start]]:
+def _read_part(path: Path) -> Flight:
     beginning: Beginning | None = None
     given: list[Given] = []
     gaps: list[int] = []
+    remarks: list[str] = []
     latest: dict[str, tuple[str, bytes]] = {}
     routes: dict[int, tuple[str, bytes]] = {}
     starts: list[Start] = []
@@ -176,7 +171,7 @@ def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], 
                 routes[now_ns] = type_name, data
     if beginning is None:
         raise InvalidInput(f'{path}: is not a recording of the flight recorder, or its beginning is lost')
-    return beginning, given, gaps, starts
+    return Flight(beginning, tuple(given), (path,), tuple(gaps), tuple(remarks), starts=tuple(starts))
 
 
 def _plain(path: Path, data: bytes) -> Any:
@@ -194,6 +189,11 @@ class Period(NamedTuple):
 
     from_ns: int = -2**63
     to_ns: int = 2**63
+
+    @property
+    def length_s(self) -> float:
+        """Its length [s]."""
+        return (self.to_ns - self.from_ns) / NS_PER_S
 
     def has(self, now_ns: int) -> bool:
         """Return whether an instant [ns] lies within it."""
@@ -265,7 +265,6 @@ class InputRemarks:
     """Looks at the inputs of a drive, step by step; `sentences` names the unusual inputs."""
 
     def __init__(self) -> None:
-        """Begin without a step."""
         self._latest_ns: int | None = None
         self._back: list[str] = []
         self._pauses: list[str] = []

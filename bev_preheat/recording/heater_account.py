@@ -6,12 +6,12 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_right
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from bev_preheat.control.heater import HOLD_AT_ONCE
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.recording.flight import moment
+from bev_preheat.recording.flight import moment, Period
 from bev_preheat.tunables import FAILURE_S, FAULTY
 from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.control.state import State
     from bev_preheat.recording.flight import Flight
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat_msgs.msg import HeatSourceStatus, HvchStatus
 
@@ -48,18 +48,6 @@ LONGEST_BREAK_NS = 600 * NS_PER_S
 SOON_NS = round(FAULTY * FAILURE_S * NS_PER_S)
 
 
-class Span(NamedTuple):
-    """A period between two instants [ns]."""
-
-    from_ns: int
-    to_ns: int
-
-    @property
-    def length_s(self) -> float:
-        """Its length [s]."""
-        return (self.to_ns - self.from_ns) / NS_PER_S
-
-
 class HeaterAccount:
     """
     Adds up the heater's energy; `command` and `answer` take the instants in order.
@@ -71,13 +59,12 @@ class HeaterAccount:
     """
 
     def __init__(self) -> None:
-        """Start without energy."""
         self._commanded_wh = self._delivered_wh = 0.0
         # Instant [ns], power [W] and end [ns] of the latest command and of the latest delivery.
         self._command: tuple[int, float, int] | None = None
         self._answer: tuple[int, float, int] | None = None
-        self._lapsed: list[Span] = []
-        self._unserved: list[Span] = []
+        self._lapsed: list[Period] = []
+        self._unserved: list[Period] = []
         self._is_unserved = False
 
     def command(self, now_ns: int, power_w: float, until_ns: int) -> None:
@@ -120,18 +107,18 @@ class HeaterAccount:
         return None if self._answer is None else self._delivered_wh
 
     @property
-    def without_command(self) -> list[Span]:
+    def without_command(self) -> list[Period]:
         """The spans without a valid command, in order."""
         return united([*self._lapsed, *self._unserved])
 
-    def latest_without_command(self, most: int) -> list[Span]:
+    def latest_without_command(self, most: int) -> list[Period]:
         """Return some of the spans without a valid command: those among the latest ones, in order."""
         return united([*self._lapsed[-most:], *self._unserved[-most:]])[-most:]
 
 
-def united(spans: Iterable[Span]) -> list[Span]:
+def united(spans: Iterable[Period]) -> list[Period]:
     """Return the union of spans, in order."""
-    found: list[Span] = []
+    found: list[Period] = []
     for span in sorted(spans):
         _add(found, *span)
     return found
@@ -141,12 +128,12 @@ def _held_ns(before_ns: int, now_ns: int, end_ns: int) -> int:
     return max(min(now_ns, end_ns) - before_ns, 0)
 
 
-def _add(spans: list[Span], from_ns: int, to_ns: int) -> None:
+def _add(spans: list[Period], from_ns: int, to_ns: int) -> None:
     """Add a span that begins no earlier than the last one; it continues that if they touch."""
     if spans and spans[-1].from_ns <= from_ns <= spans[-1].to_ns:
-        spans[-1] = Span(spans[-1].from_ns, max(spans[-1].to_ns, to_ns))
+        spans[-1] = Period(spans[-1].from_ns, max(spans[-1].to_ns, to_ns))
     elif to_ns > from_ns:
-        spans.append(Span(from_ns, to_ns))
+        spans.append(Period(from_ns, to_ns))
         # Of a command that fails for days the latest spans are kept.
         del spans[:-KEPT_SPANS]
 
@@ -161,7 +148,6 @@ class HeaterShares:
     """
 
     def __init__(self, flight: Flight, name: str = HVCH) -> None:
-        """Begin with a source that delivers its command."""
         self._name, self._given = name, flight.given
         self._is_log = flight.is_log
         self._steps, self._from, self._shares = 0, [0], [1.0]
@@ -238,7 +224,6 @@ class RecordedHeat:
     """The HeaterShares of a vehicle's heat sources along an unchanged replay, and the temperature of the air."""
 
     def __init__(self, flight: Flight, vehicle: Vehicle) -> None:
-        """Begin with sources that deliver their commands, in unknown air."""
         self._shares = {name: HeaterShares(flight, name) for name in (
             HVCH, *(source.name for source in vehicle.heat_sources))}
         self._ambient_c = array('d')

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from array import array
-from bisect import bisect_right
 import math
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -16,12 +15,10 @@ from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.state import State
-    from bev_preheat.recording.player import Played
+    from bev_preheat.recording.replay import Played
 
 # Rows of a drive of any length; a day has one a second.
 MOST_ROWS = 90_000
@@ -61,14 +58,6 @@ class KeptPlan(NamedTuple):
     power_w: list[float]
 
 
-class _PlanKey(NamedTuple):
-    status: int
-    start_s: float
-    arrival_s: float
-    arrival_c: float
-    target_c: float
-
-
 class History:
     """
     Collects a drive step by step; `add` takes each Played.
@@ -96,8 +85,8 @@ class History:
         # By how much the drawn time is ahead of the clock.
         self._ahead_ns = 0
         self._known: dict[str, object] = {}
-        self._plan_key: _PlanKey | None = None
-        self._ambient = _Ambient()
+        # Status, start and arrival [s], temperatures on arrival and of the target [deg C] of the latest kept plan.
+        self._plan_key: tuple[float, ...] | None = None
         self._unheated: Unheated | None = None
 
     def add(self, played: Played) -> None:
@@ -142,39 +131,34 @@ class History:
         return self._latest_ns
 
     def _add_row(self, now_ns: int, state: State, command_w: float, has_planner: bool) -> None:
-        decision, measurement = state.decision, state.measurement
+        decision, measurement, at_ns = state.decision, state.measurement, now_ns - self._ahead_ns
         estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
+        row = dict.fromkeys(COLUMNS, math.nan)
+        row |= {'time': now_ns / NS_PER_S, 'ambient': _ambient_c(decision.leg, at_ns), 'commanded': command_w}
+        if measurement is not None:
+            row |= {'measured': measurement.state.temperature_c, 'soc': measurement.state.soc}
+            if measurement.power_w is not None:
+                row['power'] = measurement.power_w
+        if estimate is not None:
+            row |= _band('estimated', estimate.temperature_c, estimate.temperature_deviation_k)
+        if plan is not None:
+            row |= _band('predicted', plan.arrival_temperature_c, decision.arrival_deviation_k)
+            row['target'] = plan.target_temperature_c
+        heater_w, heat_w = command_w if estimate is None else estimate.heater.share * command_w, None
         answer = None if state.heater_answer is None else state.heater_answer.status
-        confirmed_w = math.nan if answer is None or state.vehicle.heat_sources else answer.confirmed_w
-        soc = math.nan if measurement is None else measurement.state.soc
-        if self._unheated is None:
-            self._unheated = Unheated(state.vehicle)
-        estimated_c = math.nan if estimate is None else estimate.temperature_c
-        estimated_k = math.nan if estimate is None else estimate.temperature_deviation_k
-        predicted_c = math.nan if plan is None else plan.arrival_temperature_c
-        predicted_k = decision.arrival_deviation_k
-        power_w = None if measurement is None else measurement.power_w
-        ambient_c = self._ambient.at(decision.leg, now_ns - self._ahead_ns)
-        heater_w, heat_w = (confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
-                            else estimate.heater.share * command_w), None
+        if answer is not None and not state.vehicle.heat_sources:
+            row['confirmed'] = heater_w = answer.confirmed_w
         if state.vehicle.heat_sources and has_planner and state.temperature_c is not None:
             powers = state.answers.powers(
                 state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
-            at_ns = now_ns - self._ahead_ns
             heater_w, heat_w = powers.others_w(
-                -1, at_ns, at_ns, powers.temperature_c if math.isnan(ambient_c) else ambient_c,
+                -1, at_ns, at_ns, powers.temperature_c if math.isnan(row['ambient']) else row['ambient'],
                 [state.vehicle.most_w(each.name) for each in (state.answers.hvch, *state.answers.others)])
-        row = (
-            now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
-            estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,
-            predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
-            math.nan if plan is None else plan.target_temperature_c,
-            ambient_c, command_w,
-            confirmed_w, soc, math.nan if power_w is None else power_w,
-            self._unheated.unheated_c(
-                now_ns / NS_PER_S, math.nan if plan is None else float(plan.battery_temperature_c[0]), soc,
-                heater_w, heat_w))
-        for name, value in zip(COLUMNS, row):
+        if self._unheated is None:
+            self._unheated = Unheated(state.vehicle)
+        settled_c = math.nan if plan is None else float(plan.battery_temperature_c[0])
+        row['unheated'] = self._unheated.unheated_c(row['time'], settled_c, row['soc'], heater_w, heat_w)
+        for name, value in row.items():
             self.columns[name].append(value)
 
     def _add_diagnostics(self, now_ns: int, played: Played) -> None:
@@ -206,11 +190,14 @@ class History:
             return
         start_s = (decision.plan_start_ns + self._ahead_ns) / NS_PER_S
         begins_s = math.inf if plan.heating_start_s is None else start_s + plan.heating_start_s
-        key = _PlanKey(int(decision.status), begins_s, start_s + plan.arrival_time_s, plan.arrival_temperature_c,
-                       plan.target_temperature_c)
+        key = (int(decision.status), begins_s, start_s + plan.arrival_time_s, plan.arrival_temperature_c,
+               plan.target_temperature_c)
         # While heating, each plan starts with heat.
         is_under_way = plan.heating_start_s is not None and plan.heating_start_s <= 0.0
-        if self._plan_key is not None and not _differ(self._plan_key, key, is_under_way):
+        shifts = (0.0, math.inf if is_under_way else PLAN_SHIFT_S, PLAN_SHIFT_S, PLAN_SHIFT_K, PLAN_SHIFT_K)
+        # The difference of two plans without heating is NaN, which exceeds nothing.
+        if self._plan_key is not None and not any(
+                abs(after - before) > shift for before, after, shift in zip(self._plan_key, key, shifts)):
             return
         self._plan_key = key
         if len(self.plans) >= MOST_PLANS:
@@ -224,42 +211,18 @@ class History:
                   else f'heating in {plan.heating_start_s / 60.0:.1f} min')
         self.plans.append(KeptPlan(
             now_ns, f'{decision.status.name}: {begins}, {plan.arrival_temperature_c:.1f} degC on arrival',
-            [start_s + plan.time_s.item(index) for index in indices],
-            [plan.battery_temperature_c.item(index) for index in indices],
-            [plan.soc.item(index) for index in indices],
-            _thinned_powers(powers, indices)))
+            (start_s + plan.time_s[indices]).tolist(), plan.battery_temperature_c[indices].tolist(),
+            plan.soc[indices].tolist(),
+            # The mean power from each kept instant to the next.
+            [*(sum(powers[low:high]) / (high - low) for low, high in zip(indices, indices[1:])), 0.0]))
 
 
-def _differ(before: _PlanKey, after: _PlanKey, is_under_way: bool) -> bool:
-    begins_differ = not is_under_way and before.start_s != after.start_s and not (
-        abs(before.start_s - after.start_s) <= PLAN_SHIFT_S)
-    return (before.status != after.status or begins_differ
-            or abs(before.arrival_s - after.arrival_s) > PLAN_SHIFT_S
-            or abs(before.arrival_c - after.arrival_c) > PLAN_SHIFT_K
-            or abs(before.target_c - after.target_c) > PLAN_SHIFT_K)
+def _band(name: str, value: float, deviation: float) -> dict[str, float]:
+    return {name: value, f'{name}_low': value - deviation, f'{name}_high': value + deviation}
 
 
-def _thinned_powers(powers: Sequence[float], indices: Sequence[int]) -> list[float]:
-    """Return the mean power from each index to the next."""
-    means = [sum(powers[low:high]) / (high - low) for low, high in zip(indices, indices[1:])]
-    return [*means, 0.0]
-
-
-class _Ambient:
-    """The ambient temperature that the route gives for an instant."""
-
-    def __init__(self) -> None:
-        self._leg: Leg | None = None
-        self._ends_s: list[float] = []
-
-    def at(self, leg: Leg | None, now_ns: int) -> float:
-        """Return it [deg C]; NaN outside of the leg."""
-        if leg is None:
-            return math.nan
-        if leg is not self._leg:
-            self._leg, self._ends_s = leg, leg.route.duration_s.cumsum().tolist()
-        elapsed_s = (now_ns - leg.start_ns) / NS_PER_S
-        if not 0.0 <= elapsed_s < self._ends_s[-1]:
-            return math.nan
-        index = bisect_right(self._ends_s, elapsed_s)
-        return float(leg.route.ambient_temperature_c[index])
+def _ambient_c(leg: Leg | None, now_ns: int) -> float:
+    """Return the ambient temperature that the route gives for an instant [deg C]; NaN outside of the leg."""
+    if leg is None or not 0.0 <= (elapsed_s := (now_ns - leg.start_ns) / NS_PER_S) < leg.route.time_s[-1]:
+        return math.nan
+    return float(leg.route.ambient_temperature_c[leg.route.segment_at(elapsed_s)])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from base64 import b64decode, b64encode
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from importlib import import_module
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
@@ -70,13 +71,7 @@ def read_message(type_name: str, data: bytes) -> Any:
 def message_type(name: str) -> Any:
     """Return the class of a message type such as sensor_msgs/msg/BatteryState; raises InvalidInput if unknown."""
     package, _, short = name.partition('/msg/')
-    if package == OWN:
-        import bev_preheat_msgs.msg as module
-    elif package == 'sensor_msgs':
-        import sensor_msgs.msg as module
-    else:
-        module = None
-    found = getattr(module, short, None)
+    found = getattr(import_module(f'{package}.msg'), short, None) if package in (OWN, 'sensor_msgs') else None
     if found is None:
         raise InvalidInput(f'message type {quoted(name)} of the recording is not known here')
     return found
@@ -156,14 +151,13 @@ class Beginning:
         return {'format': DRIVE_FORMAT, **vars(self)}
 
     @classmethod
-    def from_dictionary(cls, values: Any) -> Beginning:
+    def from_dictionary(cls, values: dict[str, Any]) -> Beginning:
         """Return the Beginning of plain values; raises InvalidInput on another format, or damage."""
-        if not isinstance(values, dict) or values.get('format') not in READ_FORMATS:
-            number, version = ((values.get('format'), values.get('version')) if isinstance(values, dict)
-                               else (None, None))
+        if values.get('format') not in READ_FORMATS:
             raise InvalidInput(
-                f'the recording has format {quoted(str(number))} of version {quoted(str(version))}; this version '
-                f'reads format {", ".join(map(str, READ_FORMATS))}; replay it with the version that wrote it')
+                f'the recording has format {quoted(str(values.get("format")))} of version '
+                f'{quoted(str(values.get("version")))}; this version reads format '
+                f'{", ".join(map(str, READ_FORMATS))}; replay it with the version that wrote it')
         with sound("the recording's beginning"):
             return cls(str(values['version']), str(values['node']), str(values['life']), int(values['part']),
                        int(values['now_ns']), bool(values['uses_sim_time']),

@@ -107,7 +107,6 @@ class KeptRecording:
     """A planner's recording, kept at `path`; without the package mcap nothing is recorded."""
 
     def __init__(self, path: Path) -> None:
-        """Record nothing yet."""
         self.path = path
         self._folder: Path | None = None
 

@@ -181,7 +181,7 @@ class RecordingWriter:
 
     def _write_waiting(self) -> None:
         while self._waiting:
-            if self._file is None and not self._open():
+            if self._file is None and (time.monotonic() < self._retry_s or not self._try(self._start_file)):
                 # What cannot be written is lost, and memory stays bounded.
                 self.dropped += len(self._waiting)
                 self._waiting.clear()
@@ -211,11 +211,6 @@ class RecordingWriter:
                 # Somebody deleted it; the next steps go into another one.
                 self._file.close()
                 self._file = None
-
-    def _open(self) -> bool:
-        if time.monotonic() < self._retry_s:
-            return False
-        return self._try(self._start_file)
 
     def _start_file(self) -> None:
         folder = self._recording.folder

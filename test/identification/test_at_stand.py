@@ -81,14 +81,13 @@ def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, ca
 
 def test_two_logs_have_the_interval_of_the_fit():
     pytest.importorskip('scipy')
-    from bev_preheat.identification.fit import TripTerms
     from bev_preheat.identification.uncertainty import bootstrap_intervals
-    terms = tuple(TripTerms(np.array([gradient]), np.array([[15.0]])) for gradient in (200.0, -200.0))
-    fit = SimpleNamespace(terms=terms, information=np.array([[36.0]]), prior_precision=np.array([[6.0]]),
+    fit = SimpleNamespace(gradients=np.array([[200.0], [-200.0]]), informations=np.full((2, 1, 1), 15.0),
+                          information=np.array([[36.0]]), prior_precision=np.array([[6.0]]),
                           theta=np.array([2.0, 9.0]), free=np.array([True, False]))
     # 1.6449 / sqrt(36); logs that pull apart would draw far wider ends.
-    (interval,) = bootstrap_intervals(fit)
-    assert interval == pytest.approx((2.0 - 0.27415, 2.0 + 0.27415), abs=1e-4)
+    found = bootstrap_intervals(fit)
+    assert list(found) == [0] and found[0] == pytest.approx((2.0 - 0.27415, 2.0 + 0.27415), abs=1e-4)
 
 
 def test_the_minutes_of_a_heated_battery_are_those_of_its_equation(tmp_path, capsys):

@@ -9,9 +9,8 @@ from recorded import night, recording
 from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.identification.coverage import refuse_poor
 from bev_preheat.identification.recording_checks import refuse_doubted
-from bev_preheat.identification.trips import trip_of, trips_of
+from bev_preheat.identification.trips import refuse_poor, trip_of, trips_of
 from bev_preheat.logs.recording import Series
 from bev_preheat.vehicle import load_vehicle
 

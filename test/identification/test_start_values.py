@@ -19,8 +19,8 @@ def kept(rises, told=('heat_capacity',)):
     # Loads SciPy and CasADi.
     from bev_preheat.identification.identify import keep_start
 
-    def fit(structure, kept, electrical, begin, held):
-        assert (structure, kept, begin) == ('one mass', None, FULL)
+    def fit(structure, electrical, begin, held):
+        assert (structure, electrical, begin) == ('one mass', None, FULL)
         return SimpleNamespace(cost=100.0 + rises[frozenset(held)], held=dict(held))
 
     intervals = {}

@@ -31,6 +31,7 @@ def test_the_truth_is_found_within_its_interval(seed):
 def test_nights_alone_beside_drives_tell_the_leakage_and_no_heater_says_so():
     import numpy as np
 
+    from bev_preheat.identification.electrical import fit_electrical
     from bev_preheat.identification.fit import Fitter
     from bev_preheat.identification.trips import trips_of
     from bev_preheat.identification.uncertainty import bootstrap_intervals
@@ -39,8 +40,8 @@ def test_nights_alone_beside_drives_tell_the_leakage_and_no_heater_says_so():
     car = draw_car(generator, vehicle)
     trips = trips_of(record_car(car, generator, heats=False), vehicle)
     fitter = Fitter(vehicle, trips)
-    fit = fitter.fit('one mass')
-    intervals = dict(zip(np.flatnonzero(fit.free).tolist(), bootstrap_intervals(fit)))
+    fit = fitter.fit('one mass', fit_electrical(vehicle, trips))
+    intervals = bootstrap_intervals(fit)
     # Coordinates: logarithm of the leakage at 1, heater efficiency at 4.
     assert intervals[1].high - intervals[1].low < 0.5
     prior = fitter.parameters['heater_efficiency']

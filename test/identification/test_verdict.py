@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.identification.coverage import Coverage
-from bev_preheat.identification.result import Estimated, record_next, verdict_of
+from bev_preheat.identification.result import Coverage, Estimated, missing_recordings, verdict_of
 from bev_preheat.identification.structures import graded, LeftOut, StructureResult
 
 WHOLE = Coverage(
@@ -27,12 +26,18 @@ def structure(name, *errors_k, misfit=0.0):
     return StructureResult(name, 0.0, (misfit, 0.0), errors_k)
 
 
-def verdict(errors_k=(0.3, -0.4), deviation_k=1.0, baselines=(), others=(), coverage=WHOLE, electrical=MEASURED,
-            unknown=(), together=()):
+def result(left_out, *structures, baselines=(), **changes):
+    """Return the parts of an Identification that its sentences are about."""
+    return SimpleNamespace(**{
+        'estimates': estimates(), 'left_out': left_out, 'structures': structures, 'structure': 'one mass',
+        'baselines': {each.structure: each for each in baselines}, 'coverage': WHOLE, 'together': (),
+        'electrical': MEASURED, **changes})
+
+
+def verdict(errors_k=(0.3, -0.4), deviation_k=1.0, others=(), unknown=(), **changes):
     left_out = [LeftOut(f'trip {number}', error_k, deviation_k) for number, error_k in enumerate(errors_k)]
-    own = structure('one mass', *errors_k)
-    return list(verdict_of(estimates(*unknown), left_out, {each.structure: each for each in baselines},
-                           [own, *others], 'one mass', coverage, together, electrical))
+    return list(verdict_of(result(left_out, structure('one mass', *errors_k), *others,
+                                  **{'estimates': estimates(*unknown), **changes})))
 
 
 def changed(**values):
@@ -56,9 +61,7 @@ def test_the_error_of_trips_left_out_grades_the_file(error_k, grade):
     ({'estimate': 1.6, 'is_identified': False}, ''), ({'estimate': 1.6, 'name': 'heat_lag'}, '')])
 def test_an_estimate_outside_its_prior_or_at_its_bound_is_no_file_to_trust(changes, words):
     item = replace(estimates()[0], label='heater efficiency', prior='as sold', **changes)
-    left_out = [LeftOut('trip', 0.2, 1.0)]
-    own = structure('one mass', 0.2)
-    first, *others = verdict_of([item], left_out, {}, [own], 'one mass', WHOLE, (), MEASURED)
+    first, *others = verdict((0.2,), estimates=[item])
     assert first.startswith('The file should not be trusted yet' if words else 'The file can be trusted')
     assert bool(words) is ('yet, because of its heater efficiency (see below): ' in first)
     assert bool(words) is any('either START or a signal' in sentence for sentence in others)
@@ -71,8 +74,7 @@ def test_the_only_night_does_not_grade_a_file():
     assert graded([*drives, lonely]) == drives
     twice = [*drives, lonely, replace(lonely, name='another')]
     assert graded(twice) == twice and graded([lonely]) == [lonely]
-    first, second, *_ = verdict_of(
-        estimates(), [*drives, lonely], {}, [structure('one mass', 0.3)], 'one mass', WHOLE, (), MEASURED)
+    first, second, *_ = verdict_of(result([*drives, lonely], structure('one mass', 0.3)))
     assert first.startswith('The file can be trusted') and 'RMSE of 0.30 K' in first
     assert second == ('night is the only night at stand: without it the others miss it by -4.80 K; no other '
                       'log tests its part of the file.')
@@ -130,9 +132,9 @@ def test_what_the_logs_do_not_tell_is_named():
 def test_the_structure_is_one_sentence_with_its_evidence():
     first, other = structure('one mass', 0.4, misfit=20.0), structure('two masses', 0.1, misfit=7.5)
     left_out = [LeftOut('trip', 0.1, 1.0), LeftOut('another', 0.1, 1.0)]
-    *_, kept = verdict_of(estimates(), left_out, {}, [first, other], 'one mass', WHOLE, (), MEASURED)
+    *_, kept = verdict_of(result(left_out, first, other))
     assert kept.endswith('no other structure explains unseen trips clearly better.')
-    *_, chosen = verdict_of(estimates(), left_out, {}, [first, other], 'two masses', WHOLE, (), MEASURED)
+    *_, chosen = verdict_of(result(left_out, first, other, structure='two masses'))
     assert chosen.startswith('Structure: two masses (RMSE 0.10 K') and 'by 12.5 in the log-likelihood' in chosen
 
 
@@ -151,6 +153,7 @@ def test_the_structure_is_one_sentence_with_its_evidence():
     (changed(drives=2), MEASURED, (), ['4 more drives of at least 20 min']),
     (WHOLE, MEASURED, ('drivetrain_heat',), ['A drive on a motorway and one in a town'])])
 def test_each_recording_is_advised_that_is_lacking_and_no_other(coverage, electrical, unknown, advice):
-    found = list(record_next(estimates(*unknown), coverage, electrical))
+    found = list(missing_recordings(result(
+        (), estimates=estimates(*unknown), coverage=coverage, electrical=electrical)))
     assert len(found) == len(advice)
     assert all(sentence.startswith(beginning) for sentence, beginning in zip(found, advice))

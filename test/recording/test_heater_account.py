@@ -16,8 +16,9 @@ from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.course import TripResults
-from bev_preheat.recording.heater_account import HeaterAccount, Span
-from bev_preheat.recording.player import Played
+from bev_preheat.recording.flight import Period
+from bev_preheat.recording.heater_account import HeaterAccount
+from bev_preheat.recording.replay import Played
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -34,7 +35,7 @@ def test_a_command_counts_until_its_lease_ends_and_the_rest_is_a_span():
     for second in (0.0, 1.0, 2.0, 6.0, 7.0):
         account.command(ns(second), 3600.0, ns(second + 2.5))
     assert account.commanded_wh == pytest.approx(1.0 + 1.0 + 2.5 + 1.0)
-    assert account.without_command == [Span(ns(4.5), ns(6.0))]
+    assert account.without_command == [Period(ns(4.5), ns(6.0))]
     assert account.delivered_wh is None
 
 
@@ -52,7 +53,7 @@ def test_answers_tell_what_was_delivered_and_that_the_heater_had_no_command():
     assert account.commanded_wh == pytest.approx(9.0)
     # Half the power for 7 s, two ramps of a second, and the second before the first command with one.
     assert account.delivered_wh == pytest.approx(0.5 * (6.0 + 3 * 0.5))
-    assert account.without_command == [Span(ns(3.0), ns(5.0))]
+    assert account.without_command == [Period(ns(3.0), ns(5.0))]
 
 
 PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8, maximum_arrival_temperature_c=inf)

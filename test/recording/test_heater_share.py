@@ -15,7 +15,7 @@ from bev_preheat.recording.deviation import Deviation, SourceHeat
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.heater_account import alter_status, HeaterShares
 from bev_preheat.recording.records import RecordedStep
-from bev_preheat.recording.what_if import replay, replay_changed
+from bev_preheat.recording.replay import replay, replay_changed
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal

@@ -16,7 +16,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import Beginning
-from bev_preheat.recording.what_if import replay, replay_changed
+from bev_preheat.recording.replay import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 

@@ -19,7 +19,7 @@ from bev_preheat.monitoring.pages import report_text, ReportText
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.history import History
-from bev_preheat.recording.player import Played, Player
+from bev_preheat.recording.replay import Played, Player
 from bev_preheat.simulation.supervised_drive import START_NS
 
 pytestmark = [pytest.mark.needs('mcap', 'rclpy', 'jinja2'), pytest.mark.costly]
