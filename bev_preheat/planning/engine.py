@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.limited_drive import WantedHeat
     from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
@@ -112,15 +111,15 @@ def _roll_heated(trip: Trip, start: States,
     return states, (heat_w[0], heat_w[1])
 
 
-def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted: WantedHeat,
-                                 take_surplus: bool) -> Course:
+def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted_w: FloatArray, take_surplus: bool,
+                                 below_c: float) -> Course:
     vehicle, native = _both(trip)
     rows = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4
     states, powers_w = np.empty((rows, native.steps + 1)), np.empty((rows, native.steps))
     states[:, 0] = initial_states(state)[:rows]
     stranding, flags = StrandingStruct(), np.empty(2 * native.steps, np.uint8)
-    call('bev_drive_as_planned', vehicle.address, native.address, doubles_at(wanted.power_w, native.steps),
-         wanted.below_c, take_surplus, place(states), place(powers_w), flags.ctypes.data, addressof(stranding))
+    call('bev_drive_as_planned', vehicle.address, native.address, doubles_at(wanted_w, native.steps),
+         below_c, take_surplus, place(states), place(powers_w), flags.ctypes.data, addressof(stranding))
     return Course(states, powers_w, None if stranding.step < 0 else (stranding.step, stranding.driven_share))
 
 

@@ -53,13 +53,6 @@ LimitedDrive = Callable[..., Driven]
 DriveBetween = Callable[[float, float], Driven]
 
 
-class WantedHeat(NamedTuple):
-    """Heater power [W] (N,) wanted in steps that begin colder than `below_c` [deg C], heat under way included."""
-
-    power_w: FloatArray
-    below_c: float = math.inf
-
-
 class Course(NamedTuple):
     """
     A run within limits: `states` (S, N + 1) and `powers_w` (P, N) [W].
@@ -73,14 +66,15 @@ class Course(NamedTuple):
     stranded: tuple[int, float] | None
 
 
-def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
-    """Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`."""
+def drive_within_limits(trip: Trip, state: BatteryState, wanted_w: FloatArray, take_surplus: bool,
+                        below_c: float) -> Course:
+    """Return the Course of a forward run that keeps the limits; see `limits.drive_as_planned`."""
     rows, steps = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4, len(trip.route)
     states, powers_w, stranded = np.empty((4, steps + 1)), np.empty((4, steps)), None
     states[:, 0] = here = initial_states(state)
     drive = make_limited_drive(trip, take_surplus)
-    for k, wanted_w in enumerate(wanted.power_w.tolist()):
-        here, powers_w[:, k] = drive(k, here, wanted_w, wanted.below_c)
+    for k, power_w in enumerate(wanted_w.tolist()):
+        here, powers_w[:, k] = drive(k, here, power_w, below_c)
         if here[0] <= 0.0:
             stranded = k, _stand(trip, k, states, powers_w)
             break
@@ -93,7 +87,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     Return `drive(k, states, wanted_w, below_c)`, which drives step k of a Trip within the limits.
 
     It wants `wanted_w` [W] if the battery is colder than `below_c` [deg C] (default: in any case); arguments are
-    otherwise those of `limits.run_within_limits`. It returns the States at the end, and the Powers. A state of
+    otherwise those of `limits.drive_as_planned`. It returns the States at the end, and the Powers. A state of
     charge of 0 or less means that the charge runs out in the step.
     """
     vehicle, path = trip.vehicle, trip.vehicle.heat_path

@@ -10,13 +10,13 @@ car would.
 """
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning import dynamics, engine
 from bev_preheat.planning.heat_run import ends_before_arrival_s, make_heat_run
-from bev_preheat.planning.limited_drive import WantedHeat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
 from bev_preheat.vehicle.description import steps_below_w
@@ -54,18 +54,20 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
     return dynamics.keeps_limits(trip, schedule, engine.limits_of_steps_w)
 
 
-def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Schedule:
+def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray, take_surplus: bool = False,
+                     below_c: float = math.inf) -> Schedule:
     """
-    Return the Schedule of a forward run that keeps the limits.
+    Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,).
 
-    `wanted` is the WantedHeat, cut if the battery cannot deliver it or would exceed its highest temperature. With
-    `take_surplus`, regeneration that the battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K
-    below that temperature; the friction brake takes the rest.
+    They are wanted in steps that begin colder than `below_c` [deg C], heat under way included, and are cut if the
+    battery cannot deliver them or would exceed its highest temperature. With `take_surplus`, regeneration that the
+    battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K below that temperature; the friction
+    brake takes the rest.
 
     The state of charge stays within 0 ... 1: the friction brake takes power that would overfill the battery, and
     when the charge runs out the vehicle stands for the rest of the trip.
     """
-    states, powers_w, stranded = engine.drive_within_limits(trip, state, wanted, take_surplus)
+    states, powers_w, stranded = engine.drive_within_limits(trip, state, heater_power_w, take_surplus, below_c)
     empty_at_s, driven_share = None, None
     if stranded is not None:
         empty, share = stranded
@@ -86,13 +88,7 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits, heated with free surplus only."""
-    return run_within_limits(trip, state, WantedHeat(np.zeros(len(trip.route))), take_surplus=True)
-
-
-def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
-                     take_surplus: bool = False) -> Schedule:
-    """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
-    return run_within_limits(trip, state, WantedHeat(heater_power_w), take_surplus)
+    return drive_as_planned(trip, state, np.zeros(len(trip.route)), take_surplus=True)
 
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],

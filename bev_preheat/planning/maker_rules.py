@@ -13,8 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.limited_drive import WantedHeat
-from bev_preheat.planning.limits import run_within_limits
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.trip import make_trip
@@ -62,5 +61,5 @@ def plan_by_rule(name: str, vehicle: Vehicle, route: Route, state: BatteryState,
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
     wanted_w = maximum_between(trip, MAKER_RULES[name].start_s(route), route.total_duration_s)
-    schedule = run_within_limits(trip, state, WantedHeat(wanted_w, goal.target_temperature_c), take_surplus=False)
+    schedule = drive_as_planned(trip, state, wanted_w, below_c=goal.target_temperature_c)
     return finish_plan(trip, goal, schedule, name, started)
