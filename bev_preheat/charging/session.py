@@ -388,8 +388,7 @@ class _Plug:
 
         return close_in(
             Trial(whole.duration_s, excess_of(whole.end), whole), Trial(0.0, excess_of(state), whole),
-            attempt, lambda enough, too_little: enough.excess <= tolerance, MOST_STEP_TRIALS,
-            aim=0.5 * tolerance).outcome
+            attempt, tolerance, MOST_STEP_TRIALS).outcome
 
 
 def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: list[_SessionState],

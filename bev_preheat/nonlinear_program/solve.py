@@ -22,9 +22,9 @@ from bev_preheat.nonlinear_program.program import (
 )
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
+from bev_preheat.planning.dynamics import is_described
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
-from bev_preheat.planning.outcome import is_described
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s

@@ -20,7 +20,7 @@ from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_h
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
-from bev_preheat.planning.schedule import HeatingInterval, REASONS, Schedule, ScheduleOutcome
+from bev_preheat.planning.schedule import HeatingInterval, Reason, Schedule, ScheduleOutcome
 from bev_preheat.planning.two_switches import switched_off
 from bev_preheat.vehicle.core_calls import doubles_at, INTEGRATORS, place, rows_of, vehicle_in_core
 from bev_preheat.vehicle.core_library import call, Declined, EMPTY, LEFT, operation
@@ -199,7 +199,7 @@ def _outcome(trip: Trip, plan: SwitchPlanStruct, instant_s: float | None) -> Sch
             return None
         start_s = max(trip.time_s.item(first), plan.switching_instant_s)
         intervals = (HeatingInterval(
-            start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, REASONS[plan.reason]),)
+            start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, Reason(plan.reason)),)
     return ScheduleOutcome(
         energies_of(plan.energy_wh.in_a_row()), intervals, instant_s if plan.is_heated else None)
 

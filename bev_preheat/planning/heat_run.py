@@ -56,14 +56,6 @@ def initial_states(state: BatteryState) -> States:
     return state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k
 
 
-def states_at(schedule: Schedule, instant: int) -> States:
-    """Return the States of a Schedule with a HeatRun at the start of a step."""
-    assert schedule.heat is not None
-    return (float(schedule.soc[instant]), float(schedule.temperature_c[instant]),
-            float(schedule.heat.heater_power_w[instant]),
-            float(schedule.heat.coolant_excess_k[instant]))
-
-
 def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0) -> FloatArray:
     """Return the States, as rows, from step `first` on under heater commands [W] (N,), ignoring limits."""
     return rolled(partial(heated_step_of_floats, trip.vehicle), start, [
@@ -85,8 +77,11 @@ def first_heated_s(trip: Trip, command_w: FloatArray) -> float | None:
 def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                  brake_power_w: FloatArray, heating_start_s: float | None) -> Schedule:
     """Return the Schedule of a run with known States (4, N + 1) under commands and brake powers [W] (N,)."""
-    return with_heat(trip, states, command_w, brake_power_w, heating_start_s,
-                     _heat_along(trip, states, command_w, brake_power_w))
+    soc, temperature_c, heater_w, excess_k = states
+    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
+        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
+        *trip.inputs(None, brake_power_w), command_w)
+    return with_heat(trip, states, command_w, brake_power_w, heating_start_s, (drawn_w, arriving_w))
 
 
 def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
@@ -98,16 +93,6 @@ def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: 
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w),
         heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, *heat_w))
-
-
-def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
-                brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean power of the heater and the mean heat into the battery in each step [W] (N,)."""
-    soc, temperature_c, heater_w, excess_k = states
-    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
-        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
-        *trip.inputs(None, brake_power_w), command_w)
-    return drawn_w, arriving_w
 
 
 def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:

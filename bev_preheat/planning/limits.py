@@ -46,7 +46,7 @@ def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> boo
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
     """Return least and most terminal power [W] (N,) that keep the limits at both ends of a Schedule's steps."""
-    return dynamics.limits_along(trip, schedule, engine.limits_of_steps_w)
+    return engine.limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
 
 def limits_hold(trip: Trip, schedule: Schedule) -> bool:

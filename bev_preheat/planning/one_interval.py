@@ -21,7 +21,7 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import keeps_limits, limits_along, limits_of_steps_w, run_forward, run_on
+from bev_preheat.planning.dynamics import is_described, keeps_limits, limits_of_steps_w, run_forward, run_on
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.paper import find_crossing, run_paper
 from bev_preheat.planning.schedule import maximum_from, Schedule
@@ -33,7 +33,7 @@ from bev_preheat.tunables import (
     SOC_DIFFERENCE,
     TEMPERATURE_DIFFERENCE_K,
 )
-from bev_preheat.vehicle.model import heat_with_heater_w, hottest_c, make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import heat_with_heater_w, make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -273,8 +273,6 @@ def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPla
 
 
 def is_driven_as_planned(trip: Trip, schedule: Schedule) -> bool:
-    """Return whether a run has no power deficit and is described (`outcome`)."""
-    _, most_w = limits_along(trip, schedule, limits_of_steps_w)
-    return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()
-                and schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
-                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))
+    """Return whether a run has no power deficit and is described."""
+    _, most_w = limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
+    return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()) and is_described(trip, schedule)

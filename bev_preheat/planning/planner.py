@@ -14,7 +14,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning import engine
-from bev_preheat.planning.dynamics import Energies
+from bev_preheat.planning.dynamics import Energies, is_described
 from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
 from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.heat_run import initial_states
@@ -23,7 +23,6 @@ from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedu
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
 from bev_preheat.planning.outcome import (
     find_outcome,
-    is_described,
     NoRegretCheck,
     power_deficit,
     unheated_within_limits,

@@ -35,10 +35,6 @@ class Reason(IntEnum):
     CLIMB = 3
 
 
-# By their numbers.
-REASONS = tuple(Reason)
-
-
 @dataclass(frozen=True)
 class HeatingInterval:
     """Heating from one instant to another [s], its energy [Wh, electrical], and its reason."""

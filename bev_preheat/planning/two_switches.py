@@ -19,7 +19,7 @@ import numpy as np
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import keep_accounts
-from bev_preheat.planning.heat_run import along_states, roll_heated, states_at
+from bev_preheat.planning.heat_run import along_states, roll_heated
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
     COMPARED_TOLERANCE_K,
@@ -71,7 +71,11 @@ class _Search:
     """Schedules that heat from one instant to another, arriving at a target."""
 
     def __init__(self, trip: Trip, unheated: Schedule, target_c: float) -> None:
+        assert unheated.heat is not None
         self._trip, self._unheated, self._target_c = trip, unheated, target_c
+        # The States at each instant (4, N + 1) of the unheated run.
+        self._idle = np.array((unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+                               unheated.heat.coolant_excess_k))
         self._arrival_s = float(trip.time_s[-1])
         vehicle = trip.vehicle
         self._capacity_j_per_k = (vehicle.battery.heat_capacity_j_per_k
@@ -132,17 +136,14 @@ class _Search:
     def _roll(self, on_s: float, off_s: float) -> FloatArray:
         """Return the States from the step on in which the heater is switched on."""
         first = self._trip.step_at(on_s)
-        return roll_heated(self._trip, states_at(self._unheated, first),
+        return roll_heated(self._trip, tuple(self._idle[:, first].tolist()),
                            maximum_between(self._trip, on_s, off_s), first)
 
     def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
         """Return the Schedule of such States; before them the run is the unheated one."""
-        unheated, first = self._unheated, self._trip.step_at(on_s)
-        assert unheated.heat is not None
-        command_w = maximum_between(self._trip, on_s, off_s)
-        run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
-            unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-            unheated.heat.coolant_excess_k), states)], command_w, unheated.brake_power_w, None)
+        whole = np.concatenate((self._idle[:, :self._trip.step_at(on_s)], states), axis=1)
+        run = along_states(self._trip, whole, maximum_between(self._trip, on_s, off_s),
+                           self._unheated.brake_power_w, None)
         return switched_off(self._trip, run, on_s, off_s)
 
     def _before_k(self, on_s: float) -> float:
