@@ -227,7 +227,8 @@ def plan_case(case: PlanningCase) -> Plan:
     """
     notes: dict[str, None] = {}
     method = case.method
-    way = METHODS.get(method) or Way(installed_method(method, METHODS).proposing(notes), is_installed=True)
+    way = METHODS.get(method) or Way(
+        partial(installed_method(method, METHODS).plan, notes=notes), is_installed=True)
     started = perf_counter()
     check_situation(case.vehicle, case.route, case.state, case.goal, case.uncertainty)
     obeyed = case.trip_that_obeys()
