@@ -153,17 +153,10 @@ class Plan:
         return {
             'status': self.status.name,
             'explanation': self.explanation,
-            'method': self.method,
-            'target_temperature_c': self.target_temperature_c,
-            'heating_start_s': self.heating_start_s,
-            'heating_end_s': self.heating_end_s,
-            'arrival_time_s': self.arrival_time_s,
-            'arrival_temperature_c': self.arrival_temperature_c,
-            'arrival_soc': self.arrival_soc,
-            'shortfall_k': self.shortfall_k,
-            'soc_shortfall': self.soc_shortfall,
-            'undeliverable_power_w': self.undeliverable_power_w,
-            'undeliverable_at_s': self.undeliverable_at_s,
+            **{name: getattr(self, name) for name in (
+                'method', 'target_temperature_c', 'heating_start_s', 'heating_end_s', 'arrival_time_s',
+                'arrival_temperature_c', 'arrival_soc', 'shortfall_k', 'soc_shortfall', 'undeliverable_power_w',
+                'undeliverable_at_s')},
             'charge_runs_out_at_s': self.stranding and self.stranding.at_s,
             'charge_runs_out_at_m': self.stranding and self.stranding.at_m,
             'lacking_energy_wh': self.stranding.deficit_wh if self.stranding else 0.0,
@@ -172,11 +165,8 @@ class Plan:
                           for interval in self.intervals],
             'energy_wh': asdict(self.energy_wh),
             'planning_time_s': self.planning_time_s,
-            'time_s': self.time_s.tolist(),
-            'battery_temperature_c': self.battery_temperature_c.tolist(),
-            'soc': self.soc.tolist(),
-            'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
-            'friction_brake_power_w': self.friction_brake_power_w.tolist(),
+            **{name: getattr(self, name).tolist() for name in (
+                'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w', 'friction_brake_power_w')},
             **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
             **({'heat_source_power_w': {name: power_w.tolist() for name, power_w in self.source_power_w.items()}}
                if self.source_power_w else {}),
@@ -184,10 +174,6 @@ class Plan:
             **({'maximum_arrival_temperature_c': self.maximum_arrival_temperature_c}
                if math.isfinite(self.maximum_arrival_temperature_c) else {}),
         }
-
-
-# Arrivals whose shortfalls differ by no more than this are the same [K].
-SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
 
 
 class Reached(Protocol):
@@ -220,7 +206,7 @@ def difference(plan: Reached, optimum: Reached) -> str:
     # Too cold for the target, or too warm for the highest temperature on arrival.
     is_colder = plan.arrival_temperature_c < optimum.arrival_temperature_c
     deficit_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
-    if not abs(missed_k) <= SAME_SHORTFALL_K:
+    if not abs(missed_k) <= SHORTFALL_TOLERANCE_K:
         return (f'{abs(missed_k):.2f} K {"colder" if is_colder else "warmer"}'
                 if missed_k == missed_k else 'unknown arrival')
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):

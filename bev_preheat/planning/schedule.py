@@ -64,11 +64,7 @@ class HeatRun:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the run as JSON-compatible numbers and lists."""
-        return {'heater_power_w': self.heater_power_w.tolist(),
-                'coolant_excess_k': self.coolant_excess_k.tolist(),
-                'drawn_power_w': self.drawn_power_w.tolist(),
-                'arriving_heat_w': self.arriving_heat_w.tolist(),
-                'lost_electric_wh': self.lost_electric_wh}
+        return {name: value if isinstance(value, float) else value.tolist() for name, value in vars(self).items()}
 
 
 @dataclass(frozen=True)

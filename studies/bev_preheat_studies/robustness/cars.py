@@ -10,8 +10,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.commands.terminal import print_figures, print_records
-from bev_preheat.planning.plan import SAME_SHORTFALL_K
 from bev_preheat.simulation.imperfect_car import Mismatch
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.robustness.drawn_cars import draw_car
 from bev_preheat_studies.robustness.driven import (
@@ -190,7 +190,7 @@ def energy_excess(results: Iterable[CarResult], method: str, field: str) -> dict
 
 def reaches_the_same(drive: DriveOutcome, informed: DriveOutcome) -> bool:
     """Return whether a drive falls short of the target by no more than the informed drive."""
-    return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SAME_SHORTFALL_K
+    return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SHORTFALL_TOLERANCE_K
             and not drive.ran_empty)
 
 
