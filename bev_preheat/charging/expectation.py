@@ -56,17 +56,6 @@ FASTEST_PACE = 2.0
 SPACING_K, SPACING_SOC = 1.0, 0.02
 
 
-class Expected(NamedTuple):
-    """Mean cost of a target if the vehicle charges on arrival, and if it does not."""
-
-    charged: float
-    not_charged: float
-
-    def cost(self, probability: float) -> float:
-        """Return the expected cost for a probability of charging (0 ... 1)."""
-        return probability * self.charged + (1.0 - probability) * self.not_charged
-
-
 class _Arrival(NamedTuple):
     """One arrival time: its weight, the Trip to it, and the state of charge of the unheated drive."""
 
@@ -108,9 +97,8 @@ class Expectation:
 
     def of(self, item: TargetWorth, plan: Plan) -> TargetWorth:
         """Return a TargetWorth, whose cost is that of certain charging after a Plan, with the expected cost."""
-        expected = self._expected(item, plan)
-        return replace(item, cost=expected.cost(self.prospect.probability), charged_cost=expected.charged,
-                       not_charged_cost=expected.not_charged)
+        charged, not_charged = self._over_arrivals(plan) if self._arrivals else self._in_time(item, plan)
+        return self.revised(replace(item, charged_cost=charged, not_charged_cost=not_charged))
 
     def revise(self, probability: float) -> None:
         """Count with another probability of charging (above 0 ... 1) from now on."""
@@ -118,8 +106,8 @@ class Expectation:
 
     def revised(self, item: TargetWorth) -> TargetWorth:
         """Return a TargetWorth of `of` for the probability of now."""
-        return replace(item, cost=Expected(item.charged_cost, item.not_charged_cost).cost(
-            self.prospect.probability))
+        probability = self.prospect.probability
+        return replace(item, cost=probability * item.charged_cost + (1.0 - probability) * item.not_charged_cost)
 
     def pays_from_per_h(self, item: TargetWorth, without: TargetWorth) -> float:
         """Return the value of time [per h] from which on a target costs less than no heating, or infinity."""
@@ -128,17 +116,14 @@ class Expectation:
         return pays_from_per_h(item, without, self._prices.energy_per_kwh, probability,
                                item.not_charged_cost - without.not_charged_cost)
 
-    def _expected(self, item: TargetWorth, plan: Plan) -> Expected:
-        if not self._arrivals:
-            charged = item.cost
-            if math.isinf(charged):
-                charged = self._sessions.of_endless(plan.arrival_soc)
-            return Expected(charged, self._not_charged(
-                plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan)))
-        return self._over_arrivals(plan)
+    def _in_time(self, item: TargetWorth, plan: Plan) -> tuple[float, float]:
+        """Return the costs of a Plan that arrives in time: if the vehicle charges on arrival, and if not."""
+        charged = self._sessions.of_endless(plan.arrival_soc) if math.isinf(item.cost) else item.cost
+        return charged, self._not_charged(
+            plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan))
 
-    def _over_arrivals(self, plan: Plan) -> Expected:
-        """Return the Expected cost of one Plan over all arrival times."""
+    def _over_arrivals(self, plan: Plan) -> tuple[float, float]:
+        """Return the same of a Plan as means over all arrival times."""
         charged, not_charged = 0.0, 0.0
         for arrival in self._arrivals:
             driven = drive_as_planned(arrival.trip, self._state, by_the_clock(plan, arrival.trip))
@@ -150,7 +135,7 @@ class Expectation:
             charged += arrival.weight * self._sessions.cost(state)
             not_charged += arrival.weight * self._not_charged(
                 state, arrival.unheated_soc - float(known.soc[-1]))
-        return Expected(charged, not_charged)
+        return charged, not_charged
 
     def _known_at_s(self, arrival_s: float) -> float:
         return max(0.0, arrival_s - self.prospect.known_before_arrival_s)

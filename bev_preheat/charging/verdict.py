@@ -185,31 +185,6 @@ def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float
     return f'{prospect.in_words} chance of charging: {sentence[0].lower()}{sentence[1:]}{pays}'
 
 
-def bounds_in_words(to_price_per_kwh: float, from_probability: float, way: str = HEATING) -> str:
-    """
-    Return the sentence on the price of energy up to which, and the chance of charging from which on heating pays.
-
-    A price of 0 or a probability above 1 is left out: heating never pays, or another sentence gives the chance.
-    """
-    if to_price_per_kwh == 0.0:
-        return ''
-    price = ('at any energy price' if math.isinf(to_price_per_kwh) else
-             f'up to an energy price of {to_price_per_kwh:.2f} per kWh')
-    chance = '' if from_probability > 1.0 else (
-        ' and at any chance of charging' if from_probability == 0.0 else
-        f' and from {chance_text(from_probability)} chance of charging on')
-    return f'Some {way} pays {price}{chance}.'
-
-
-def unheated_at_charger(best: TargetWorth, without: TargetWorth) -> str:
-    """Return the cost at the charger of not heating instead of the `best` target, as part of a sentence."""
-    if math.isinf(without.charging_time_s) or math.isinf(best.charging_time_s):
-        return ''
-    longer_s, more = without.charging_time_s - best.charging_time_s, without.cost - best.cost
-    return (f'charging would take {duration_text(abs(longer_s))} {"longer" if longer_s >= 0.0 else "less"} and '
-            f'the stop would cost {more:.2f} more in all')
-
-
 def warmer_than(fastest: TargetWorth, hottest: TargetWorth, slower_s: float, derating: Derating) -> str:
     """Return the sentence on the `hottest` arrival that charges slower than the `fastest` by `slower_s` [s]."""
     slower = ('would not charge to the end' if math.isinf(slower_s) else

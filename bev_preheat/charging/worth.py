@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bev_preheat.charging.stop import chance_text
 from bev_preheat.charging.target_worth import TargetWorth
-from bev_preheat.charging.verdict import bounds_in_words, HEATING, unheated_at_charger
+from bev_preheat.charging.verdict import HEATING
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -118,10 +119,22 @@ class Worth:
 
     def bounds_in_words(self) -> str:
         """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""
-        return bounds_in_words(
-            self.pays_to_price_per_kwh, self.pays_from_chance if self.pays_from_probability is None else math.inf,
-            self.way)
+        if self.pays_to_price_per_kwh == 0.0:
+            return ''
+        price = ('at any energy price' if math.isinf(self.pays_to_price_per_kwh) else
+                 f'up to an energy price of {self.pays_to_price_per_kwh:.2f} per kWh')
+        chance = ''
+        # Of an uncertain session the verdict gives the chance.
+        if self.pays_from_probability is None and self.pays_from_chance <= 1.0:
+            chance = (' and at any chance of charging' if self.pays_from_chance == 0.0 else
+                      f' and from {chance_text(self.pays_from_chance)} chance of charging on')
+        return f'Some {self.way} pays {price}{chance}.'
 
     def unheated_in_words(self) -> str:
         """Return the cost at the charger of not heating instead of the best target, as part of a sentence."""
-        return unheated_at_charger(self.best, self.without_heating)
+        without, best = self.without_heating, self.best
+        if math.isinf(without.charging_time_s) or math.isinf(best.charging_time_s):
+            return ''
+        longer_s, more = without.charging_time_s - best.charging_time_s, without.cost - best.cost
+        return (f'charging would take {duration_text(abs(longer_s))} {"longer" if longer_s >= 0.0 else "less"} '
+                f'and the stop would cost {more:.2f} more in all')
