@@ -93,7 +93,7 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
     search = WorthSearch(
         vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else
-        Expectation(vehicle, route, state, stop, prospect, prices, unheated), cools=vehicle.cools)
+        Expectation(vehicle, route, state, stop, prospect, prices, unheated))
     search.advance(math.inf)
     return replace(search.worth(), by_rule={
         name: search.worth_of(plan_by_rule(name, vehicle, route, state, goal))
@@ -140,12 +140,12 @@ class WorthSearch:
 
     `vehicle`, `stop` and `unheated` (the Plan without heating) must not change meanwhile, nor the inputs from
     which `plan_to` makes a Plan for a target [deg C]. `usual_c` is the usual target [deg C]; `without` is the
-    TargetWorth without heating. If the car `cools`, `plan_to` also takes targets below that arrival.
+    TargetWorth without heating. If the car cools, `plan_to` also takes targets below that arrival.
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
                  plan_to: Callable[[float], Plan], expectation: Expectation | None = None,
-                 found: Sequence[Evaluated] = (), cools: bool = False) -> None:
+                 found: Sequence[Evaluated] = ()) -> None:
         """
         Simulate the session without heating; raises what `session.charge` raises.
 
@@ -154,7 +154,7 @@ class WorthSearch:
         """
         self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
-        self._plan_to, self._cools = plan_to, cools
+        self._plan_to = plan_to
         self._heating = ChargerHeating(vehicle, stop, prices)
         self._arrivals: dict[float, BatteryState] = {item.target_c: arrival for item, arrival in found}
         # In any case, because the policy at the charger is found from the first arrival.
@@ -201,7 +201,7 @@ class WorthSearch:
 
         `cools`: or of cooling to it.
         """
-        if target_c <= self.without.target_c and not (cools and self._cools):
+        if target_c <= self.without.target_c and not (cools and self._vehicle.cools):
             return replace(self.without, target_c=target_c)
         return self._look_at(target_c)
 
@@ -221,7 +221,7 @@ class WorthSearch:
         """Return the whole degrees below the arrival without heating that cooling reaches [deg C], rising."""
         colder: list[float] = []
         target_c = math.ceil(self.without.target_c) - GRID_K
-        while self._cools and self._at(target_c).arrival_temperature_c < target_c + SHORTFALL_TOLERANCE_K:
+        while self._vehicle.cools and self._at(target_c).arrival_temperature_c < target_c + SHORTFALL_TOLERANCE_K:
             colder.insert(0, target_c)
             target_c -= GRID_K
         return colder
