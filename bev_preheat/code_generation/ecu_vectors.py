@@ -18,6 +18,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.core_library import without_core
+from bev_preheat.vehicle.model import TRIP_COLUMNS
 
 if TYPE_CHECKING:
     from bev_preheat.planning.one_interval import SwitchPlan
@@ -204,10 +205,7 @@ def _drawn(vehicle: Vehicle, random: np.random.Generator,
 
 
 def _columns(trip: Trip) -> tuple[list[float], ...]:
-    return tuple(column.tolist() for column in (
-        trip.time_s, trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
-        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, trip.drivetrain_heat_w,
-        trip.route.ambient_temperature_c))
+    return tuple(trip.columns.column(name).tolist() for name in TRIP_COLUMNS)
 
 
 def _words(numbers: Sequence[float]) -> str:
