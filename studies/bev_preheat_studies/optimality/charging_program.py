@@ -42,11 +42,12 @@ from bev_preheat.nonlinear_program.drive_steps import (
     add_drive_steps,
     Blocks,
     drive_parameters,
+    drive_states,
     POWER_SCALE_W,
     RESERVES,
     SOC_SCALE,
 )
-from bev_preheat.nonlinear_program.program import state_bounds
+from bev_preheat.nonlinear_program.program import IPOPT_OPTIONS, state_bounds
 from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
@@ -95,8 +96,9 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     duration_s = duration * TIME_SCALE_S
     starts: list[casadi.MX] = []
     ends: list[casadi.MX | None] = []
+    of_drive = {state.name for state in drive_states(vehicle)}
     for name, charging_name, scale in STATES:
-        if not _is_state(vehicle, name):
+        if name not in of_drive:
             starts.append(casadi.MX.zeros(1, steps))
             ends.append(None)
         else:
@@ -120,11 +122,6 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
 def can_heat(vehicle: Vehicle) -> bool:
     """Return whether a vehicle can heat its battery while it charges."""
     return math.isfinite(charging_of(vehicle).heated_below_c)
-
-
-def _is_state(vehicle: Vehicle, name: str) -> bool:
-    path = vehicle.heat_path
-    return {'heater_power': path.heater_lag_s > 0.0, 'coolant_excess': path.has_coolant}.get(name, True)
 
 
 def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Function:
@@ -174,9 +171,7 @@ SAME_START_K = 1e-4
 HEATED_SHARE = 0.01
 # More digits would exceed the accuracy of the session's steps.
 SOLVER_OPTIONS: ByName = {
-    'print_time': False,
-    'ipopt.print_level': 0,
-    'ipopt.sb': 'yes',
+    **IPOPT_OPTIONS,
     'ipopt.max_iter': 300,
     'ipopt.tol': 1e-7,
     'ipopt.constr_viol_tol': 1e-8,
@@ -184,8 +179,6 @@ SOLVER_OPTIONS: ByName = {
     'ipopt.acceptable_tol': 1e-5,
     'ipopt.acceptable_constr_viol_tol': 1e-7,
     'ipopt.acceptable_iter': 15,
-    'ipopt.bound_relax_factor': 0.0,
-    'ipopt.mu_strategy': 'adaptive',
 }
 SOLVED = ('Solve_Succeeded', 'Solved_To_Acceptable_Level')
 
