@@ -38,7 +38,7 @@ from bev_preheat.nonlinear_program.drive_steps import (
     POWER_SCALE_W,
     SOC_SCALE,
 )
-from bev_preheat.planning.planner import plan_without_heating
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
 from bev_preheat.vehicle.description import HVCH, STANDING_MPS, Vehicle
@@ -204,7 +204,7 @@ def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
     """Return the best Attempt at a program, from each of the given starts or, cold, from the trip unheated."""
     program = build_program(problem.vehicle, len(problem.trip.route), limited, give)
     runs: list[Attempt] = []
-    for start in starts or [driven_start(problem.trip, plan_without_heating(problem.trip, problem.state))]:
+    for start in starts or [driven_start(problem.trip, run_without_heating(problem.trip, problem.state))]:
         runs.append(_run(problem, program, program.variables.pack(start)))
         if runs[-1].status != SUCCESS:
             # IPOPT is slow to prove infeasibility, so it is not retried from other starts.

@@ -22,10 +22,11 @@ from bev_preheat.nonlinear_program.program import (
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import is_described
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.planner import finish_plan, plan_without_heating
+from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
@@ -127,7 +128,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     corrected = vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
     check_situation(corrected, route, state, goal)
     trip = make_trip(corrected, route)
-    without = unheated = plan_without_heating(trip, state)
+    without = unheated = run_without_heating(trip, state)
     if not is_described(trip, unheated):
         unheated = run_unheated(trip, state)
     if unheated.empty_at_s is not None:

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval, recursion
+from bev_preheat.planning import dynamics, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
-from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
+from bev_preheat.planning.heat_run import initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
@@ -95,9 +95,13 @@ def _number_of(make_integrator: Integrator) -> int:
     return number
 
 
-def _run_heated_in_core(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
-    states, heat_w = _roll_heated(trip, start, command_w)
-    return with_heat(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w), heat_w)
+def _run_without_heating_in_core(trip: Trip, state: BatteryState) -> Schedule:
+    idle_w = np.zeros(len(trip.route))
+    if trip.vehicle.heat_path.is_direct:
+        run = _run_forward_in_core(trip, make_runge_kutta_4, state.soc, state.temperature_c)
+        return Schedule(None, idle_w, idle_w, *run, make_runge_kutta_4)
+    states, heat_w = _roll_heated(trip, initial_states(state), idle_w)
+    return with_heat(trip, states, idle_w, idle_w, None, heat_w)
 
 
 def _roll_heated(trip: Trip, start: States,
@@ -247,7 +251,7 @@ def _by_values(function: str, trip: Trip, start: States, wanted: Requirements, v
 model_inputs = operation(_model_inputs_in_core, dynamics.model_inputs)
 # Runs without regard to limits, and within them.
 run_forward = operation(_run_forward_in_core, dynamics.run_forward)
-run_heated = operation(_run_heated_in_core, heat_run.run_heated)
+run_without_heating = operation(_run_without_heating_in_core, one_interval.run_without_heating)
 drive_within_limits = operation(_drive_within_limits_in_core, limited_drive.drive_within_limits)
 # Limits of a run, and its energies.
 limits_of_steps_w = operation(_limits_of_steps_w_in_core, dynamics.limits_of_steps_w)

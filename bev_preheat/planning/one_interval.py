@@ -239,7 +239,7 @@ class SwitchPlan(NamedTuple):
     outcome: ScheduleOutcome | None = None
 
 
-def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
+def run_without_heating(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
@@ -254,7 +254,7 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
 
     Unless it is to be `in_one_interval` in any case, it is compared with heating in other steps.
     """
-    unheated = run_unheated(trip, state)
+    unheated = run_without_heating(trip, state)
     is_direct = trip.vehicle.heat_path.is_direct
     schedule = (find_switch if is_direct else find_two_switches)(trip, target_c, unheated)
     kept = keeps_limits(trip, schedule)
@@ -267,7 +267,7 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
 
 def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
     """Return the SwitchPlan of the paper's heuristic; it keeps limits if `is_driven_as_planned`."""
-    unheated, schedule = run_unheated(trip, state), run_paper(trip, state, target_c)
+    unheated, schedule = run_without_heating(trip, state), run_paper(trip, state, target_c)
     return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated),
                       is_driven_as_planned(trip, schedule), True, float(schedule.soc.min()))
 

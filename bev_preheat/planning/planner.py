@@ -17,7 +17,6 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies, is_described
 from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
 from bev_preheat.planning.full_power import heat_until_arrival
-from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
@@ -43,7 +42,6 @@ from bev_preheat.tunables import (
     SOC_TOLERANCE,
 )
 from bev_preheat.vehicle.description import HVCH
-from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
@@ -280,7 +278,7 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
                    switched: SwitchPlan | None = None) -> Schedule:
     """Return the Schedule for a case on a Trip; `switched` is the plan with one interval of heating, if known."""
     state, goal = case.state, case.goal
-    unheated = plan_without_heating(trip, state) if switched is None else switched.unheated
+    unheated = engine.run_without_heating(trip, state) if switched is None else switched.unheated
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     if not goal.heating_pays:
@@ -335,15 +333,6 @@ def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     """Return the Plan that never heats, as executed within the limits: the reference for savings."""
     goal = replace(goal, charging_planned=False)
     return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
-
-
-def plan_without_heating(trip: Trip, state: BatteryState) -> Schedule:
-    """Return the Schedule that never heats, ignoring limits."""
-    idle_w = np.zeros(len(trip.route))
-    if not trip.vehicle.heat_path.is_direct:
-        return engine.run_heated(trip, initial_states(state), idle_w)
-    soc, temperature_c = engine.run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
-    return Schedule(None, idle_w, idle_w, soc, temperature_c, make_runge_kutta_4)
 
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,

@@ -50,8 +50,9 @@ from bev_preheat.nonlinear_program.drive_steps import (
 from bev_preheat.nonlinear_program.program import IPOPT_OPTIONS, state_bounds
 from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
-from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
@@ -230,7 +231,7 @@ class ChargingProgram:
         self._state, self._goal, self._stop, self._prices = state, goal, stop, prices
         self._steps = charging_steps
         self._heating = ChargerHeating(vehicle, stop, prices)
-        unheated = plan_without_heating(self._trip, state)
+        unheated = run_without_heating(self._trip, state)
         self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
         variables, constraints = self._variables, self._constraints = Blocks(), Blocks()
         drive = add_drive_steps(vehicle, len(self._trip.route), self._limited, variables, constraints)
