@@ -215,11 +215,7 @@ def at_arrival(route: Route, later_s: float) -> Route:
 
 
 def by_the_clock(plan: Plan, trip: Trip, until_s: float = math.inf) -> FloatArray:
-    """
-    Return the heater power of a Plan in the steps of a Trip of another pace [W], shape (N,).
-
-    It is that of the plan at the same instants, 0 after the plan's end and from `until_s` [s] on.
-    """
+    """Return a Plan's heater power [W] at the instants of a Trip of another pace (N,), 0 from `until_s` [s] on."""
     energy_j = np.concatenate(([0.0], np.cumsum(plan.command_w * np.diff(plan.time_s))))
     knots_s = plan.time_s
     for instant_s, side in ((plan.heating_start_s, 'right'), (plan.heating_end_s, 'left')):
@@ -244,11 +240,7 @@ def state_at_end(schedule: Schedule) -> BatteryState:
 
 @dataclass(frozen=True)
 class TimeDeviation:
-    """
-    Standard deviations [s] of the charging time without heating, with heating, and of the time saved.
-
-    Infinite if a session within the spread never ends.
-    """
+    """Standard deviations [s] of the charging times and of the time saved; infinite if a session never ends."""
 
     without_heating_s: float
     heated_s: float

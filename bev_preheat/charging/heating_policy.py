@@ -130,11 +130,7 @@ class HeatingPolicy:
 
 def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: float,
                 from_c: float) -> HeatingPolicy | None:
-    """
-    Return the HeatingPolicy for arrivals from `from_soc` (0 ... 1) and `from_c` [deg C] up.
-
-    None for a car that cannot heat at this charger, and if nothing is left to charge.
-    """
+    """Return the HeatingPolicy for arrivals from a charge and a temperature up; None: nothing to heat or charge."""
     limit_c = charging_of(vehicle).heated_below_c
     heater_w = heater_power_of(vehicle, stop)
     coldest_c = min(from_c, stop.ambient_c) - COLUMN_K

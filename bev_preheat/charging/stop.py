@@ -119,11 +119,7 @@ HOTTEST_AMBIENT_C = 60.0
 
 @dataclass(frozen=True)
 class Charger:
-    """
-    A charger as known before the drive: its power [W, at the vehicle's inlet].
-
-    `departure_soc` (0 ... 1) is the state of charge to leave with; None: unknown.
-    """
+    """A charger as known before the drive: its power [W, at the inlet], and the charge to leave with, if known."""
 
     power_w: float
     departure_soc: float | None = None

@@ -196,11 +196,7 @@ class WorthSearch:
         return self._heating.compare(self._arrivals.get(item.target_c, self._arrivals[self.without.target_c]))
 
     def look_at(self, target_c: float, cools: bool = False) -> TargetWorth:
-        """
-        Return the TargetWorth of heating to a target [deg C], with a plan and a session for a new target.
-
-        `cools`: or of cooling to it.
-        """
+        """Return the TargetWorth of heating, or also of cooling, to a target [deg C]; a new one is planned."""
         if target_c <= self.without.target_c and not (cools and self._vehicle.cools):
             return replace(self.without, target_c=target_c)
         return self._look_at(target_c)
@@ -285,11 +281,7 @@ class WorthSearch:
             self._expectation.prospect, probability=prospect.probability)
 
     def pays_from_probability(self, target_c: float | None = None) -> float:
-        """
-        Return the least probability of charging for which a target [deg C] pays; above 1: none.
-
-        Without a target it is that of any target evaluated so far. Only with an expectation.
-        """
+        """Return the least probability of charging for which a target, or any so far, pays; above 1: none."""
         items = (self._found.values() if target_c is None else [self.look_at(target_c)])
         return min((pays_from_probability(item, self.without) for item in items), default=math.inf)
 

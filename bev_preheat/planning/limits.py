@@ -93,11 +93,7 @@ def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
                           notes: dict[str, None], heater_share: float = 1.0) -> Schedule:
-    """
-    Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`.
-
-    `heater_share` (0 ... 1) is the share of its power that the heater gives.
-    """
+    """Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`."""
     gates = trip.vehicle.heating_gates
     open_trip, closed = trip, np.zeros(len(trip.route), dtype=bool)
     schedule = plan(trip)

@@ -197,11 +197,7 @@ class Reached(Protocol):
 
 
 def difference(plan: Reached, optimum: Reached) -> str:
-    """
-    Return as text how a plan's result differs from the optimum's; '' if both reach the same.
-
-    NaN: unknown.
-    """
+    """Return as text how a plan's result differs from the optimum's, '' if both reach the same; NaN is unknown."""
     missed_k = plan.shortfall_k - optimum.shortfall_k
     # Too cold for the target, or too warm for the highest temperature on arrival.
     is_colder = plan.arrival_temperature_c < optimum.arrival_temperature_c
