@@ -130,7 +130,7 @@ class HeatingPolicy:
 
 def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: float,
                 from_c: float) -> HeatingPolicy | None:
-    """Return the HeatingPolicy for arrivals from a charge and a temperature up; None: nothing to heat or charge."""
+    """Return the HeatingPolicy for arrivals from a charge and temperature up; None: nothing to heat or charge."""
     limit_c = charging_of(vehicle).heated_below_c
     heater_w = heater_power_of(vehicle, stop)
     coldest_c = min(from_c, stop.ambient_c) - COLUMN_K

@@ -156,19 +156,17 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without {way}, {problem}.')
+    pays_from = f'{way} pays as soon as an hour is worth {break_even:.2f} to you.'
     if 0.0 < without.cost - best.cost < LEAST_COST_DIFFERENCE:
         return (f'It makes no difference: {heating} would save less than {LEAST_COST_DIFFERENCE:.2f} in all. Some '
-                f'{way} pays as soon as an hour is worth {break_even:.2f} to you.')
+                f'{pays_from}')
     if best is not without:
-        saved = _saved_text(best, without, prices)
         pays = ('' if math.isinf(break_even) else
-                f' Some {way} pays whatever your time is worth.' if break_even == 0.0 else
-                f' Some {way} pays as soon as an hour is worth {break_even:.2f} to you.')
-        return f'Worth it: {heating} {saved}.{pays}'
+                f' Some {way} pays whatever your time is worth.' if break_even == 0.0 else f' Some {pays_from}')
+        return f'Worth it: {heating} {_saved_text(best, without, prices)}.{pays}'
     if math.isinf(break_even):
         return f'Not worth it: {way} before arrival saves neither time nor money at this charger.'
-    return (f'Not worth it at {prices.time_per_h:.2f} an hour: {way} pays as soon as an hour is worth '
-            f'{break_even:.2f} to you.')
+    return f'Not worth it at {prices.time_per_h:.2f} an hour: {pays_from}'
 
 
 def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float, way: str = HEATING) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import casadi
 
@@ -26,7 +26,6 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from bev_preheat.numerics import Curve, CurveFunction
     from bev_preheat.vehicle import Vehicle
-
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
 
@@ -133,28 +132,24 @@ SMOOTH: Arithmetic[AnyNumber] = replace(
 
 def smoothed(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with rounded corners in the maps of its charging sessions."""
-    widths, battery, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.battery, vehicle.charging
+    widths, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.charging
     return replace(
-        vehicle,
-        battery=replace(battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
-                        resistance=_smooth(battery.resistance, *widths)),
-        charging=None if charging is None else replace(
-            charging, power_limit=_smooth(charging.power_limit, *widths)))
+        vehicle, battery=_smooth(vehicle.battery, ('open_circuit_voltage', 'resistance'), *widths),
+        charging=None if charging is None else _smooth(charging, ('power_limit',), *widths))
 
 
 def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with minimally rounded corners in the maps of its drives."""
-    widths, battery = (DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K), vehicle.battery
     over_weather = DRIVE_TEMPERATURE_WIDTH_K, DRIVE_TEMPERATURE_WIDTH_K
-    sources = tuple(replace(source, maximum_power_w=_smooth(source.maximum_power_w, *over_weather),
-                            hvch_watts=_smooth(source.hvch_watts, *over_weather))
-                    for source in vehicle.heat_sources)
-    return replace(vehicle, heat_sources=sources, battery=replace(
-        battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
-        resistance=_smooth(battery.resistance, *widths),
-        discharge_power_limit=_smooth(battery.discharge_power_limit, *widths),
-        charge_power_limit=_smooth(battery.charge_power_limit, *widths)))
+    return replace(
+        vehicle, heat_sources=tuple(_smooth(source, ('maximum_power_w', 'hvch_watts'), *over_weather)
+                                    for source in vehicle.heat_sources),
+        battery=_smooth(vehicle.battery, (
+            'open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge_power_limit'),
+            DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K))
 
 
-def _smooth(curve: Curve, soc_width: float, temperature_width_k: float) -> Curve:
-    return SmoothTable(curve, soc_width, temperature_width_k) if isinstance(curve, Table) else curve
+def _smooth(part: Any, names: Sequence[str], first_width: float, second_width: float) -> Any:
+    """Return a part of a vehicle whose tables of these names have corners rounded by half a width each."""
+    return replace(part, **{name: SmoothTable(table, first_width, second_width) for name in names
+                            if isinstance(table := getattr(part, name), Table)})

@@ -186,39 +186,34 @@ def _drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], var
     """
     least_w, most_w = limits(*state, variance_w2)
 
-    def terminal_w(driven: Driven) -> float:
-        _, brake_w, drawn_w, _ = driven[1]
-        return idle_w + drawn_w + brake_w
+    def spare_at_end_w(driven: Driven) -> tuple[float, float]:
+        """Return how far the terminal power lies above the least power at the end, and below the most [W]."""
+        (soc, temperature_c, *_), (_, brake_w, drawn_w, _) = driven
+        least_end_w, most_end_w = limits(min(soc, 1.0), min(temperature_c, most_c), variance_w2)
+        power_w = idle_w + drawn_w + brake_w
+        return power_w - least_end_w, most_end_w - power_w
 
-    def limits_at_end_w(driven: Driven) -> tuple[float, float]:
-        soc, temperature_c = driven[0][:2]
-        return limits(min(soc, 1.0), min(temperature_c, most_c), variance_w2)
     driven = drive(least_w, most_w)
     if driven[0][0] <= 0.0:
         # The charge runs out in this step.
         return driven
-    power_w = terminal_w(driven)
-    least_end_w, most_end_w = limits_at_end_w(driven)
-    if power_w > most_end_w and driven[1][0] != 0.0:
-        def discharged(most_w: float, driven: Driven) -> Trial[Driven]:
-            spare_w = limits_at_end_w(driven)[1] - terminal_w(driven)
-            return Trial(most_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
-        return _as_much_as_needed(
-            idle_w, -1.0, discharged(power_w, driven),
-            lambda most_w: discharged(most_w, drive(least_w, most_w)))
-    if propulsion_w < 0.0 and power_w < least_end_w and driven[1][1] < -propulsion_w:
-        def charged(least_w: float, driven: Driven) -> Trial[Driven]:
-            spare_w = terminal_w(driven) - limits_at_end_w(driven)[0]
-            return Trial(least_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
-        return _as_much_as_needed(
-            idle_w - propulsion_w, 1.0, charged(power_w, driven),
-            lambda least_w: charged(least_w, drive(least_w, most_w)))
-    return driven
+    command_w, brake_w, drawn_w, _ = driven[1]
+    above_least_w, below_most_w = spare_at_end_w(driven)
+    is_too_much = below_most_w < 0.0 and command_w != 0.0
+    if not is_too_much and not (propulsion_w < 0.0 and above_least_w < 0.0 and brake_w < -propulsion_w):
+        return driven
+    # The terminal power is moved until the limit holds: towards no heat, or towards braking alone.
+    utmost_w, slope = (idle_w, -1.0) if is_too_much else (idle_w - propulsion_w, 1.0)
 
+    def moved_to(power_w: float, driven: Driven) -> Trial[Driven]:
+        above_least_w, below_most_w = spare_at_end_w(driven)
+        spare_w = below_most_w if is_too_much else above_least_w
+        return Trial(power_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
 
-def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
-                       attempt: Callable[[float], Trial[Driven]]) -> Driven:
-    """Return the step whose terminal power [W] is moved towards the utmost until the limit holds."""
+    def attempt(power_w: float) -> Trial[Driven]:
+        return moved_to(power_w, drive(least_w, power_w) if is_too_much else drive(power_w, most_w))
+
+    first = moved_to(idle_w + drawn_w + brake_w, driven)
     trial = follow_slope(utmost_w, first.value, first, slope, attempt, 0.5 * END_TOLERANCE_W)
     if trial.excess < -0.5 * END_TOLERANCE_W and trial.value != utmost_w:
         # In a long step less heat may lower the limit by more than it saves: then nothing keeps the limit.

@@ -75,7 +75,7 @@ class _Slopes(NamedTuple):
     by_power: list[ChargeWarmth]
 
     def effect_on_arrival(self, worth: ChargeWarmth) -> FloatArray:
-        """Return the effect of a watt in each step (N,) on arrival, by the worth there; of second order in the step."""
+        """Return the effect of a watt in each step (N,) by the worth on arrival, to second order in the step."""
         per_w = np.zeros(len(self.by_power))
         for k in range(len(per_w) - 1, -1, -1):
             earlier = _before(worth, (self.by_charge[k], self.by_warmth[k]))

@@ -95,7 +95,7 @@ class Trip:
         return min(int(np.searchsorted(self.time_s, instant_s, side='right')), len(self.route)) - 1
 
     def driven(self, share: FloatArray) -> Trip:
-        """Return the Trip with a share (N,) of each step driven; standing, a vehicle leaks heat and draws nothing."""
+        """Return the Trip with a share (N,) of each step driven; standing, it leaks heat and draws no power."""
         return self.changed(
             idle_power_w=share * self.idle_power_w,
             power_variance_w2=share * self.power_variance_w2,
