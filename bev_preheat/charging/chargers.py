@@ -35,8 +35,7 @@ from bev_preheat.route.places import Places
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Worth
+    from bev_preheat.charging.target_worth import TargetWorth, Worth
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route.segments import Route

@@ -15,6 +15,7 @@ import numpy as np
 from bev_preheat.charging.equations import supply_of
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import chance_text
+from bev_preheat.charging.target_worth import HEATING
 from bev_preheat.numerics import ARRAYS, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
@@ -138,9 +139,6 @@ def too_warm(vehicle: Vehicle, stop: ChargingStop, session: Session) -> TooWarm 
 
 # Cost differences below this, in any currency, do not matter to a driver.
 LEAST_COST_DIFFERENCE = 0.01
-
-
-HEATING, COOLING = 'heating', 'cooling'
 
 
 def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, prices: Prices,

@@ -29,23 +29,24 @@ from bev_preheat.charging.stop import (
 )
 from bev_preheat.charging.target_worth import (
     check_prices,
+    COOLING,
+    greatest_step,
+    HEATING,
     pays_from_per_h,
     pays_from_probability,
     pays_to_price_per_kwh,
     Prices,
     TargetWorth,
+    Worth,
 )
 from bev_preheat.charging.verdict import (
-    COOLING,
     derating_in,
-    HEATING,
     LEAST_TIME_S,
     too_warm,
     verdict_in_doubt,
     verdict_on,
     warmer_than,
 )
-from bev_preheat.charging.worth import greatest_step, Worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import refine, scan
