@@ -144,51 +144,35 @@ def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> C
 
 
 def find_switch(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """Return the Schedule that is switched on once to arrive at a target [deg C]; heat arrives at once."""
-    idle = unheated.soc, unheated.temperature_c
-    if idle[1][-1] >= target_c:
+    """Return the Schedule switched on once to arrive at a target [deg C], or at once if that is not enough."""
+    if unheated.temperature_c[-1] >= target_c:
         return unheated
-    guess_s = find_crossing(trip, target_c, _terminal_soc(trip, idle, target_c), idle[1], make_midpoint)
-    return refine_switching_instant(trip, target_c, idle, guess_s or 0.0)
 
-
-def _terminal_soc(trip: Trip, idle: tuple[FloatArray, FloatArray], target_c: float) -> float:
-    """Return the approximate state of charge on arrival: that of the unheated run less the charge for heating."""
-    battery = trip.vehicle.battery
-    idle_soc, idle_c = float(idle[0][-1]), float(idle[1][-1])
-    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
-                 / trip.vehicle.hvch.efficiency)
-    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle_soc, idle_c)
-    return max(idle_soc - heating_j / (voltage_v * battery.capacity_as), 0.0)
-
-
-def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray, FloatArray],
-                             guess_s: float) -> Schedule:
-    """
-    Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
-
-    `idle` is the unheated run (soc, temperature_c) that arrives below the target. If heating all the way is not
-    enough, the schedule heats all the way.
-    """
     def switched_on_at(instant_s: float) -> Trial[Schedule]:
-        schedule = _switch_at(trip, idle, instant_s)
-        return Trial(instant_s, float(schedule.temperature_c[-1]) - target_c, schedule)
+        heater_power_w = maximum_from(trip, instant_s)
+        soc, temperature_c = run_on(trip, make_runge_kutta_4, unheated.soc, unheated.temperature_c,
+                                    trip.step_at(instant_s), heater_power_w)
+        return Trial(instant_s, float(temperature_c[-1]) - target_c, Schedule(
+            instant_s, heater_power_w, unheated.brake_power_w, soc, temperature_c, make_runge_kutta_4))
 
     # The earlier the heater starts, the warmer the battery arrives.
     earliest_s, latest_s = 0.0, float(trip.time_s[-1])
-    first = switched_on_at(min(max(guess_s, earliest_s), latest_s))
+    guess_s = find_crossing(trip, target_c, _terminal_soc(trip, unheated, target_c), unheated.temperature_c,
+                            make_midpoint)
+    first = switched_on_at(min(max(guess_s or 0.0, earliest_s), latest_s))
     return follow_slope(
         earliest_s, latest_s, first, _arrival_slope_k_per_s(trip, first.outcome, first.value),
         switched_on_at, ARRIVAL_TOLERANCE_K).outcome
 
 
-def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:
-    """Return the Schedule with one switching instant; before it the run is the unheated one."""
-    heater_power_w = maximum_from(trip, instant_s)
-    soc, temperature_c = run_on(
-        trip, make_runge_kutta_4, *idle, trip.step_at(instant_s), heater_power_w)
-    return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)), soc, temperature_c,
-                    make_runge_kutta_4)
+def _terminal_soc(trip: Trip, unheated: Schedule, target_c: float) -> float:
+    """Return the approximate state of charge on arrival: that of the unheated run less the charge for heating."""
+    battery = trip.vehicle.battery
+    idle_soc, idle_c = float(unheated.soc[-1]), float(unheated.temperature_c[-1])
+    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
+                 / trip.vehicle.hvch.efficiency)
+    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle_soc, idle_c)
+    return max(idle_soc - heating_j / (voltage_v * battery.capacity_as), 0.0)
 
 
 def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> float:

@@ -57,7 +57,8 @@ def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedu
         return throughout
     earliest_s = max(0.0, arrival_s - MOST_LAGS * trip.vehicle.heat_path.heat_lag_s)
     best = least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S)
-    return search.arriving(best.value, best.outcome)
+    found = search.switched_on(best.value, best.outcome, ARRIVAL_TOLERANCE_K)
+    return search.along(found.value, best.value, found.outcome)
 
 
 def switched_off(trip: Trip, run: Schedule, on_s: float, off_s: float) -> Schedule:
@@ -85,14 +86,14 @@ class _Search:
 
     def schedule(self, on_s: float, off_s: float) -> Schedule:
         """Return the Schedule that heats between two instants [s]."""
-        return self._along(on_s, off_s, self._roll(on_s, off_s))
+        return self.along(on_s, off_s, self._roll(on_s, off_s))
 
     def until(self, off_s: float) -> Trial[float]:
         """Return the Trial of a switch-off instant [s]: energy [Wh], and the switch-on instant [s]."""
-        found = self._switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
+        found = self.switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
         on_s, above_k = found.value, found.excess
         self._found.append((off_s, on_s))
-        schedule = self._along(on_s, off_s, found.outcome)
+        schedule = self.along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
         # A deficit would have to be made up for by heat from the first instant on; some of that heat leaks, or
         # stays in the coolant.
@@ -104,13 +105,7 @@ class _Search:
             taken_wh += above_k * heater_w / JOULES_PER_WH / slope
         return Trial(off_s, taken_wh, on_s)
 
-    def arriving(self, off_s: float, guess_s: float) -> Schedule:
-        """Return the Schedule that is switched off at an instant [s] and arrives at the target."""
-        found = self._switched_on(off_s, guess_s, ARRIVAL_TOLERANCE_K)
-        return self._along(found.value, off_s, found.outcome)
-
-    def _switched_on(self, off_s: float, guess_s: float,
-                     tolerance_k: float) -> Trial[FloatArray]:
+    def switched_on(self, off_s: float, guess_s: float, tolerance_k: float) -> Trial[FloatArray]:
         """Return the Trial of the switch-on instant [s] with which the battery arrives at the target."""
         def switched_on_at(on_s: float) -> Trial[FloatArray]:
             states = self._roll(on_s, off_s)
@@ -139,7 +134,7 @@ class _Search:
         return roll_heated(self._trip, tuple(self._idle[:, first].tolist()),
                            maximum_between(self._trip, on_s, off_s), first)
 
-    def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
+    def along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
         """Return the Schedule of such States; before them the run is the unheated one."""
         whole = np.concatenate((self._idle[:, :self._trip.step_at(on_s)], states), axis=1)
         run = along_states(self._trip, whole, maximum_between(self._trip, on_s, off_s),
