@@ -150,11 +150,7 @@ class ComputedWarmth:
 
 
 def computed_warmth(path: Path = FIGURES) -> tuple[list[ComputedWarmth], list[ComputedWarmth]]:
-    """
-    Return the ComputedWarmth of each heating run of a file, and of each session.
-
-    Raises InvalidInput naming file and car.
-    """
+    """Return the ComputedWarmth of heating runs and of sessions; raise InvalidInput naming file and car."""
     contents = load_checked_yaml(path, SCHEMA)
     drive = contents['heating_drive']
     runs, sessions = [], []

@@ -70,11 +70,7 @@ ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (
 
 @dataclass(frozen=True)
 class Stop:
-    """
-    One way to heat a trip: heater energy before arrival, the battery on arrival, and the session after it.
-
-    `below_k` is the arrival's temperature below the car's usual target [K].
-    """
+    """One way to heat a trip: energy before arrival, arrival and how far below the usual target, and session."""
 
     heater_wh: float
     arrival_c: float

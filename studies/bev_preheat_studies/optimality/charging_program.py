@@ -221,11 +221,7 @@ class ChargingProgram:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
                  prices: Prices, charging_steps: int = CHARGING_STEPS) -> None:
-        """
-        Build the program, with `charging_steps` steps at the charger.
-
-        Raises InvalidInput if vehicle, route, state or goal are not allowed.
-        """
+        """Build the program; raises InvalidInput if vehicle, route, state or goal are not allowed."""
         check_situation(vehicle, route, state, goal)
         self._trip: Trip = make_trip(vehicle, route)
         self._state, self._goal, self._stop, self._prices = state, goal, stop, prices
@@ -284,11 +280,7 @@ class ChargingProgram:
         return HeatingLimit(tuple(np.asarray(found['charging_soc']).ravel().tolist()), tuple(limit_c.tolist()))
 
     def _driven(self, heater_w: FloatArray, limit: HeatingLimit | None) -> ChargedDrive:
-        """
-        Return the ChargedDrive of heater powers [W] (N,), driven and charged by the project's simulation.
-
-        `limit` is the HeatingLimit of the program's heat at the charger.
-        """
+        """Return the ChargedDrive of heater powers [W] (N,) and the program's limit at the charger, simulated."""
         started = perf_counter()
         schedule = drive_as_planned(self._trip, self._state, heater_w)
         return self._charged(finish_plan(

@@ -60,11 +60,7 @@ PERCENTILES = {'least': 0.0, 'median': 50.0, '95 %': 95.0, 'worst': 100.0}
 
 @dataclass(frozen=True)
 class Gap:
-    """
-    One drive: expected cost of the best target, of the best start and end, of no heating and of certain charging.
-
-    `certain_cost` is the expected cost of the target that is best if the vehicle charges for certain.
-    """
+    """One drive: expected cost of best target, best start and end, no heating, and target for certain charging."""
 
     number: int
     outcome: str
