@@ -195,12 +195,7 @@ class ChargedDrive:
 
 @dataclass(frozen=True)
 class SessionAttempt:
-    """
-    One call of IPOPT: its start, its status, and its result.
-
-    `start` is the simulated cost of the start, `program_cost` the program's cost of the result, `driven`
-    the simulated result; the latter two are None if IPOPT failed.
-    """
+    """One call of IPOPT: cost of its start, status, cost in the program, and the simulated result, or None."""
 
     start: float
     status: str

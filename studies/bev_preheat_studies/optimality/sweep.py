@@ -139,12 +139,7 @@ def sweep_study(vehicle: Vehicle, feasible: int, seed: int, trips: str,
 
 
 def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], number: int) -> GapResult:
-    """
-    Return the GapResult of one drawn trip.
-
-    `trips`: 'free' (no limit is active; solved without limits) or 'limits' (limits are active). `methods` are the
-    names of the planning methods.
-    """
+    """Return the GapResult of one drawn trip; `trips` is a name of DRAWS: those of 'free' are without limits."""
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip, limited = DRAWS[trips](vehicle, seed, number), trips == 'limits'
     inputs = trip.vehicle, trip.route, trip.state, trip.goal

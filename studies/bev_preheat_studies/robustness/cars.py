@@ -70,12 +70,7 @@ ROWS: tuple[tuple[str, tuple[str, ...], str, float], ...] = (
 
 @dataclass(frozen=True)
 class CarResult:
-    """
-    One trip: the true car, and its DriveOutcomes.
-
-    `informed` is the drive planned with the true car, `methods` holds the drives by name of COMPARED or of a
-    planning method. `pace` is the trip's duration as a multiple of the route's.
-    """
+    """One trip: the true car, the drive planned with it, those by method, and the duration over the route's."""
 
     number: int
     mismatch: Mismatch
