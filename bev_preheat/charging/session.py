@@ -317,12 +317,7 @@ class _Plug:
         return step
 
     def _holding_w(self, state: BatteryState, length_s: float) -> float:
-        """
-        Return the heater's command [W] that holds the battery at the limit of heating for a step [s].
-
-        This is the mean of heating below the limit and not above it. 0 or full power if the battery leaves the
-        limit regardless of the heater.
-        """
+        """Return the command [W] that holds the limit of heating for a step [s]; 0 or full power if none does."""
         def attempt(command_w: float) -> Trial[float]:
             return Trial(command_w, self._above_k(self._step(state, command_w, length_s).end), command_w)
 

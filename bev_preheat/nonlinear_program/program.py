@@ -222,8 +222,7 @@ def driven_start(trip: Trip, schedule: Schedule) -> Values:
             'heater': split_w.get(HVCH, schedule.heater_power_w), 'brake': schedule.brake_power_w,
             'heater_power': 0.0 if heat is None else heat.heater_power_w,
             'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
-            'deficit_k': 0.0, 'excess_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
-            'k_above': 0.0}
+            **dict.fromkeys(('deficit_k', 'excess_k', 'deficit_soc', 'deficit_w', 'soc_above', 'k_above'), 0.0)}
 
 
 def _run(problem: Problem, program: NonlinearProgram, guess: FloatArray) -> Attempt:

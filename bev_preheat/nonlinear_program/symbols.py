@@ -49,9 +49,7 @@ def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     """
     return _of_equations('step', vehicle, lambda car: make_heated_step(car, SYMBOLS), (
         'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
-        'leakage_w_per_k', 'command_w'), (
-        'soc_end', 'temperature_end_c', 'heater_end_w', 'excess_end_k', 'mean_temperature_c', 'mean_joule_w',
-        'drawn_w', 'arriving_w'))
+        'leakage_w_per_k', 'command_w'))
 
 
 def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
@@ -62,8 +60,7 @@ def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
     then FACTORS. Outputs: soc/s, K/s, Joule heat [W].
     """
     return _of_equations('rates', vehicle, lambda car: make_rates(car, SYMBOLS), (
-        'soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k'), (
-        'soc_rate', 'temperature_rate', 'joule_w'))
+        'soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k'))
 
 
 def symbolic_curve(curve: Curve) -> casadi.Function:
@@ -74,12 +71,11 @@ def symbolic_curve(curve: Curve) -> casadi.Function:
 
 
 def _of_equations(name: str, vehicle: Vehicle, equations: Callable[[Vehicle], Callable[..., Sequence[AnyNumber]]],
-                  inputs: Sequence[str], outputs: Sequence[str]) -> casadi.Function:
+                  inputs: Sequence[str]) -> casadi.Function:
     """Return equations of a vehicle that is corrected by FACTORS as a CasADi Function."""
     arguments, factors = ([casadi.SX.sym(each) for each in names] for names in (inputs, FACTORS))
     corrected = corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))
-    return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)),
-                           [*inputs, *FACTORS], outputs)
+    return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)))
 
 
 # Half the width of a rounded corner: state of charge, temperature [K], power [W].

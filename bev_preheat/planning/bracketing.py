@@ -113,12 +113,7 @@ def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
 
 def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]],
              resolution: float) -> Trial[Outcome]:
-    """
-    Return the Trial with the least excess between `low` and `high`, to `resolution` of the value.
-
-    For an excess with a single minimum, possibly with kinks: golden section. The ends of the last bracket are
-    tried, too.
-    """
+    """Return the Trial of least excess between two values to a resolution: golden section, for one minimum."""
     nearer, further = (attempt(low + share * (high - low)) for share in (1.0 - GOLDEN, GOLDEN))
     by_excess = attrgetter('excess')
     best = min(nearer, further, key=by_excess)

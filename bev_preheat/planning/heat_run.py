@@ -104,12 +104,7 @@ def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
 
 
 def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
-    """
-    Return the temperature rise still to come from a watt of heater power and from a kelvin of coolant excess [K].
-
-    The rise is from the battery's temperature to that at which battery and coolant meet after the heater is
-    switched off.
-    """
+    """Return the rise to come [K] by a watt of the heater and by a kelvin of coolant excess, until they settle."""
     path = vehicle.heat_path
     both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
     return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,

@@ -273,12 +273,7 @@ class Foresight:
 
 
 def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
-    """
-    Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
-
-    The step is driven until the battery is empty; from then on the vehicle stands, its heater is off,
-    and its coolant goes on heating the battery. `powers_w` of that step are known.
-    """
+    """Write the rest of a run that stands without charge from within step `empty` on; return its driven share."""
     step = heated_step_of_floats(trip.vehicle, True)
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
     command_w, brake_w, drawn_w, _ = powers_w[:, empty].tolist()

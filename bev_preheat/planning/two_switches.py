@@ -42,12 +42,7 @@ def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
 
 
 def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """
-    Return the Schedule with one interval of full heating that arrives at the target [deg C].
-
-    `unheated` is the Schedule without any heating, ignoring limits. If heating until arrival is not enough, the
-    schedule heats all the way.
-    """
+    """Return the Schedule with one interval of full power that arrives at the target [deg C], if any does."""
     if unheated.temperature_c[-1] >= target_c:
         return unheated
     search = _Search(trip, unheated, target_c)
