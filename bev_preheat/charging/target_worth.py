@@ -7,6 +7,7 @@ Prices, the figures of drive and session, the break-even prices of one target, a
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from itertools import combinations
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
@@ -174,13 +175,10 @@ def greatest_step(targets: Iterable[TargetWorth]) -> TemperatureStep | None:
     """
     ends = sorted((target for target in targets if math.isfinite(target.charging_time_s)),
                   key=lambda target: target.arrival_temperature_c)
-    steps: list[TemperatureStep] = []
-    for place, low in enumerate(ends):
-        for high in ends[place + 1:]:
-            if high.arrival_temperature_c - low.arrival_temperature_c > STAIR_K:
-                break
-            steps.append(TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
-                                         low.charging_time_s - high.charging_time_s))
+    steps = [TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
+                             low.charging_time_s - high.charging_time_s)
+             for low, high in combinations(ends, 2)
+             if high.arrival_temperature_c - low.arrival_temperature_c <= STAIR_K]
     whole_k = ends[-1].arrival_temperature_c - ends[0].arrival_temperature_c if ends else 0.0
     if not steps or whole_k == 0.0:
         return None
