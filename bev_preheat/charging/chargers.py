@@ -174,11 +174,10 @@ class _Leg:
         assert worth is not None
         best = worth.best
         end_soc = self._end_of_rest(leaves_c, departure_soc).soc[-1] if self._rest else departure_soc
-        hour_s = S_PER_H
         return CandidateWorth(
             candidate, None, departure_soc, float(end_soc), worth,
             candidate.energy_price_per_kwh * best.bought_energy_wh / WH_PER_KWH,
-            time_per_h * best.charging_time_s / hour_s, time_per_h * candidate.detour_s / hour_s,
+            time_per_h * best.charging_time_s / S_PER_H, time_per_h * candidate.detour_s / S_PER_H,
             self._wait_cost(best, time_per_h), best.ageing_cost)
 
     def _wait_cost(self, best: TargetWorth, time_per_h: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -69,11 +69,6 @@ def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArra
 def stiff_w_per_k(vehicle: Vehicle) -> float:
     """Return the leakage above which steps must be shorter [W/K]."""
     return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
-
-
-# `limits_of_steps_w` of an engine.
-FindLimits: TypeAlias = (
-    'Callable[[Vehicle, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]')
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -142,7 +137,8 @@ def is_described(trip: Trip, schedule: Schedule) -> bool:
                 and schedule.temperature_c.max() <= hottest_c(trip.vehicle))
 
 
-def keeps_limits(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
+def keeps_limits(trip: Trip, schedule: Schedule,
+                 find_w: Callable[..., tuple[FloatArray, FloatArray]] = limits_of_steps_w) -> bool:
     """Return whether a schedule made without regard to limits keeps those of an engine's `limits_of_steps_w`."""
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics import first_true
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.schedule import HeldBack, Schedule
@@ -91,10 +92,9 @@ class FullPower:
 
     def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
         """Return the first time [s] at which `values` (N + 1,) reach `wanted`; None if they never do."""
-        reached = np.flatnonzero(values >= wanted)
-        if not len(reached):
+        after = first_true(values >= wanted)
+        if after is None:
             return None
-        after = int(reached[0])
         return 0.0 if after == 0 else float(np.interp(
             wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
 

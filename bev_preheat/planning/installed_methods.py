@@ -17,6 +17,7 @@ from typing import ClassVar, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, PlanningFailure, quoted, shortened
+from bev_preheat.numerics import frozen
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.two_switches import maximum_between
@@ -86,8 +87,9 @@ class MethodSituation:
     @classmethod
     def of_trip(cls, trip: Trip, state: BatteryState, goal: Goal) -> Self:
         """Return the MethodSituation of a Trip."""
-        return cls(trip.vehicle, trip.route.read_only(), state, goal, _read_only(trip.time_s),
-                   _read_only(trip.heater_limit_w), trip)
+        # Copies, because the planner uses the originals again for later plans.
+        return cls(trip.vehicle, trip.route.read_only(), state, goal, frozen(trip.time_s.copy()),
+                   frozen(trip.heater_limit_w.copy()), trip)
 
     def full_power(self, start_s: float = 0.0, end_s: float = math.inf) -> FloatArray:
         """
@@ -106,13 +108,6 @@ class MethodSituation:
     def driven(self, power_w: FloatArray) -> Schedule:
         """Return the planning.schedule.Schedule of checked powers (N,) [W], within heater and battery limits."""
         return drive_as_planned(self._trip, self.state, np.minimum(power_w, self._trip.heater_limit_w))
-
-
-def _read_only(values: FloatArray) -> FloatArray:
-    """Return a copy that cannot be written to: the planner uses the original again for later plans."""
-    values = values.copy()
-    values.flags.writeable = False
-    return values
 
 
 def checked_powers(answer: ArrayLike, steps: int) -> FloatArray:

@@ -60,12 +60,11 @@ class Requirements:
     most_c: float = math.inf
 
 
+@dataclass(eq=False)
 class KeptValues:
     """The `latest` plans of a drive whose values are kept: to begin with, and, after a plan, for the next one."""
 
-    def __init__(self, latest: tuple[Kept, ...] = ()) -> None:
-        """Begin with the values of the plans before."""
-        self.latest = latest
+    latest: tuple[Kept, ...] = ()
 
     def keep(self, trip: Trip, start: States, wanted: Requirements, values: Any) -> None:
         """Keep the values of a plan; None: it found none."""
