@@ -26,16 +26,14 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-# Air is cold at this temperature [deg C], 20 degF, and below.
-COLD_C = -20.0 / 3.0
-
-
 class MakerRule(NamedTuple):
-    """The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival."""
+    """The heater starts at most `before_s` [s], from `cold_c` down `cold_before_s`, `before_m` [m] before arrival."""
 
     before_s: float
     cold_before_s: float
     before_m: float = math.inf
+    # 20 degF.
+    cold_c: float = -20.0 / 3.0
 
     def start_s(self, route: Route) -> float:
         """Return the instant on a Route at which the heater starts [s]."""
@@ -43,7 +41,7 @@ class MakerRule(NamedTuple):
         driven_m = np.concatenate(([0.0], np.cumsum(route.duration_s * route.speed_mps)))
         near_s = float(np.interp(driven_m[-1] - self.before_m, driven_m, route.time_s))
         cold_s = max(end_s - self.cold_before_s, 0.0)
-        is_cold = route.ambient_temperature_c[route.segment_at(cold_s)] <= COLD_C
+        is_cold = route.ambient_temperature_c[route.segment_at(cold_s)] <= self.cold_c
         return max(cold_s if is_cold else end_s - self.before_s, near_s, 0.0)
 
 
