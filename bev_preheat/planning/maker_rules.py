@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class MakerRule(NamedTuple):
-    """The heater starts at most `before_s` [s], from `cold_c` down `cold_before_s`, `before_m` [m] before arrival."""
+    """The heater starts at most `before_s` [s], up to `cold_c` `cold_before_s`, and `before_m` [m] before arrival."""
 
     before_s: float
     cold_before_s: float
