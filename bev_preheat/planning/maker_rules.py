@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 class MakerRule(NamedTuple):
-    """The heater starts at most `before_s` [s], up to `cold_c` `cold_before_s`, and `before_m` [m] before arrival."""
+    """The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival."""
 
     before_s: float
     cold_before_s: float
     before_m: float = math.inf
-    # 20 degF.
+    # The warmest cold air [deg C]: 20 degF.
     cold_c: float = -20.0 / 3.0
 
     def start_s(self, route: Route) -> float:
