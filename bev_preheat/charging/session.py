@@ -27,7 +27,6 @@ from bev_preheat.charging.ageing import AgeingCost, session_ageing
 from bev_preheat.charging.equations import (
     charging_power,
     heated_c,
-    heated_heat_capacity_j_per_k,
     heater_power_of,
     make_charging_rates,
     make_charging_step,
@@ -38,6 +37,7 @@ from bev_preheat.charging.heating_policy import ALWAYS
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger

@@ -103,10 +103,14 @@ def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
     return float(trip.time_s[heated[-1] + 1])
 
 
+def heated_heat_capacity_j_per_k(vehicle: Vehicle) -> float:
+    """Return the heat capacity of the battery and of the coolant between heater and battery [J/K]."""
+    return vehicle.battery.heat_capacity_j_per_k + vehicle.heat_path.coolant_heat_capacity_j_per_k
+
+
 def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
     """Return the rise to come [K] by a watt of the heater and by a kelvin of coolant excess, until they settle."""
-    path = vehicle.heat_path
-    both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
+    path, both_j_per_k = vehicle.heat_path, heated_heat_capacity_j_per_k(vehicle)
     return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,
             path.coolant_heat_capacity_j_per_k / both_j_per_k)
 
@@ -120,8 +124,7 @@ def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float
     command: the actual division is not measured.
     """
     path, heater = vehicle.heat_path, vehicle.hvch
-    under_way_j = under_way_k * (vehicle.battery.heat_capacity_j_per_k
-                                 + path.coolant_heat_capacity_j_per_k)
+    under_way_j = under_way_k * heated_heat_capacity_j_per_k(vehicle)
     heater_w = min(under_way_j / (heater.efficiency * path.heat_lag_s), heater.maximum_power_w)
     excess_k = (heater.efficiency * heater_w / path.coolant_conductance_w_per_k
                 if path.has_coolant else 0.0)

@@ -24,6 +24,7 @@ from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
+    heated_heat_capacity_j_per_k,
     heated_step_of_floats,
     initial_states,
     mean_share_left,
@@ -95,8 +96,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
-    joules_per_k = (vehicle.battery.heat_capacity_j_per_k
-                    + path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+    joules_per_k = heated_heat_capacity_j_per_k(vehicle) / vehicle.hvch.efficiency
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w,

@@ -137,13 +137,12 @@ class Plan:
         In a step with a switching instant it is off before the first instant and after the last one, and at
         full power between them; of several heat sources, full power would be that of the dearest, too.
         """
+        step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
         if self.source_power_w:
-            step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
             return self.command_w.item(step) if 0 <= step < len(self.command_w) else 0.0
         last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
         if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:
             return 0.0
-        step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
         start_s, end_s = self.time_s.item(step), self.time_s.item(step + 1)
         heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
         return self.command_w.item(step) * (end_s - start_s) / heated_s

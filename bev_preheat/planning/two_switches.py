@@ -19,7 +19,7 @@ import numpy as np
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import keep_accounts
-from bev_preheat.planning.heat_run import along_states, roll_heated
+from bev_preheat.planning.heat_run import along_states, heated_heat_capacity_j_per_k, roll_heated
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
     COMPARED_TOLERANCE_K,
@@ -73,9 +73,7 @@ class _Search:
         self._idle = np.array((unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
                                unheated.heat.coolant_excess_k))
         self._arrival_s = float(trip.time_s[-1])
-        vehicle = trip.vehicle
-        self._capacity_j_per_k = (vehicle.battery.heat_capacity_j_per_k
-                                  + vehicle.heat_path.coolant_heat_capacity_j_per_k)
+        self._capacity_j_per_k = heated_heat_capacity_j_per_k(trip.vehicle)
         # Pairs of instants found so far, off and on: they give the start of the next search.
         self._found: list[tuple[float, float]] = []
 

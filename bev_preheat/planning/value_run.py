@@ -10,6 +10,7 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import limits_of_steps_w
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.planning.limited_drive import make_limited_drive
 from bev_preheat.planning.steps_ahead import direction_of
 from bev_preheat.tunables import (
@@ -45,8 +46,7 @@ class ValueRun:
         self.price = np.ones(steps) if wanted.price is None else wanted.price
         self.is_certain = not wanted.uncertainty.deviation_k > 0.0
         self.switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self.is_certain else SWITCH_ON_EXPECTED_WH)
-        self.joules_per_k = (vehicle.battery.heat_capacity_j_per_k
-                             + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+        self.joules_per_k = heated_heat_capacity_j_per_k(vehicle) / vehicle.hvch.efficiency
         self._highest_c = vehicle.battery.temperature_range_c[1]
         self.voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._drives = [make_limited_drive(trip, takes_surplus) for takes_surplus in (False, True)]
