@@ -24,12 +24,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.ageing import cost_per_s
-from bev_preheat.charging.equations import (
-    heater_power_of,
-    make_charging_rates,
-    make_cooling,
-    supply_of,
-)
+from bev_preheat.charging.equations import heater_power_of, make_charging_rates, make_cooling, supply_of
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k

@@ -20,13 +20,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import arrival_of, Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import (
-    CERTAIN,
-    check_prospect,
-    check_stop,
-    refuse_stranded,
-    stop_after,
-)
+from bev_preheat.charging.stop import CERTAIN, check_prospect, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import (
     check_prices,
     COOLING,

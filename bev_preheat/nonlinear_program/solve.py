@@ -11,14 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
-from bev_preheat.nonlinear_program.program import (
-    Attempt,
-    attempt,
-    driven_start,
-    Give,
-    Problem,
-    SUCCESS,
-)
+from bev_preheat.nonlinear_program.program import Attempt, attempt, driven_start, Give, Problem, SUCCESS
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import is_described

@@ -30,13 +30,7 @@ from bev_preheat.planning.heat_run import (
     mean_share_left,
     States,
 )
-from bev_preheat.tunables import (
-    BELOW_HIGHEST_K,
-    END_TOLERANCE_W,
-    HIGHEST_TOLERANCE_K,
-    LAGS_AHEAD,
-    LASTING_LAGS,
-)
+from bev_preheat.tunables import BELOW_HIGHEST_K, END_TOLERANCE_W, HIGHEST_TOLERANCE_K, LAGS_AHEAD, LASTING_LAGS
 from bev_preheat.vehicle.model import heat_with_brake_w, hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:

@@ -20,14 +20,7 @@ from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
 from bev_preheat.planning.limits import colder, limits_along, limits_hold, run_unheated
-from bev_preheat.planning.schedule import (
-    HeatingInterval,
-    HeldBack,
-    Reason,
-    Schedule,
-    ScheduleOutcome,
-    Stranding,
-)
+from bev_preheat.planning.schedule import HeatingInterval, HeldBack, Reason, Schedule, ScheduleOutcome, Stranding
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.tunables import (
     HEATING_SHARE,

@@ -20,12 +20,7 @@ from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
-from bev_preheat.planning.outcome import (
-    find_outcome,
-    NoRegretCheck,
-    power_deficit,
-    unheated_within_limits,
-)
+from bev_preheat.planning.outcome import find_outcome, NoRegretCheck, power_deficit, unheated_within_limits
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Method, Schedule, ScheduleOutcome, StepPrices
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
