@@ -245,17 +245,12 @@ class _Plug:
         if any(map(may_charge, np.linspace(temperature_c, settled_c, OUTLOOK_POINTS).tolist())):
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
-        if -self._limit_w(soc, settled_c) > CHARGES_FROM_W and settled_c < temperature_c:
-            return (f'{at} the cooling takes all the power that is left, and the battery gets no colder than '
-                    f'{settled_c:.1f} degC')
         if -self._limit_w(soc, settled_c) > CHARGES_FROM_W:
-            return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
-                    f'than {settled_c:.1f} degC')
-        end = ''
-        if settled_c > temperature_c:
-            end = f', and the battery gets no warmer than {settled_c:.1f} degC'
-        elif self._is_hot(soc, temperature_c):
-            end = f', and the battery gets no colder than {settled_c:.1f} degC'
+            taker, change = ('cooling', 'colder') if settled_c < temperature_c else ('heater', 'warmer')
+            return (f'{at} the {taker} takes all the power that is left, and the battery gets no {change} than '
+                    f'{settled_c:.1f} degC')
+        change = 'warmer' if settled_c > temperature_c else 'colder' if self._is_hot(soc, temperature_c) else ''
+        end = f', and the battery gets no {change} than {settled_c:.1f} degC' if change else ''
         return f'{at} the battery takes less than {CHARGES_FROM_W:g} W{end}'
 
     def _is_hot(self, soc: float, temperature_c: float) -> bool:
