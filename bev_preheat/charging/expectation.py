@@ -117,13 +117,13 @@ class Expectation:
                                item.not_charged_cost - without.not_charged_cost)
 
     def _in_time(self, item: TargetWorth, plan: Plan) -> tuple[float, float]:
-        """Return the costs of a Plan that arrives in time: if the vehicle charges on arrival, and if not."""
+        """Return the costs after a Plan that arrives as planned: if the vehicle charges on arrival, and if not."""
         charged = self._sessions.of_endless(plan.arrival_soc) if math.isinf(item.cost) else item.cost
         return charged, self._not_charged(
             plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan))
 
     def _over_arrivals(self, plan: Plan) -> tuple[float, float]:
-        """Return the same of a Plan as means over all arrival times."""
+        """Return both costs after a Plan as means over all arrival times."""
         charged, not_charged = 0.0, 0.0
         for arrival in self._arrivals:
             driven = drive_as_planned(arrival.trip, self._state, by_the_clock(plan, arrival.trip))
