@@ -109,7 +109,7 @@ def heated_heat_capacity_j_per_k(vehicle: Vehicle) -> float:
 
 
 def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
-    """Return the rise [K] per watt of the heater and per kelvin of coolant excess, once battery and coolant meet."""
+    """Return the rise [K] per watt of the heater and kelvin of coolant excess, once battery and coolant meet."""
     path, both_j_per_k = vehicle.heat_path, heated_heat_capacity_j_per_k(vehicle)
     return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,
             path.coolant_heat_capacity_j_per_k / both_j_per_k)

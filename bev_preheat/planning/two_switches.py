@@ -42,7 +42,7 @@ def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
 
 
 def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """Return the Schedule with one interval of full power that arrives at the target [deg C], or that heats throughout."""
+    """Return the Schedule with one interval of full power that arrives at the target [deg C], or all the way."""
     if unheated.temperature_c[-1] >= target_c:
         return unheated
     search = _Search(trip, unheated, target_c)
