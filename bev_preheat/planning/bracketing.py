@@ -81,17 +81,17 @@ def _left(excess: float, before: float) -> float:
 
 def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
                  attempt: Callable[[float], Trial[Outcome]], tolerance: float,
-                 resolution: float = 0.0, most_trials: int = MOST_TRIALS) -> Trial[Outcome]:
+                 resolution: float = 0.0) -> Trial[Outcome]:
     """
     Return the Trial whose excess is within `tolerance` of 0, from a first one and its slope.
 
     For a smooth excess that is greatest at the value `most` and falls towards `least`: a secant, kept within the
     bracket. If even `most` is not enough, its Trial is returned. The search also ends when values differ by no
-    more than `resolution`, and after `most_trials`.
+    more than `resolution`, and after MOST_TRIALS.
     """
     direction = 1.0 if most > least else -1.0
     enough, too_little, trial = most, least, first
-    for _ in range(most_trials):
+    for _ in range(MOST_TRIALS):
         if abs(trial.excess) <= tolerance or (trial.value == most and trial.excess < 0.0):
             break
         if trial.excess > 0.0:

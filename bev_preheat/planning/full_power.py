@@ -30,7 +30,6 @@ from bev_preheat.tunables import (
     HEATING_SHARE,
     LATEST_START_TOLERANCE_K,
     MOST_CHANGED_K,
-    MOST_TRIALS,
     POWER_TOLERANCE,
     SHORTFALL_TOLERANCE_K,
     SPARES,
@@ -135,7 +134,7 @@ def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, targ
     slope_k_per_s = -trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[possible[-1]]) / (
         trip.vehicle.battery.heat_capacity_j_per_k)
     found = follow_slope(start_s, arrival_s, from_instant(start_s), slope_k_per_s, from_instant,
-                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S, MOST_TRIALS)
+                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S)
     if abs(found.excess) > MOST_CHANGED_K:
         return schedule
     return replace(found.outcome, held_back=schedule.held_back)
