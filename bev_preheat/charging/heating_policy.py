@@ -104,14 +104,12 @@ class HeatingPolicy:
     The HeatingLimit of the cheapest heating, and estimates of the costs by state.
 
     Rows of the costs are the states of charge `soc` (N,), columns the temperatures `columns_c` (M,) [deg C];
-    `cost`, `cost_never` and `cost_always` (N, M) are those with the limit, of no heating, and of heating up to the
-    car's own limit.
+    `cost_never` and `cost_always` (N, M) are those of no heating, and of heating up to the car's own limit.
     """
 
     limit: HeatingLimit
     soc: FloatArray
     columns_c: FloatArray
-    cost: FloatArray
     cost_never: FloatArray
     cost_always: FloatArray
 
@@ -218,7 +216,7 @@ class _Table:
             always[row] = self._fully_heated(row, always[row + 1], otherwise, must=True)
         middle = 0.5 * (self._soc[:-1] + self._soc[1:])
         return HeatingPolicy(HeatingLimit(tuple(middle.tolist()), tuple(limits_c.tolist())), self._soc, columns_c,
-                             costs, never, always)
+                             never, always)
 
     def _unheated(self, row: int, cost: FloatArray) -> FloatArray:
         unheated: FloatArray = self._off.cost[row] + self._later(cost, self._columns_c + self._off.rise_k[row])
