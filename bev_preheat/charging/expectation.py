@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import Prices, TargetWorth
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import Goal
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
@@ -127,8 +126,7 @@ class Expectation:
         charged, not_charged = 0.0, 0.0
         for arrival in self._arrivals:
             driven = drive_as_planned(arrival.trip, self._state, by_the_clock(plan, arrival.trip))
-            state = state_at_end(driven)
-            known = driven
+            state, known = driven.arrival_state, driven
             if self.prospect.known_before_arrival_s > 0.0:
                 known = drive_as_planned(arrival.trip, self._state, by_the_clock(
                     plan, arrival.trip, self._known_at_s(arrival.trip.route.total_duration_s)))
@@ -229,13 +227,6 @@ def by_the_clock(plan: Plan, trip: Trip, until_s: float = math.inf) -> FloatArra
     taken_j = np.interp(np.minimum(trip.time_s, until_s), knots_s, energy_j)
     power_w: FloatArray = np.minimum(np.diff(taken_j) / trip.route.duration_s, trip.heater_limit_w)
     return power_w
-
-
-def state_at_end(schedule: Schedule) -> BatteryState:
-    """Return the BatteryState at the end of a Schedule, with the heat under way."""
-    under_way = () if schedule.heat is None else (
-        float(schedule.heat.heater_power_w[-1]), float(schedule.heat.coolant_excess_k[-1]))
-    return BatteryState(float(schedule.temperature_c[-1]), float(schedule.soc[-1]), *under_way)
 
 
 @dataclass(frozen=True)

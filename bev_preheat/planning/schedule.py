@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
 
 if TYPE_CHECKING:
@@ -99,6 +100,13 @@ class Schedule:
     def drawn_power_w(self) -> FloatArray:
         """Return the mean power of the heater in each step [W], shape (N,)."""
         return self.heater_power_w if self.heat is None else self.heat.drawn_power_w
+
+    @property
+    def arrival_state(self) -> BatteryState:
+        """The state on arrival, with the heat under way."""
+        heat = self.heat
+        under_way = () if heat is None else (heat.heater_power_w.item(-1), heat.coolant_excess_k.item(-1))
+        return BatteryState(self.temperature_c.item(-1), self.soc.item(-1), *under_way)
 
     def inputs(self, trip: Trip) -> Inputs:
         """Return the inputs of the model's steps along this run of a Trip; see Trip.inputs."""

@@ -19,7 +19,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.expectation import by_the_clock, state_at_end
+from bev_preheat.charging.expectation import by_the_clock
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.charging.worth_search import find_worth
@@ -126,7 +126,7 @@ class Judge:
                 end_soc = float(drive_as_planned(trip, drawn.state, power_of(trip, known_s)).soc[-1])
             lost_wh = self._energy_wh(end_soc, unheated_soc, float(driven.temperature_c[-1]))
             not_charged = drawn.prices.cost(lost_wh, 0.0)
-            state = state_at_end(driven)
+            state = driven.arrival_state
             charged = 0.0
             if state.soc < drawn.stop.departure_soc:
                 session = self._heating.choose(replace(state, temperature_c=min(
