@@ -33,13 +33,6 @@ if TYPE_CHECKING:
 States = tuple[float, float, float, float]
 
 
-def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: FloatArray,
-                  drawn_power_w: FloatArray, arriving_heat_w: FloatArray) -> HeatRun:
-    """Return the HeatRun of a HeatPath; the arguments are its fields."""
-    return HeatRun(heater_power_w, coolant_excess_k, drawn_power_w, arriving_heat_w,
-                   path.heater_lag_s * float(heater_power_w[-1]) / JOULES_PER_WH)
-
-
 @lru_cache(maxsize=KEPT_VEHICLES)
 def heated_step_of_floats(vehicle: Vehicle, saturating: bool) -> HeatedStep[float]:
     """Return `make_heated_step` for floats, cached; it raises ValueError beyond the power unless `saturating`."""
@@ -89,10 +82,10 @@ def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: 
               heat_w: tuple[FloatArray, FloatArray]) -> Schedule:
     """Return `along_states` of a run whose means of heater power and arriving heat [W] are known, (N,) each."""
     soc, temperature_c, heater_w, excess_k = states
+    lost_wh = trip.vehicle.heat_path.heater_lag_s * float(heater_w[-1]) / JOULES_PER_WH
     return Schedule(
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
-        ends_before_arrival_s(trip, command_w),
-        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, *heat_w))
+        ends_before_arrival_s(trip, command_w), heat=HeatRun(heater_w, excess_k, *heat_w, lost_wh))
 
 
 def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:

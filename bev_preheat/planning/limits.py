@@ -10,13 +10,14 @@ car would.
 """
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning import dynamics, engine
-from bev_preheat.planning.heat_run import ends_before_arrival_s, make_heat_run
+from bev_preheat.planning.heat_run import with_heat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
 from bev_preheat.vehicle.description import steps_below_w
@@ -79,11 +80,9 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
         start_s = float(trip.time_s[trip.step_at(start_s)])
     command_w, brake_w, *heat_w = powers_w
-    soc, temperature_c, *under_way = states
-    return Schedule(
-        start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
-        ends_before_arrival_s(trip, command_w) if heat_w else None, empty_at_s, driven_share,
-        heat=make_heat_run(trip.vehicle.heat_path, *under_way, *heat_w) if heat_w else None)
+    schedule = (with_heat(trip, states, command_w, brake_w, start_s, (heat_w[0], heat_w[1])) if heat_w else
+                Schedule(start_s, command_w, brake_w, states[0], states[1], make_runge_kutta_4))
+    return replace(schedule, empty_at_s=empty_at_s, driven_share=driven_share)
 
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
