@@ -55,16 +55,10 @@ def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0
         column[first:].tolist() for column in (*trip.inputs(), command_w)])
 
 
-def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
-    """Return the Schedule of a run under heater commands [W] (N,), ignoring limits; heating is whole steps."""
+def run_heated(trip: Trip, start: States, command_w: FloatArray, heating_start_s: float | None) -> Schedule:
+    """Return the Schedule of a run under heater commands [W] (N,), ignoring limits."""
     states = roll_heated(trip, start, command_w)
-    return along_states(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w))
-
-
-def first_heated_s(trip: Trip, command_w: FloatArray) -> float | None:
-    """Return the start of the first heated step [s]; None without heating."""
-    heated = np.flatnonzero(command_w)
-    return float(trip.time_s[heated[0]]) if len(heated) else None
+    return along_states(trip, states, command_w, np.zeros(len(trip.route)), heating_start_s)
 
 
 def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,

@@ -223,7 +223,7 @@ def run_without_heating(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
-        return run_heated(trip, initial_states(state), idle_w)
+        return run_heated(trip, initial_states(state), idle_w, None)
     soc, temperature_c = run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
     return Schedule(None, idle_w, idle_w, soc, temperature_c, make_runge_kutta_4)
 
