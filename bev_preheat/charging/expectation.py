@@ -64,12 +64,7 @@ class _Arrival(NamedTuple):
 
 
 class Expectation:
-    """
-    Makes the cost of each target of one drive an expected one.
-
-    `route` and `state` are those of the plans, `unheated` the Plan without heating. `heater_share` (0 ... 1) is
-    the share of its power that the heater gives.
-    """
+    """Makes the cost of each target of one drive an expected one; its inputs are those of the plans."""
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, stop: ChargingStop,
                  prospect: ChargingProspect, prices: Prices, unheated: Plan,

@@ -138,11 +138,7 @@ def pays_to_price_per_kwh(item: TargetWorth, without: TargetWorth, value_per_h: 
 
 
 def pays_from_probability(item: TargetWorth, without: TargetWorth) -> float:
-    """
-    Return the least probability of charging from which on a target costs less than no heating.
-
-    Both are results of an Expectation. Infinity: it costs more even if the vehicle charges for certain.
-    """
+    """Return the least probability of charging at which a target of an Expectation pays, infinity if at none."""
     lost = max(item.not_charged_cost - without.not_charged_cost, 0.0)
     saved = without.charged_cost - item.charged_cost
     return lost / (lost + saved) if saved > 0.0 else math.inf

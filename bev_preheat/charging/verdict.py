@@ -168,11 +168,7 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
 
 
 def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float, way: str = HEATING) -> str:
-    """
-    Return the sentence of `verdict_on` with the prospect of charging.
-
-    `pays_from` is the least probability of charging for which some heating pays, above 1: none.
-    """
+    """Return `verdict_on` with the prospect; `pays_from`: the least probability at which some heating pays."""
     if prospect.probability == 1.0 or prospect.wait_s is not None:
         return sentence
     pays = '' if pays_from > 1.0 else (

@@ -63,12 +63,7 @@ class HeatPrices(NamedTuple):
 
 
 class _Slopes(NamedTuple):
-    """
-    Charge and warmth gained until the end of each step, N pairs each.
-
-    Per unit of charge at its start, per kelvin, and per watt of the heater; the latter is the mean between no
-    heating and full heating.
-    """
+    """Charge and warmth gained in each step (N pairs) per charge, kelvin and watt, a mean of none and full heat."""
 
     by_charge: list[ChargeWarmth]
     by_warmth: list[ChargeWarmth]
