@@ -63,7 +63,7 @@ class HeatPrices(NamedTuple):
 
 
 class _Slopes(NamedTuple):
-    """Charge and warmth gained in each step (N pairs) per charge, kelvin and watt, a mean of none and full heat."""
+    """Charge and warmth gained in each step (N pairs) per charge, kelvin and watt; a mean of no and full heat."""
 
     by_charge: list[ChargeWarmth]
     by_warmth: list[ChargeWarmth]
