@@ -35,8 +35,7 @@ from bev_preheat.route.places import Places
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Worth
+    from bev_preheat.charging.target_worth import TargetWorth, Worth
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route.segments import Route
@@ -175,11 +174,10 @@ class _Leg:
         assert worth is not None
         best = worth.best
         end_soc = self._end_of_rest(leaves_c, departure_soc).soc[-1] if self._rest else departure_soc
-        hour_s = S_PER_H
         return CandidateWorth(
             candidate, None, departure_soc, float(end_soc), worth,
             candidate.energy_price_per_kwh * best.bought_energy_wh / WH_PER_KWH,
-            time_per_h * best.charging_time_s / hour_s, time_per_h * candidate.detour_s / hour_s,
+            time_per_h * best.charging_time_s / S_PER_H, time_per_h * candidate.detour_s / S_PER_H,
             self._wait_cost(best, time_per_h), best.ageing_cost)
 
     def _wait_cost(self, best: TargetWorth, time_per_h: float) -> float:

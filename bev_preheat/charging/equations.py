@@ -8,6 +8,7 @@ import math
 from typing import cast, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics import Arithmetic, Number
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.model import make_runge_kutta_4, stage_mean
 
@@ -39,11 +40,6 @@ def heater_power_of(vehicle: Vehicle, stop: ChargingStop) -> float:
     """Return the power of the heater while it heats at the charger [W]."""
     return max(0.0, min(vehicle.hvch.maximum_power_w - stop.cabin_heating_power_w,
                         supply_of(vehicle, stop)))
-
-
-def heated_heat_capacity_j_per_k(vehicle: Vehicle) -> float:
-    """Return the heat capacity of the battery and of the coolant between heater and battery [J/K]."""
-    return vehicle.battery.heat_capacity_j_per_k + vehicle.heat_path.coolant_heat_capacity_j_per_k
 
 
 def heated_c(vehicle: Vehicle, temperature_c: AnyNumber, heater_w: AnyNumber, excess_k: AnyNumber) -> AnyNumber:

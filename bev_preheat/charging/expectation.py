@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import Prices, TargetWorth
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import Goal
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
@@ -56,17 +55,6 @@ FASTEST_PACE = 2.0
 SPACING_K, SPACING_SOC = 1.0, 0.02
 
 
-class Expected(NamedTuple):
-    """Mean cost of a target if the vehicle charges on arrival, and if it does not."""
-
-    charged: float
-    not_charged: float
-
-    def cost(self, probability: float) -> float:
-        """Return the expected cost for a probability of charging (0 ... 1)."""
-        return probability * self.charged + (1.0 - probability) * self.not_charged
-
-
 class _Arrival(NamedTuple):
     """One arrival time: its weight, the Trip to it, and the state of charge of the unheated drive."""
 
@@ -76,12 +64,7 @@ class _Arrival(NamedTuple):
 
 
 class Expectation:
-    """
-    Makes the cost of each target of one drive an expected one.
-
-    `route` and `state` are those of the plans, `unheated` the Plan without heating. `heater_share` (0 ... 1) is
-    the share of its power that the heater gives.
-    """
+    """Makes the cost of each target of one drive an expected one; its inputs are those of the plans."""
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, stop: ChargingStop,
                  prospect: ChargingProspect, prices: Prices, unheated: Plan,
@@ -108,9 +91,8 @@ class Expectation:
 
     def of(self, item: TargetWorth, plan: Plan) -> TargetWorth:
         """Return a TargetWorth, whose cost is that of certain charging after a Plan, with the expected cost."""
-        expected = self._expected(item, plan)
-        return replace(item, cost=expected.cost(self.prospect.probability), charged_cost=expected.charged,
-                       not_charged_cost=expected.not_charged)
+        charged, not_charged = self._over_arrivals(plan) if self._arrivals else self._in_time(item, plan)
+        return self.revised(replace(item, charged_cost=charged, not_charged_cost=not_charged))
 
     def revise(self, probability: float) -> None:
         """Count with another probability of charging (above 0 ... 1) from now on."""
@@ -118,8 +100,8 @@ class Expectation:
 
     def revised(self, item: TargetWorth) -> TargetWorth:
         """Return a TargetWorth of `of` for the probability of now."""
-        return replace(item, cost=Expected(item.charged_cost, item.not_charged_cost).cost(
-            self.prospect.probability))
+        probability = self.prospect.probability
+        return replace(item, cost=probability * item.charged_cost + (1.0 - probability) * item.not_charged_cost)
 
     def pays_from_per_h(self, item: TargetWorth, without: TargetWorth) -> float:
         """Return the value of time [per h] from which on a target costs less than no heating, or infinity."""
@@ -128,29 +110,25 @@ class Expectation:
         return pays_from_per_h(item, without, self._prices.energy_per_kwh, probability,
                                item.not_charged_cost - without.not_charged_cost)
 
-    def _expected(self, item: TargetWorth, plan: Plan) -> Expected:
-        if not self._arrivals:
-            charged = item.cost
-            if math.isinf(charged):
-                charged = self._sessions.of_endless(plan.arrival_soc)
-            return Expected(charged, self._not_charged(
-                plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan)))
-        return self._over_arrivals(plan)
+    def _in_time(self, item: TargetWorth, plan: Plan) -> tuple[float, float]:
+        """Return the costs after a Plan that arrives as planned: if the vehicle charges on arrival, and if not."""
+        charged = self._sessions.of_endless(plan.arrival_soc) if math.isinf(item.cost) else item.cost
+        return charged, self._not_charged(
+            plan.arrival_state, self._unheated.arrival_soc - self._soc_when_known(plan))
 
-    def _over_arrivals(self, plan: Plan) -> Expected:
-        """Return the Expected cost of one Plan over all arrival times."""
+    def _over_arrivals(self, plan: Plan) -> tuple[float, float]:
+        """Return both costs after a Plan as means over all arrival times."""
         charged, not_charged = 0.0, 0.0
         for arrival in self._arrivals:
             driven = drive_as_planned(arrival.trip, self._state, by_the_clock(plan, arrival.trip))
-            state = state_at_end(driven)
-            known = driven
+            state, known = driven.arrival_state, driven
             if self.prospect.known_before_arrival_s > 0.0:
                 known = drive_as_planned(arrival.trip, self._state, by_the_clock(
                     plan, arrival.trip, self._known_at_s(arrival.trip.route.total_duration_s)))
             charged += arrival.weight * self._sessions.cost(state)
             not_charged += arrival.weight * self._not_charged(
                 state, arrival.unheated_soc - float(known.soc[-1]))
-        return Expected(charged, not_charged)
+        return charged, not_charged
 
     def _known_at_s(self, arrival_s: float) -> float:
         return max(0.0, arrival_s - self.prospect.known_before_arrival_s)
@@ -230,11 +208,7 @@ def at_arrival(route: Route, later_s: float) -> Route:
 
 
 def by_the_clock(plan: Plan, trip: Trip, until_s: float = math.inf) -> FloatArray:
-    """
-    Return the heater power of a Plan in the steps of a Trip of another pace [W], shape (N,).
-
-    It is that of the plan at the same instants, 0 after the plan's end and from `until_s` [s] on.
-    """
+    """Return a Plan's heater power [W] at the instants of a Trip of another pace (N,), 0 from `until_s` [s] on."""
     energy_j = np.concatenate(([0.0], np.cumsum(plan.command_w * np.diff(plan.time_s))))
     knots_s = plan.time_s
     for instant_s, side in ((plan.heating_start_s, 'right'), (plan.heating_end_s, 'left')):
@@ -250,20 +224,9 @@ def by_the_clock(plan: Plan, trip: Trip, until_s: float = math.inf) -> FloatArra
     return power_w
 
 
-def state_at_end(schedule: Schedule) -> BatteryState:
-    """Return the BatteryState at the end of a Schedule, with the heat under way."""
-    under_way = () if schedule.heat is None else (
-        float(schedule.heat.heater_power_w[-1]), float(schedule.heat.coolant_excess_k[-1]))
-    return BatteryState(float(schedule.temperature_c[-1]), float(schedule.soc[-1]), *under_way)
-
-
 @dataclass(frozen=True)
 class TimeDeviation:
-    """
-    Standard deviations [s] of the charging time without heating, with heating, and of the time saved.
-
-    Infinite if a session within the spread never ends.
-    """
+    """Standard deviations [s] of the charging times and of the time saved; infinite if a session never ends."""
 
     without_heating_s: float
     heated_s: float

@@ -24,15 +24,10 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.ageing import cost_per_s
-from bev_preheat.charging.equations import (
-    heated_heat_capacity_j_per_k,
-    heater_power_of,
-    make_charging_rates,
-    make_cooling,
-    supply_of,
-)
+from bev_preheat.charging.equations import heater_power_of, make_charging_rates, make_cooling, supply_of
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.description import DIRECT
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
@@ -109,14 +104,12 @@ class HeatingPolicy:
     The HeatingLimit of the cheapest heating, and estimates of the costs by state.
 
     Rows of the costs are the states of charge `soc` (N,), columns the temperatures `columns_c` (M,) [deg C];
-    `cost`, `cost_never` and `cost_always` (N, M) are those with the limit, of no heating, and of heating up to the
-    car's own limit.
+    `cost_never` and `cost_always` (N, M) are those of no heating, and of heating up to the car's own limit.
     """
 
     limit: HeatingLimit
     soc: FloatArray
     columns_c: FloatArray
-    cost: FloatArray
     cost_never: FloatArray
     cost_always: FloatArray
 
@@ -130,11 +123,7 @@ class HeatingPolicy:
 
 def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: float,
                 from_c: float) -> HeatingPolicy | None:
-    """
-    Return the HeatingPolicy for arrivals from `from_soc` (0 ... 1) and `from_c` [deg C] up.
-
-    None for a car that cannot heat at this charger, and if nothing is left to charge.
-    """
+    """Return the HeatingPolicy for arrivals from a charge and temperature up; None: nothing to heat or charge."""
     limit_c = charging_of(vehicle).heated_below_c
     heater_w = heater_power_of(vehicle, stop)
     coldest_c = min(from_c, stop.ambient_c) - COLUMN_K
@@ -227,7 +216,7 @@ class _Table:
             always[row] = self._fully_heated(row, always[row + 1], otherwise, must=True)
         middle = 0.5 * (self._soc[:-1] + self._soc[1:])
         return HeatingPolicy(HeatingLimit(tuple(middle.tolist()), tuple(limits_c.tolist())), self._soc, columns_c,
-                             costs, never, always)
+                             never, always)
 
     def _unheated(self, row: int, cost: FloatArray) -> FloatArray:
         unheated: FloatArray = self._off.cost[row] + self._later(cost, self._columns_c + self._off.rise_k[row])

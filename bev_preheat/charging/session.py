@@ -27,7 +27,6 @@ from bev_preheat.charging.ageing import AgeingCost, session_ageing
 from bev_preheat.charging.equations import (
     charging_power,
     heated_c,
-    heated_heat_capacity_j_per_k,
     heater_power_of,
     make_charging_rates,
     make_charging_step,
@@ -38,6 +37,8 @@ from bev_preheat.charging.heating_policy import ALWAYS
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.heating_policy import HeatingLimit
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
 
 # Longest step [s], and the largest share of the charge in a step.
@@ -141,28 +141,16 @@ class Session:
             'departure_soc': float(self.soc[-1]),
             'energy_wh': dict(vars(self.energy_wh)),
             **({} if self.ageing is None else {'ageing': self.ageing._asdict()}),
-            'time_s': self.time_s.tolist(),
-            'battery_temperature_c': self.battery_temperature_c.tolist(),
-            'soc': self.soc.tolist(),
-            'charging_power_w': self.charging_power_w.tolist(),
-            'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
-            'cooling_power_w': self.cooling_power_w.tolist()}
-
-
-class _SessionState(NamedTuple):
-    """State of charge, battery temperature [deg C], heater power [W], coolant excess [K]."""
-
-    soc: float
-    temperature_c: float
-    heater_w: float
-    excess_k: float
+            **{name: getattr(self, name).tolist() for name in (
+                'time_s', 'battery_temperature_c', 'soc', 'charging_power_w', 'hvch_battery_power_w',
+                'cooling_power_w')}}
 
 
 class _Step(NamedTuple):
     """One step: its end, its duration [s], and the means of powers [W] and of the battery temperature [deg C]."""
 
     duration_s: float
-    end: _SessionState
+    end: BatteryState
     terminal_w: float
     drawn_w: float
     arriving_w: float
@@ -183,8 +171,7 @@ def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: fl
     """
     check_stop(vehicle, stop, state)
     plug = _Plug(vehicle, stop, step_s, heating)
-    now = _SessionState(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
-    states, steps, elapsed_s, problem = [now], [], 0.0, None
+    now, states, steps, elapsed_s, problem = state, [state], [], 0.0, None
     while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
         problem = plug.problem_at(now)
         if problem is None and elapsed_s >= LONGEST_SESSION_S:
@@ -205,6 +192,7 @@ class _Plug:
         vehicle = vehicle_at_charger(vehicle)
         self._vehicle, self._stop = vehicle, stop
         charging, battery = charging_of(vehicle), vehicle.battery
+        self._set_point_c = None if charging.cooling is None else charging.cooling.set_point_c
         self._limit_w = charging.power_limit.function(FLOATS)
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
         self._supply_w, self._heater_w = supply_of(vehicle, stop), heater_power_of(vehicle, stop)
@@ -231,7 +219,7 @@ class _Plug:
     def _command_w(self, soc: float, temperature_c: float) -> float:
         return self._heater_w if temperature_c < self._limits(soc) else 0.0
 
-    def problem_at(self, state: _SessionState) -> str | None:
+    def problem_at(self, state: BatteryState) -> str | None:
         """Return why the battery can never be charged further from a state, or None."""
         soc, temperature_c, stop = state.soc, state.temperature_c, self._stop
         if self._supply_w <= CHARGES_FROM_W:
@@ -246,28 +234,23 @@ class _Plug:
         if may_charge(temperature_c):
             return None
         settled_c = self._settled_c(soc, temperature_c)
-        if self._vehicle.charging is not None and self._vehicle.charging.cooling is not None:
-            settled_c = min(settled_c, self._cooled_down_c(soc, temperature_c))
+        if self._set_point_c is not None:
+            settled_c = min(settled_c, self._cooled_down_c(soc, temperature_c, self._set_point_c))
         # Heat under way comes on top.
-        late_k = max(0.0, state.excess_k) + (
-            self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
+        late_k = max(0.0, state.coolant_excess_k) + (
+            self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_power_w
             / self._vehicle.battery.heat_capacity_j_per_k)
         if late_k > 0.0:
             settled_c = max(settled_c, temperature_c) + late_k
         if any(map(may_charge, np.linspace(temperature_c, settled_c, OUTLOOK_POINTS).tolist())):
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
-        if -self._limit_w(soc, settled_c) > CHARGES_FROM_W and settled_c < temperature_c:
-            return (f'{at} the cooling takes all the power that is left, and the battery gets no colder than '
-                    f'{settled_c:.1f} degC')
         if -self._limit_w(soc, settled_c) > CHARGES_FROM_W:
-            return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
-                    f'than {settled_c:.1f} degC')
-        end = ''
-        if settled_c > temperature_c:
-            end = f', and the battery gets no warmer than {settled_c:.1f} degC'
-        elif self._is_hot(soc, temperature_c):
-            end = f', and the battery gets no colder than {settled_c:.1f} degC'
+            taker, change = ('cooling', 'colder') if settled_c < temperature_c else ('heater', 'warmer')
+            return (f'{at} the {taker} takes all the power that is left, and the battery gets no {change} than '
+                    f'{settled_c:.1f} degC')
+        change = 'warmer' if settled_c > temperature_c else 'colder' if self._is_hot(soc, temperature_c) else ''
+        end = f', and the battery gets no {change} than {settled_c:.1f} degC' if change else ''
         return f'{at} the battery takes less than {CHARGES_FROM_W:g} W{end}'
 
     def _is_hot(self, soc: float, temperature_c: float) -> bool:
@@ -276,12 +259,11 @@ class _Plug:
         return any(-self._limit_w(soc, at_c) > CHARGES_FROM_W for at_c in np.linspace(
             coldest_c, temperature_c, OUTLOOK_POINTS).tolist())
 
-    def _cooled_down_c(self, soc: float, temperature_c: float) -> float:
+    def _cooled_down_c(self, soc: float, temperature_c: float, set_point_c: float) -> float:
         """Return the temperature down to which leakage and cooling bring a battery that is not charged [deg C]."""
         coldest_c = min(self._stop.ambient_c, temperature_c)
         if self._leakage_w_per_k == 0.0:
-            assert self._vehicle.charging is not None and self._vehicle.charging.cooling is not None
-            return min(temperature_c, max(coldest_c, self._vehicle.charging.cooling.set_point_c))
+            return min(temperature_c, max(coldest_c, set_point_c))
 
         def is_warmer(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(soc, at_c)
@@ -304,12 +286,13 @@ class _Plug:
         # Heating ends at its limit; from there the battery settles without it.
         return max(temperature_c, min(settled_c, self._limits(soc))) if command_w else settled_c
 
-    def _above_k(self, state: _SessionState) -> float:
+    def _above_k(self, state: BatteryState) -> float:
         """Return by how much battery and heat under way exceed the limit of heating [K]."""
-        reached_c: float = heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k)
+        reached_c: float = heated_c(
+            self._vehicle, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
         return reached_c - self._limits(state.soc)
 
-    def step_from(self, state: _SessionState) -> _Step:
+    def step_from(self, state: BatteryState) -> _Step:
         """Return the step from a state; it ends when heating or the session is to end."""
         above_k = self._above_k(state)
         command_w = self._heater_w if above_k < 0.0 else 0.0
@@ -328,25 +311,20 @@ class _Plug:
                              lambda end: end.soc - self._stop.departure_soc, STEP_SOC_TOLERANCE)
         return step
 
-    def _holding_w(self, state: _SessionState, length_s: float) -> float:
-        """
-        Return the heater's command [W] that holds the battery at the limit of heating for a step [s].
-
-        This is the mean of heating below the limit and not above it. 0 or full power if the battery leaves the
-        limit regardless of the heater.
-        """
+    def _holding_w(self, state: BatteryState, length_s: float) -> float:
+        """Return the command [W] that holds the limit of heating for a step [s]; 0 or full power if none does."""
         def attempt(command_w: float) -> Trial[float]:
             return Trial(command_w, self._above_k(self._step(state, command_w, length_s).end), command_w)
 
         warming_k_per_w = length_s * self._vehicle.hvch.efficiency / heated_heat_capacity_j_per_k(self._vehicle)
         # The power of the step before is nearly right.
-        first = attempt(min(state.heater_w, self._heater_w))
+        first = attempt(min(state.heater_power_w, self._heater_w))
         if first.excess > TEMPERATURE_TOLERANCE_K and attempt(0.0).excess >= 0.0:
             return 0.0
         return follow_slope(self._heater_w, 0.0, first, warming_k_per_w, attempt,
                             TEMPERATURE_TOLERANCE_K).outcome
 
-    def _length_s(self, state: _SessionState, longer: float) -> float:
+    def _length_s(self, state: BatteryState, longer: float) -> float:
         """Return the longest allowed step from a state [s], regardless of the heater."""
         step_s = min(longer * self._step_s, self._most_step_s)
         power_w = self._power_w(state.soc, state.temperature_c, self._supply_w)
@@ -356,7 +334,7 @@ class _Plug:
                   * self._voltage_v(state.soc, state.temperature_c) / power_w)
         return min(step_s, STEP_SOC * full_s)
 
-    def _step(self, state: _SessionState, command_w: float, duration_s: float) -> _Step:
+    def _step(self, state: BatteryState, command_w: float, duration_s: float) -> _Step:
         soc, temperature_c = state.soc, state.temperature_c
         other_heat_w = 0.0
         if self._vehicle.heat_path.has_coolant:
@@ -364,7 +342,7 @@ class _Plug:
                 soc, temperature_c, command_w - self._supply_w, 0.0, self._idle_heat_w,
                 self._leakage_w_per_k)[1]
         drawn_w, arriving_w, heater_w, coolant_c = self._heat_step(
-            state.heater_w, temperature_c + state.excess_k, temperature_c, duration_s, command_w,
+            state.heater_power_w, temperature_c + state.coolant_excess_k, temperature_c, duration_s, command_w,
             other_heat_w, self._idle_heat_w, self._leakage_w_per_k)
         soc, end_c, mean_c, powers = self._integrate(
             soc, temperature_c, duration_s, drawn_w - self._supply_w, 0.0,
@@ -375,12 +353,12 @@ class _Plug:
             leakage_w -= ((end_c - self._hottest_c) * self._vehicle.battery.heat_capacity_j_per_k
                           / duration_s)
             end_c = self._hottest_c
-        excess_k = coolant_c - end_c if self._vehicle.heat_path.has_coolant else state.excess_k
-        return _Step(duration_s, _SessionState(soc, end_c, heater_w, excess_k), powers.terminal_w, drawn_w,
+        excess_k = coolant_c - end_c if self._vehicle.heat_path.has_coolant else state.coolant_excess_k
+        return _Step(duration_s, BatteryState(end_c, soc, heater_w, excess_k), powers.terminal_w, drawn_w,
                      arriving_w, leakage_w, powers.cooling_w, powers.cooled_w)
 
-    def _cut(self, state: _SessionState, command_w: float, whole: _Step,
-             excess_of: Callable[[_SessionState], float], tolerance: float) -> _Step:
+    def _cut(self, state: BatteryState, command_w: float, whole: _Step,
+             excess_of: Callable[[BatteryState], float], tolerance: float) -> _Step:
         """Return the part of a step after which `excess_of` its end is just above 0."""
         def attempt(duration_s: float) -> Trial[_Step]:
             step = self._step(state, command_w, duration_s)
@@ -388,11 +366,10 @@ class _Plug:
 
         return close_in(
             Trial(whole.duration_s, excess_of(whole.end), whole), Trial(0.0, excess_of(state), whole),
-            attempt, lambda enough, too_little: enough.excess <= tolerance, MOST_STEP_TRIALS,
-            aim=0.5 * tolerance).outcome
+            attempt, tolerance, MOST_STEP_TRIALS).outcome
 
 
-def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: list[_SessionState],
+def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: list[BatteryState],
              steps: list[_Step]) -> Session:
     """Return the Session from its simulated steps; its energies close the heat balance to rounding."""
     hours = np.array([step.duration_s for step in steps]) / JOULES_PER_WH

@@ -97,16 +97,15 @@ def check_prospect(prospect: ChargingProspect) -> None:
 
 def held_prospect(held: ChargingProspect, given: ChargingProspect) -> ChargingProspect:
     """Return the prospect to count with after `held`: the given one, unless that may be jitter."""
-    # Certainty is no jitter, in either direction.
-    is_near = (given.probability == 1.0) is (held.probability == 1.0) and abs(
-        given.probability - held.probability) <= PROBABILITY_STEP
     most_s = DEVIATION_SHARE * max(given.arrival_deviation_s, held.arrival_deviation_s)
-    is_near = is_near and (given.arrival_deviation_s == 0.0) is (held.arrival_deviation_s == 0.0)
-    if (is_near and abs(given.arrival_deviation_s - held.arrival_deviation_s) <= most_s
-            and (given.known_before_arrival_s, given.wait_s) == (
-                held.known_before_arrival_s, held.wait_s)):
-        return held
-    return given
+    # Certainty is no jitter, in either direction.
+    is_jitter = (
+        (given.probability == 1.0) is (held.probability == 1.0)
+        and abs(given.probability - held.probability) <= PROBABILITY_STEP
+        and (given.arrival_deviation_s == 0.0) is (held.arrival_deviation_s == 0.0)
+        and abs(given.arrival_deviation_s - held.arrival_deviation_s) <= most_s
+        and (given.known_before_arrival_s, given.wait_s) == (held.known_before_arrival_s, held.wait_s))
+    return held if is_jitter else given
 
 
 # The weakest charger gives more than this; a smaller value is in kilowatts by mistake.
@@ -119,11 +118,7 @@ HOTTEST_AMBIENT_C = 60.0
 
 @dataclass(frozen=True)
 class Charger:
-    """
-    A charger as known before the drive: its power [W, at the vehicle's inlet].
-
-    `departure_soc` (0 ... 1) is the state of charge to leave with; None: unknown.
-    """
+    """A charger as known before the drive: its power [W, at the inlet], and the charge to leave with, if known."""
 
     power_w: float
     departure_soc: float | None = None

@@ -15,6 +15,7 @@ import numpy as np
 from bev_preheat.charging.equations import supply_of
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import chance_text
+from bev_preheat.charging.target_worth import HEATING
 from bev_preheat.numerics import ARRAYS, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
@@ -140,9 +141,6 @@ def too_warm(vehicle: Vehicle, stop: ChargingStop, session: Session) -> TooWarm 
 LEAST_COST_DIFFERENCE = 0.01
 
 
-HEATING, COOLING = 'heating', 'cooling'
-
-
 def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, prices: Prices,
                problem: str | None, way: str = HEATING) -> str:
     """
@@ -156,58 +154,27 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without {way}, {problem}.')
+    pays_from = f'{way} pays as soon as an hour is worth {break_even:.2f} to you.'
     if 0.0 < without.cost - best.cost < LEAST_COST_DIFFERENCE:
         return (f'It makes no difference: {heating} would save less than {LEAST_COST_DIFFERENCE:.2f} in all. Some '
-                f'{way} pays as soon as an hour is worth {break_even:.2f} to you.')
+                f'{pays_from}')
     if best is not without:
-        saved = _saved_text(best, without, prices)
         pays = ('' if math.isinf(break_even) else
-                f' Some {way} pays whatever your time is worth.' if break_even == 0.0 else
-                f' Some {way} pays as soon as an hour is worth {break_even:.2f} to you.')
-        return f'Worth it: {heating} {saved}.{pays}'
+                f' Some {way} pays whatever your time is worth.' if break_even == 0.0 else f' Some {pays_from}')
+        return f'Worth it: {heating} {_saved_text(best, without, prices)}.{pays}'
     if math.isinf(break_even):
         return f'Not worth it: {way} before arrival saves neither time nor money at this charger.'
-    return (f'Not worth it at {prices.time_per_h:.2f} an hour: {way} pays as soon as an hour is worth '
-            f'{break_even:.2f} to you.')
+    return f'Not worth it at {prices.time_per_h:.2f} an hour: {pays_from}'
 
 
 def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float, way: str = HEATING) -> str:
-    """
-    Return the sentence of `verdict_on` with the prospect of charging.
-
-    `pays_from` is the least probability of charging for which some heating pays, above 1: none.
-    """
+    """Return `verdict_on` with the prospect; `pays_from`: the least probability at which some heating pays."""
     if prospect.probability == 1.0 or prospect.wait_s is not None:
         return sentence
     pays = '' if pays_from > 1.0 else (
         f' Some {way} pays at any chance.' if pays_from == 0.0 else
         f' Some {way} pays from {chance_text(pays_from)} chance on.')
     return f'{prospect.in_words} chance of charging: {sentence[0].lower()}{sentence[1:]}{pays}'
-
-
-def bounds_in_words(to_price_per_kwh: float, from_probability: float, way: str = HEATING) -> str:
-    """
-    Return the sentence on the price of energy up to which, and the chance of charging from which on heating pays.
-
-    A price of 0 or a probability above 1 is left out: heating never pays, or another sentence gives the chance.
-    """
-    if to_price_per_kwh == 0.0:
-        return ''
-    price = ('at any energy price' if math.isinf(to_price_per_kwh) else
-             f'up to an energy price of {to_price_per_kwh:.2f} per kWh')
-    chance = '' if from_probability > 1.0 else (
-        ' and at any chance of charging' if from_probability == 0.0 else
-        f' and from {chance_text(from_probability)} chance of charging on')
-    return f'Some {way} pays {price}{chance}.'
-
-
-def unheated_at_charger(best: TargetWorth, without: TargetWorth) -> str:
-    """Return the cost at the charger of not heating instead of the `best` target, as part of a sentence."""
-    if math.isinf(without.charging_time_s) or math.isinf(best.charging_time_s):
-        return ''
-    longer_s, more = without.charging_time_s - best.charging_time_s, without.cost - best.cost
-    return (f'charging would take {duration_text(abs(longer_s))} {"longer" if longer_s >= 0.0 else "less"} and '
-            f'the stop would cost {more:.2f} more in all')
 
 
 def warmer_than(fastest: TargetWorth, hottest: TargetWorth, slower_s: float, derating: Derating) -> str:

@@ -20,32 +20,27 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import arrival_of, Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import (
-    CERTAIN,
-    check_prospect,
-    check_stop,
-    refuse_stranded,
-    stop_after,
-)
+from bev_preheat.charging.stop import CERTAIN, check_prospect, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import (
     check_prices,
+    COOLING,
+    greatest_step,
+    HEATING,
     pays_from_per_h,
     pays_from_probability,
     pays_to_price_per_kwh,
     Prices,
     TargetWorth,
+    Worth,
 )
 from bev_preheat.charging.verdict import (
-    COOLING,
     derating_in,
-    HEATING,
     LEAST_TIME_S,
     too_warm,
     verdict_in_doubt,
     verdict_on,
     warmer_than,
 )
-from bev_preheat.charging.worth import greatest_step, Worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import refine, scan
@@ -93,7 +88,7 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
     search = WorthSearch(
         vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else
-        Expectation(vehicle, route, state, stop, prospect, prices, unheated), cools=vehicle.cools)
+        Expectation(vehicle, route, state, stop, prospect, prices, unheated))
     search.advance(math.inf)
     return replace(search.worth(), by_rule={
         name: search.worth_of(plan_by_rule(name, vehicle, route, state, goal))
@@ -140,12 +135,12 @@ class WorthSearch:
 
     `vehicle`, `stop` and `unheated` (the Plan without heating) must not change meanwhile, nor the inputs from
     which `plan_to` makes a Plan for a target [deg C]. `usual_c` is the usual target [deg C]; `without` is the
-    TargetWorth without heating. If the car `cools`, `plan_to` also takes targets below that arrival.
+    TargetWorth without heating. If the car cools, `plan_to` also takes targets below that arrival.
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
                  plan_to: Callable[[float], Plan], expectation: Expectation | None = None,
-                 found: Sequence[Evaluated] = (), cools: bool = False) -> None:
+                 found: Sequence[Evaluated] = ()) -> None:
         """
         Simulate the session without heating; raises what `session.charge` raises.
 
@@ -154,7 +149,7 @@ class WorthSearch:
         """
         self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
-        self._plan_to, self._cools = plan_to, cools
+        self._plan_to = plan_to
         self._heating = ChargerHeating(vehicle, stop, prices)
         self._arrivals: dict[float, BatteryState] = {item.target_c: arrival for item, arrival in found}
         # In any case, because the policy at the charger is found from the first arrival.
@@ -196,12 +191,8 @@ class WorthSearch:
         return self._heating.compare(self._arrivals.get(item.target_c, self._arrivals[self.without.target_c]))
 
     def look_at(self, target_c: float, cools: bool = False) -> TargetWorth:
-        """
-        Return the TargetWorth of heating to a target [deg C], with a plan and a session for a new target.
-
-        `cools`: or of cooling to it.
-        """
-        if target_c <= self.without.target_c and not (cools and self._cools):
+        """Return the TargetWorth of heating, or also of cooling, to a target [deg C]; a new one is planned."""
+        if target_c <= self.without.target_c and not (cools and self._vehicle.cools):
             return replace(self.without, target_c=target_c)
         return self._look_at(target_c)
 
@@ -221,7 +212,7 @@ class WorthSearch:
         """Return the whole degrees below the arrival without heating that cooling reaches [deg C], rising."""
         colder: list[float] = []
         target_c = math.ceil(self.without.target_c) - GRID_K
-        while self._cools and self._at(target_c).arrival_temperature_c < target_c + SHORTFALL_TOLERANCE_K:
+        while self._vehicle.cools and self._at(target_c).arrival_temperature_c < target_c + SHORTFALL_TOLERANCE_K:
             colder.insert(0, target_c)
             target_c -= GRID_K
         return colder
@@ -285,11 +276,7 @@ class WorthSearch:
             self._expectation.prospect, probability=prospect.probability)
 
     def pays_from_probability(self, target_c: float | None = None) -> float:
-        """
-        Return the least probability of charging for which a target [deg C] pays; above 1: none.
-
-        Without a target it is that of any target evaluated so far. Only with an expectation.
-        """
+        """Return the least probability of charging for which a target, or any so far, pays; above 1: none."""
         items = (self._found.values() if target_c is None else [self.look_at(target_c)])
         return min((pays_from_probability(item, self.without) for item in items), default=math.inf)
 

@@ -18,6 +18,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.core_library import without_core
+from bev_preheat.vehicle.model import TRIP_COLUMNS
 
 if TYPE_CHECKING:
     from bev_preheat.planning.one_interval import SwitchPlan
@@ -89,30 +90,22 @@ def draw_vectors(vehicle: Vehicle, count: int, seed: int,
 
 
 def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
-    """Return one Vector of a Vehicle."""
+    """Return one Vector of a Vehicle; planned without the core if called without the core."""
     random = np.random.default_rng([seed, number])
     trip, state, goal = _drawn(vehicle, random, number)
+    columns = tuple(trip.columns.column(name).tolist() for name in TRIP_COLUMNS)
+    situation = (
+        state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k, goal.target_temperature_c,
+        reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
     if number % DAMAGED_EVERY == DAMAGED_AT:
-        columns = _columns(trip)
         column = columns[int(random.integers(len(columns)))]
         column[int(random.integers(len(column)))] = NOT_A_NUMBER[int(random.integers(3))]
-        return Vector(columns, _situation(vehicle, state, goal), len(METHODS) * (Answer(BAD_INPUT),))
-    return vector_of(trip, state, goal)
-
-
-def vector_of(trip: Trip, state: BatteryState, goal: Goal) -> Vector:
-    """Return the Vector of a Trip; planned without the core if called without the core."""
+        return Vector(columns, situation, len(METHODS) * (Answer(BAD_INPUT),))
     found = engine.plan_switch(trip, state, goal.target_temperature_c)
     is_switched = found.unheated_keeps_limits and found.keeps_limits and leaves_enough(trip, goal, found)
-    return Vector(_columns(trip), _situation(trip.vehicle, state, goal), (
+    return Vector(columns, situation, (
         _answer(trip, found.schedule if is_switched else None, True),
         _answer(trip, _by_values(trip, state, goal, found), is_best(trip, goal, found))))
-
-
-def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float, ...]:
-    """Return the numbers of bev_ecu_situation."""
-    return (state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k,
-            goal.target_temperature_c, reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
 
 
 def _by_values(trip: Trip, state: BatteryState, goal: Goal, found: SwitchPlan) -> Schedule | None:
@@ -201,13 +194,6 @@ def _drawn(vehicle: Vehicle, random: np.random.Generator,
     goal = Goal(float(random.uniform(start_c - 5.0, min(start_c + 15.0, highest_c))),
                 float(random.choice([0.0, 0.2, 0.6])))
     return make_trip(vehicle, route), state, goal
-
-
-def _columns(trip: Trip) -> tuple[list[float], ...]:
-    return tuple(column.tolist() for column in (
-        trip.time_s, trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
-        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, trip.drivetrain_heat_w,
-        trip.route.ambient_temperature_c))
 
 
 def _words(numbers: Sequence[float]) -> str:

@@ -12,7 +12,7 @@ from bev_preheat.commands.situation import add_methods_argument, add_situation_a
 from bev_preheat.commands.terminal import print_records
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
-from bev_preheat.planning.plan import difference, energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.plan import difference, energy_gap_wh
 from bev_preheat.planning.planner import (
     as_driven,
     DEFAULT_METHOD,
@@ -21,6 +21,7 @@ from bev_preheat.planning.planner import (
     refused_methods,
 )
 from bev_preheat.planning.sensitivity import find_sensitivity
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -33,8 +34,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
         description='Plans of all methods, the optimum, and the extra energy of each plan that reaches the same '
-        f'(arrival temperature to {SAME_SHORTFALL_K:g} K); otherwise the difference. A plan beyond a power limit '
-        'is shown as executed: the friction brake takes the rest, and the heater power is reduced.')
+        f'(arrival temperature to {SHORTFALL_TOLERANCE_K:g} K); otherwise the difference. A plan beyond a power '
+        'limit is shown as executed: the friction brake takes the rest, and the heater power is reduced.')
     add_situation_arguments(parser)
     add_methods_argument(parser, 'all')
     add_no_limits_argument(parser)

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.expectation import TimeDeviation
     from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Worth
+    from bev_preheat.charging.target_worth import TargetWorth, Worth
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.terminal import ResultConsole
 

@@ -133,7 +133,7 @@ class TargetSearch:
             partial(begun.plan_to, unheated_c=self.unheated.arrival_temperature_c),
             None if self.prospect.is_certain else Expectation(
                 begun.vehicle, begun.route, begun.state, self.stop, self.prospect, prices, self.unheated,
-                begun.heater_share), self.found, begun.vehicle.cools)
+                begun.heater_share), self.found)
 
     def after(self, worker: WorthSearch) -> TargetSearch:
         """Return the search with the targets that its worker has Evaluated."""

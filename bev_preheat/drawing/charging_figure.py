@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.chargers import CandidateWorth
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth import Worth
+    from bev_preheat.charging.target_worth import TargetWorth, Worth
     from bev_preheat.vehicle import Vehicle
 
     # Coordinates of a target on the axes: x, y.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.worth import Worth
+    from bev_preheat.charging.target_worth import Worth
     from bev_preheat.identification.check import Check
     from bev_preheat.identification.result import Identification
     from bev_preheat.numerics import FloatArray

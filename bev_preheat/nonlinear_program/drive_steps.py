@@ -15,12 +15,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.nonlinear_program.symbols import (
-    FACTORS,
-    symbolic_curve,
-    symbolic_rates,
-    symbolic_step,
-)
+from bev_preheat.nonlinear_program.symbols import FACTORS, symbolic_curve, symbolic_rates, symbolic_step
 from bev_preheat.tunables import ROUNDING_W
 from bev_preheat.vehicle.model import heat_with_brake_w
 

@@ -38,8 +38,7 @@ from bev_preheat.nonlinear_program.drive_steps import (
     POWER_SCALE_W,
     SOC_SCALE,
 )
-from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.planner import plan_without_heating
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
 from bev_preheat.vehicle.description import HVCH, STANDING_MPS, Vehicle
@@ -194,13 +193,18 @@ class Attempt:
     iterations: int
     time_s: float
 
+    @property
+    def undelivered_w(self) -> float:
+        """The power that the battery cannot deliver in the worst step [W]."""
+        return float(self.values['deficit_w'].max())
+
 
 def attempt(problem: Problem, limited: bool, give: Give = Give.NOTHING,
             starts: Sequence[Values] = ()) -> Attempt:
     """Return the best Attempt at a program, from each of the given starts or, cold, from the trip unheated."""
     program = build_program(problem.vehicle, len(problem.trip.route), limited, give)
     runs: list[Attempt] = []
-    for start in starts or [unheated_start(problem)]:
+    for start in starts or [driven_start(problem.trip, run_without_heating(problem.trip, problem.state))]:
         runs.append(_run(problem, program, program.variables.pack(start)))
         if runs[-1].status != SUCCESS:
             # IPOPT is slow to prove infeasibility, so it is not retried from other starts.
@@ -218,18 +222,7 @@ def driven_start(trip: Trip, schedule: Schedule) -> Values:
             'heater': split_w.get(HVCH, schedule.heater_power_w), 'brake': schedule.brake_power_w,
             'heater_power': 0.0 if heat is None else heat.heater_power_w,
             'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
-            'deficit_k': 0.0, 'excess_k': 0.0, 'deficit_soc': 0.0, 'deficit_w': 0.0, 'soc_above': 0.0,
-            'k_above': 0.0}
-
-
-def unheated_start(problem: Problem) -> Values:
-    """Return the variables of the trip without heating, ignoring limits."""
-    return driven_start(problem.trip, plan_without_heating(problem.trip, problem.state))
-
-
-def heated_start(problem: Problem, most_w: FloatArray) -> Values:
-    """Return the variables of the trip heated or cooled throughout, as far as the limits allow."""
-    return driven_start(problem.trip, drive_as_planned(problem.trip, problem.state, most_w))
+            **dict.fromkeys(('deficit_k', 'excess_k', 'deficit_soc', 'deficit_w', 'soc_above', 'k_above'), 0.0)}
 
 
 def _run(problem: Problem, program: NonlinearProgram, guess: FloatArray) -> Attempt:

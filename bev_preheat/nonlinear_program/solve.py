@@ -11,22 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
-from bev_preheat.nonlinear_program.program import (
-    Attempt,
-    attempt,
-    Give,
-    heated_start,
-    Problem,
-    SUCCESS,
-    unheated_start,
-)
+from bev_preheat.nonlinear_program.program import Attempt, attempt, driven_start, Give, Problem, SUCCESS
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
+from bev_preheat.planning.dynamics import is_described
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.heat_run import along_states
-from bev_preheat.planning.limits import limits_hold, run_unheated
-from bev_preheat.planning.outcome import is_described
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.planner import finish_plan, plan_without_heating
+from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
@@ -124,10 +117,11 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     neither an optimum nor the constraints that cannot be kept.
     """
     started = perf_counter()
-    corrected = _corrected(vehicle, corrections)
+    # Results cached for a vehicle would not be found for its copy.
+    corrected = vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
     check_situation(corrected, route, state, goal)
     trip = make_trip(corrected, route)
-    unheated = plan_without_heating(trip, state)
+    without = unheated = run_without_heating(trip, state)
     if not is_described(trip, unheated):
         unheated = run_unheated(trip, state)
     if unheated.empty_at_s is not None:
@@ -137,10 +131,12 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     # At a temperature from which a heat source works, it usually does.
     problem = rounded if vehicle.heat_sources else problem
-    starts = [unheated_start(problem), *([heated_start(problem, trip.heater_limit_w)]
-                                         if limited or vehicle.heat_sources else [])]
+    schedules = [without]
+    if limited or vehicle.heat_sources:
+        schedules.append(drive_as_planned(trip, state, trip.heater_limit_w))
     if vehicle.cools:
-        starts.append(heated_start(problem, trip.most_cold_w))
+        schedules.append(drive_as_planned(trip, state, trip.most_cold_w))
+    starts = [driven_start(trip, schedule) for schedule in schedules]
     if limited and limits_hold(trip, unheated):
         # Heat sources that begin at a temperature make several optima, too.
         run = attempt(problem, limited=False, starts=starts if vehicle.heat_sources else ())
@@ -159,11 +155,13 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
                                 f'{runs[1].status} and {runs[2].status} with relaxed constraints')
         runs.append(run)
     deficit = tuple(_find_deficits(trip, run.values))
-    if give is Give.DEMANDS and _is_held_cool(trip, run) and _undelivered_w(run) > TOLERANCE_W:
+    near_highest_c = trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K
+    if (give is Give.DEMANDS and run.values['temperature'].max() > near_highest_c
+            and run.undelivered_w > TOLERANCE_W):
         # Delivering the drive takes precedence over the range, as in plans: the car's cooling handles the heat.
         warmer = attempt(
             replace(problem, beyond_range_k=HOTTEST_BEYOND_RANGE_K), limited, give, [run.values])
-        if warmer.status == SUCCESS and _undelivered_w(warmer) <= TOLERANCE_W:
+        if warmer.status == SUCCESS and warmer.undelivered_w <= TOLERANCE_W:
             runs.append(warmer)
             deficit = tuple(_find_deficits(trip, warmer.values))
         else:
@@ -181,16 +179,6 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     return _optimum(trip, goal, runs, deficit, started)
 
 
-def _is_held_cool(trip: Trip, run: Attempt) -> bool:
-    """Return whether the battery reaches the highest temperature of its range."""
-    return bool(run.values['temperature'].max() > trip.vehicle.battery.temperature_range_c[1] - NEAR_HIGHEST_K)
-
-
-def _undelivered_w(run: Attempt) -> float:
-    """Return the power that the battery cannot deliver in the worst step [W]."""
-    return float(run.values['deficit_w'].max())
-
-
 def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Optimum:
     """Return the Optimum of a trip whose charge runs out: no optimum, and the reason."""
     plan = finish_plan(trip, goal, unheated, METHOD, started)
@@ -201,11 +189,6 @@ def _stranded(trip: Trip, goal: Goal, unheated: Schedule, started: float) -> Opt
         f'empty at {plan.stranding.at_s:.0f} s')
     return Optimum(plan=plan, solver_status=NOT_SOLVED, iterations=0, solve_time_s=0.0,
                    deficit=(deficit,), marginal_cost_wh_per_k=math.nan)
-
-
-def _corrected(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
-    # Results cached for a vehicle would not be found for its copy.
-    return vehicle if corrections == AS_DESCRIBED else corrected_vehicle(vehicle, corrections)
 
 
 def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[StepDeficit, ...],

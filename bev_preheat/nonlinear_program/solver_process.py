@@ -112,11 +112,7 @@ def unframed(received: bytearray) -> Thing:
 
 
 class SolverProcess:
-    """
-    Asks for one solution at a time; no method waits, raises, or leaves a process behind.
-
-    The process knows one vehicle: another vehicle needs another SolverProcess.
-    """
+    """Asks for one solution at a time, for one vehicle; no method waits, raises, or leaves a process behind."""
 
     _process: subprocess.Popen[bytes] | None
     _socket: socket.socket

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import casadi
 
@@ -26,7 +26,6 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 if TYPE_CHECKING:
     from bev_preheat.numerics import Curve, CurveFunction
     from bev_preheat.vehicle import Vehicle
-
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
 
@@ -50,9 +49,7 @@ def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     """
     return _of_equations('step', vehicle, lambda car: make_heated_step(car, SYMBOLS), (
         'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'power_w', 'variance_w2', 'heat_w',
-        'leakage_w_per_k', 'command_w'), (
-        'soc_end', 'temperature_end_c', 'heater_end_w', 'excess_end_k', 'mean_temperature_c', 'mean_joule_w',
-        'drawn_w', 'arriving_w'))
+        'leakage_w_per_k', 'command_w'))
 
 
 def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
@@ -63,8 +60,7 @@ def symbolic_rates(vehicle: Vehicle) -> casadi.Function:
     then FACTORS. Outputs: soc/s, K/s, Joule heat [W].
     """
     return _of_equations('rates', vehicle, lambda car: make_rates(car, SYMBOLS), (
-        'soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k'), (
-        'soc_rate', 'temperature_rate', 'joule_w'))
+        'soc', 'temperature_c', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k'))
 
 
 def symbolic_curve(curve: Curve) -> casadi.Function:
@@ -75,12 +71,11 @@ def symbolic_curve(curve: Curve) -> casadi.Function:
 
 
 def _of_equations(name: str, vehicle: Vehicle, equations: Callable[[Vehicle], Callable[..., Sequence[AnyNumber]]],
-                  inputs: Sequence[str], outputs: Sequence[str]) -> casadi.Function:
+                  inputs: Sequence[str]) -> casadi.Function:
     """Return equations of a vehicle that is corrected by FACTORS as a CasADi Function."""
     arguments, factors = ([casadi.SX.sym(each) for each in names] for names in (inputs, FACTORS))
     corrected = corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))
-    return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)),
-                           [*inputs, *FACTORS], outputs)
+    return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)))
 
 
 # Half the width of a rounded corner: state of charge, temperature [K], power [W].
@@ -133,28 +128,24 @@ SMOOTH: Arithmetic[AnyNumber] = replace(
 
 def smoothed(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with rounded corners in the maps of its charging sessions."""
-    widths, battery, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.battery, vehicle.charging
+    widths, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.charging
     return replace(
-        vehicle,
-        battery=replace(battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
-                        resistance=_smooth(battery.resistance, *widths)),
-        charging=None if charging is None else replace(
-            charging, power_limit=_smooth(charging.power_limit, *widths)))
+        vehicle, battery=_smooth(vehicle.battery, ('open_circuit_voltage', 'resistance'), *widths),
+        charging=None if charging is None else _smooth(charging, ('power_limit',), *widths))
 
 
 def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with minimally rounded corners in the maps of its drives."""
-    widths, battery = (DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K), vehicle.battery
     over_weather = DRIVE_TEMPERATURE_WIDTH_K, DRIVE_TEMPERATURE_WIDTH_K
-    sources = tuple(replace(source, maximum_power_w=_smooth(source.maximum_power_w, *over_weather),
-                            hvch_watts=_smooth(source.hvch_watts, *over_weather))
-                    for source in vehicle.heat_sources)
-    return replace(vehicle, heat_sources=sources, battery=replace(
-        battery, open_circuit_voltage=_smooth(battery.open_circuit_voltage, *widths),
-        resistance=_smooth(battery.resistance, *widths),
-        discharge_power_limit=_smooth(battery.discharge_power_limit, *widths),
-        charge_power_limit=_smooth(battery.charge_power_limit, *widths)))
+    return replace(
+        vehicle, heat_sources=tuple(_smooth(source, ('maximum_power_w', 'hvch_watts'), *over_weather)
+                                    for source in vehicle.heat_sources),
+        battery=_smooth(vehicle.battery, (
+            'open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge_power_limit'),
+            DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K))
 
 
-def _smooth(curve: Curve, soc_width: float, temperature_width_k: float) -> Curve:
-    return SmoothTable(curve, soc_width, temperature_width_k) if isinstance(curve, Table) else curve
+def _smooth(part: Any, names: Sequence[str], first_width: float, second_width: float) -> Any:
+    """Return a part of a vehicle whose tables of these names have corners rounded by half a width each."""
+    return replace(part, **{name: SmoothTable(table, first_width, second_width) for name in names
+                            if isinstance(table := getattr(part, name), Table)})

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
+from operator import attrgetter
 from typing import Generic, TypeVar
 
 from bev_preheat.tunables import HALVINGS, MOST_TRIALS, REFINED_MINIMA
@@ -46,22 +47,19 @@ def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
 
 
 def close_in(enough: Trial[Outcome], too_little: Trial[Outcome],
-             attempt: Callable[[float], Trial[Outcome]],
-             is_close: Callable[[Trial[Outcome], Trial[Outcome]], bool], most_trials: int,
-             aim: float = 0.0) -> Trial[Outcome]:
+             attempt: Callable[[float], Trial[Outcome]], tolerance: float, most_trials: int) -> Trial[Outcome]:
     """
-    Return the last Trial that is enough (excess >= 0) once `is_close(enough, too_little)`.
+    Return the Trial that is just enough: its excess is in 0 ... `tolerance`, unless `most_trials` are too few.
 
     For an excess that is almost proportional to the value: the next value is where the straight line between both
-    ends has the excess `aim`. If one end stays for a second trial, its excess is scaled down by the decrease of
-    the other end's (Anderson and Bjorck), because otherwise the other end would creep. At most `most_trials` are
-    made.
-
+    ends has half the tolerance as its excess. If one end stays for a second trial, its excess is scaled down by
+    the decrease of the other end's (Anderson and Bjorck), because otherwise the other end would creep.
     """
+    aim = 0.5 * tolerance
     more, less = enough.excess - aim, too_little.excess - aim
     was_enough: bool | None = None
     for _ in range(most_trials):
-        if is_close(enough, too_little):
+        if enough.excess <= tolerance:
             break
         trial = attempt(too_little.value + less / (less - more) * (enough.value - too_little.value))
         excess, is_enough = trial.excess - aim, trial.excess >= 0.0
@@ -83,17 +81,17 @@ def _left(excess: float, before: float) -> float:
 
 def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
                  attempt: Callable[[float], Trial[Outcome]], tolerance: float,
-                 resolution: float = 0.0, most_trials: int = MOST_TRIALS) -> Trial[Outcome]:
+                 resolution: float = 0.0) -> Trial[Outcome]:
     """
     Return the Trial whose excess is within `tolerance` of 0, from a first one and its slope.
 
     For a smooth excess that is greatest at the value `most` and falls towards `least`: a secant, kept within the
     bracket. If even `most` is not enough, its Trial is returned. The search also ends when values differ by no
-    more than `resolution`, and after `most_trials`.
+    more than `resolution`, and after MOST_TRIALS.
     """
     direction = 1.0 if most > least else -1.0
     enough, too_little, trial = most, least, first
-    for _ in range(most_trials):
+    for _ in range(MOST_TRIALS):
         if abs(trial.excess) <= tolerance or (trial.value == most and trial.excess < 0.0):
             break
         if trial.excess > 0.0:
@@ -115,14 +113,10 @@ def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
 
 def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]],
              resolution: float) -> Trial[Outcome]:
-    """
-    Return the Trial with the least excess between `low` and `high`, to `resolution` of the value.
-
-    For an excess with a single minimum, possibly with kinks: golden section. The ends of the last bracket are
-    tried, too.
-    """
+    """Return the Trial of least excess between two values to a resolution: golden section, for one minimum."""
     nearer, further = (attempt(low + share * (high - low)) for share in (1.0 - GOLDEN, GOLDEN))
-    best = min(nearer, further, key=_excess)
+    by_excess = attrgetter('excess')
+    best = min(nearer, further, key=by_excess)
     while high - low > resolution:
         if nearer.excess <= further.excess:
             high, further = further.value, nearer
@@ -130,15 +124,11 @@ def least_of(low: float, high: float, attempt: Callable[[float], Trial[Outcome]]
         else:
             low, nearer = nearer.value, further
             further = following = attempt(low + GOLDEN * (high - low))
-        best = min(best, following, key=_excess)
+        best = min(best, following, key=by_excess)
     # The minimum may be at an end, which the section only approaches.
     for end in (low, high):
-        best = min(best, attempt(end), key=_excess)
+        best = min(best, attempt(end), key=by_excess)
     return best
-
-
-def _excess(trial: Trial[Outcome]) -> float:
-    return trial.excess
 
 
 def scan(grid: Sequence[float], cost_at: Callable[[float], float], resolution: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -71,11 +71,6 @@ def stiff_w_per_k(vehicle: Vehicle) -> float:
     return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
 
 
-# `limits_of_steps_w` of an engine.
-FindLimits: TypeAlias = (
-    'Callable[[Vehicle, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]')
-
-
 @lru_cache(maxsize=KEPT_VEHICLES)
 def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
                    saturating: bool = False) -> Step[float]:
@@ -136,14 +131,15 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     return np.maximum(least_w, least_end_w), np.minimum(most_w, most_end_w)
 
 
-def limits_along(trip: Trip, schedule: Schedule,
-                 find_w: FindLimits = limits_of_steps_w) -> tuple[FloatArray, FloatArray]:
-    """Return an engine's `limits_of_steps_w` along a Schedule: least and most terminal power [W] (N,)."""
-    return find_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
+def is_described(trip: Trip, schedule: Schedule) -> bool:
+    """Return whether a run stays within the charge and heat that the model describes."""
+    return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
+                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))
 
 
-def keeps_limits(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
-    """Return whether a schedule made without regard to limits keeps them all; `find_w` as in `limits_along`."""
+def keeps_limits(trip: Trip, schedule: Schedule,
+                 find_w: Callable[..., tuple[FloatArray, FloatArray]] = limits_of_steps_w) -> bool:
+    """Return whether a schedule made without regard to limits keeps those of an engine's `limits_of_steps_w`."""
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
     temperature_c, soc = schedule.temperature_c, schedule.soc
@@ -151,7 +147,7 @@ def keeps_limits(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
     terminal_w = trip.idle_power_w + schedule.drawn_power_w
-    least_w, most_w = limits_along(trip, schedule, find_w)
+    least_w, most_w = find_w(trip.vehicle, soc, temperature_c, trip.power_variance_w2)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
 
 

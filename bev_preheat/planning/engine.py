@@ -14,13 +14,13 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning import dynamics, heat_run, limited_drive, one_interval, recursion
+from bev_preheat.planning import dynamics, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
-from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
+from bev_preheat.planning.heat_run import initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
-from bev_preheat.planning.schedule import HeatingInterval, REASONS, Schedule, ScheduleOutcome
+from bev_preheat.planning.schedule import HeatingInterval, Reason, Schedule, ScheduleOutcome
 from bev_preheat.planning.two_switches import switched_off
 from bev_preheat.vehicle.core_calls import doubles_at, INTEGRATORS, place, rows_of, vehicle_in_core
 from bev_preheat.vehicle.core_library import call, Declined, EMPTY, LEFT, operation
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.limited_drive import WantedHeat
     from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
@@ -96,9 +95,13 @@ def _number_of(make_integrator: Integrator) -> int:
     return number
 
 
-def _run_heated_in_core(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
-    states, heat_w = _roll_heated(trip, start, command_w)
-    return with_heat(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w), heat_w)
+def _run_without_heating_in_core(trip: Trip, state: BatteryState) -> Schedule:
+    idle_w = np.zeros(len(trip.route))
+    if trip.vehicle.heat_path.is_direct:
+        run = _run_forward_in_core(trip, make_runge_kutta_4, state.soc, state.temperature_c)
+        return Schedule(None, idle_w, idle_w, *run, make_runge_kutta_4)
+    states, heat_w = _roll_heated(trip, initial_states(state), idle_w)
+    return with_heat(trip, states, idle_w, idle_w, None, heat_w)
 
 
 def _roll_heated(trip: Trip, start: States,
@@ -112,15 +115,15 @@ def _roll_heated(trip: Trip, start: States,
     return states, (heat_w[0], heat_w[1])
 
 
-def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted: WantedHeat,
-                                 take_surplus: bool) -> Course:
+def _drive_within_limits_in_core(trip: Trip, state: BatteryState, wanted_w: FloatArray, take_surplus: bool,
+                                 below_c: float) -> Course:
     vehicle, native = _both(trip)
     rows = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4
     states, powers_w = np.empty((rows, native.steps + 1)), np.empty((rows, native.steps))
     states[:, 0] = initial_states(state)[:rows]
     stranding, flags = StrandingStruct(), np.empty(2 * native.steps, np.uint8)
-    call('bev_drive_as_planned', vehicle.address, native.address, doubles_at(wanted.power_w, native.steps),
-         wanted.below_c, take_surplus, place(states), place(powers_w), flags.ctypes.data, addressof(stranding))
+    call('bev_drive_as_planned', vehicle.address, native.address, doubles_at(wanted_w, native.steps),
+         below_c, take_surplus, place(states), place(powers_w), flags.ctypes.data, addressof(stranding))
     return Course(states, powers_w, None if stranding.step < 0 else (stranding.step, stranding.driven_share))
 
 
@@ -200,7 +203,7 @@ def _outcome(trip: Trip, plan: SwitchPlanStruct, instant_s: float | None) -> Sch
             return None
         start_s = max(trip.time_s.item(first), plan.switching_instant_s)
         intervals = (HeatingInterval(
-            start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, REASONS[plan.reason]),)
+            start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, Reason(plan.reason)),)
     return ScheduleOutcome(
         energies_of(plan.energy_wh.in_a_row()), intervals, instant_s if plan.is_heated else None)
 
@@ -248,7 +251,7 @@ def _by_values(function: str, trip: Trip, start: States, wanted: Requirements, v
 model_inputs = operation(_model_inputs_in_core, dynamics.model_inputs)
 # Runs without regard to limits, and within them.
 run_forward = operation(_run_forward_in_core, dynamics.run_forward)
-run_heated = operation(_run_heated_in_core, heat_run.run_heated)
+run_without_heating = operation(_run_without_heating_in_core, one_interval.run_without_heating)
 drive_within_limits = operation(_drive_within_limits_in_core, limited_drive.drive_within_limits)
 # Limits of a run, and its energies.
 limits_of_steps_w = operation(_limits_of_steps_w_in_core, dynamics.limits_of_steps_w)

@@ -52,11 +52,17 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     as `unheated`, and as `too_cold_because` if that makes it miss the target ('': the plan's own reason).
     The battery has been heated for `heated_s` [s] on this drive.
     """
+    def from_now(plan_s: float) -> str:
+        return duration_text(max(0.0, plan_s + starts_in_s))
+
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
     note = f' {plan.note}' if plan.note else ''
-    outcome = _cooled_in_words(plan, reserve, starts_in_s, words) or _outcome(
-        plan, reserve, starts_in_s, unheated, too_cold_because or plan.unheated_because, heated_s, words)
+    arrival = words.arrival.format(
+        time=from_now(plan.arrival_time_s), temperature=f'{plan.arrival_temperature_c:.1f}')
+    outcome = _cooled_in_words(plan, reserve, arrival, from_now) or _outcome(
+        plan, reserve, arrival, from_now, starts_in_s > 0.0, unheated,
+        too_cold_because or plan.unheated_because, heated_s, words.low_charge)
     return begins + outcome + _sources_in_words(plan) + note
 
 
@@ -78,15 +84,9 @@ def _sources_in_words(plan: Plan) -> str:
         f' until {start_c:.1f} degC, then {text}' for text, (_, start_c) in zip(texts[1:], phases[1:])) + '.'
 
 
-def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,
-             heated_s: float, words: Words) -> str:
+def _outcome(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float], str], is_ahead: bool,
+             unheated: str, too_cold_because: str, heated_s: float, low_charge: str) -> str:
     status = plan.status
-
-    def from_now(plan_s: float) -> str:
-        return duration_text(max(0.0, plan_s + starts_in_s))
-
-    arrival = words.arrival.format(
-        time=from_now(plan.arrival_time_s), temperature=f'{plan.arrival_temperature_c:.1f}')
     target = f'target {plan.target_temperature_c:.1f} degC'
     if status is Status.NO_CHARGING_PLANNED:
         if plan.stranding is not None:
@@ -116,13 +116,13 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
                  f'Heating from {from_now(plan.heating_start_s)} on is not enough')
         return f'{means}: {arrival}, {plan.shortfall_k:.1f} K below the {target}.'
     heating = (unheated if plan.heating_start_s is None else
-               'heating is on' if plan.heating_start_s == 0.0 and starts_in_s <= 0.0 else
+               'heating is on' if plan.heating_start_s == 0.0 and not is_ahead else
                f'heating starts in {from_now(plan.heating_start_s)}')
     if status is Status.SOC_LIMITED:
         reserve_text = f'{100 * reserve:.1f} %'
         if plan.soc_shortfall > 0.0:
-            low_charge = words.low_charge.format(missing=f'{100 * plan.soc_shortfall:.1f} %')
-            return (f'{low_charge} the {reserve_text} reserve: {heating}; {arrival}, {target}.')
+            missing = low_charge.format(missing=f'{100 * plan.soc_shortfall:.1f} %')
+            return f'{missing} the {reserve_text} reserve: {heating}; {arrival}, {target}.'
         if plan.held_back is HeldBack.POWER:
             return (f'More heating would leave the battery unable to deliver the power of the route; the target '
                     f'is missed by {plan.shortfall_k:.1f} K: {heating}; {arrival}, {target}.')
@@ -135,12 +135,10 @@ def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_
     raise ValueError(f'{status!r} is not an outcome of planning')
 
 
-def _cooled_in_words(plan: Plan, reserve: float, starts_in_s: float, words: Words) -> str:
+def _cooled_in_words(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float], str]) -> str:
     """Return the sentence on a plan that cools, or whose battery arrives too hot; '' for any other."""
     most_c, start_s = plan.maximum_arrival_temperature_c, plan.cooling_start_s
-    in_time, starts_in = (duration_text(max(0.0, (instant_s or 0.0) + starts_in_s))
-                          for instant_s in (plan.arrival_time_s, start_s))
-    arrival = words.arrival.format(time=in_time, temperature=f'{plan.arrival_temperature_c:.1f}')
+    starts_in = from_now(start_s or 0.0)
     if plan.status in (Status.WAITING_TO_COOL, Status.COOLING):
         starts = '' if plan.status is Status.COOLING else f' starts in {starts_in}'
         at_most = '' if math.isinf(most_c) else f', at most {most_c:.1f} degC'

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics import first_true
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.schedule import HeldBack, Schedule
@@ -29,7 +30,6 @@ from bev_preheat.tunables import (
     HEATING_SHARE,
     LATEST_START_TOLERANCE_K,
     MOST_CHANGED_K,
-    MOST_TRIALS,
     POWER_TOLERANCE,
     SHORTFALL_TOLERANCE_K,
     SPARES,
@@ -91,10 +91,9 @@ class FullPower:
 
     def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
         """Return the first time [s] at which `values` (N + 1,) reach `wanted`; None if they never do."""
-        reached = np.flatnonzero(values >= wanted)
-        if not len(reached):
+        after = first_true(values >= wanted)
+        if after is None:
             return None
-        after = int(reached[0])
         return 0.0 if after == 0 else float(np.interp(
             wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
 
@@ -135,7 +134,7 @@ def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, targ
     slope_k_per_s = -trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[possible[-1]]) / (
         trip.vehicle.battery.heat_capacity_j_per_k)
     found = follow_slope(start_s, arrival_s, from_instant(start_s), slope_k_per_s, from_instant,
-                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S, MOST_TRIALS)
+                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S)
     if abs(found.excess) > MOST_CHANGED_K:
         return schedule
     return replace(found.outcome, held_back=schedule.held_back)

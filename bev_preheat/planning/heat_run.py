@@ -33,13 +33,6 @@ if TYPE_CHECKING:
 States = tuple[float, float, float, float]
 
 
-def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: FloatArray,
-                  drawn_power_w: FloatArray, arriving_heat_w: FloatArray) -> HeatRun:
-    """Return the HeatRun of a HeatPath; the arguments are its fields."""
-    return HeatRun(heater_power_w, coolant_excess_k, drawn_power_w, arriving_heat_w,
-                   path.heater_lag_s * float(heater_power_w[-1]) / JOULES_PER_WH)
-
-
 @lru_cache(maxsize=KEPT_VEHICLES)
 def heated_step_of_floats(vehicle: Vehicle, saturating: bool) -> HeatedStep[float]:
     """Return `make_heated_step` for floats, cached; it raises ValueError beyond the power unless `saturating`."""
@@ -56,37 +49,26 @@ def initial_states(state: BatteryState) -> States:
     return state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k
 
 
-def states_at(schedule: Schedule, instant: int) -> States:
-    """Return the States of a Schedule with a HeatRun at the start of a step."""
-    assert schedule.heat is not None
-    return (float(schedule.soc[instant]), float(schedule.temperature_c[instant]),
-            float(schedule.heat.heater_power_w[instant]),
-            float(schedule.heat.coolant_excess_k[instant]))
-
-
 def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0) -> FloatArray:
     """Return the States, as rows, from step `first` on under heater commands [W] (N,), ignoring limits."""
     return rolled(partial(heated_step_of_floats, trip.vehicle), start, [
         column[first:].tolist() for column in (*trip.inputs(), command_w)])
 
 
-def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
-    """Return the Schedule of a run under heater commands [W] (N,), ignoring limits; heating is whole steps."""
+def run_heated(trip: Trip, start: States, command_w: FloatArray, heating_start_s: float | None) -> Schedule:
+    """Return the Schedule of a run under heater commands [W] (N,), ignoring limits."""
     states = roll_heated(trip, start, command_w)
-    return along_states(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w))
-
-
-def first_heated_s(trip: Trip, command_w: FloatArray) -> float | None:
-    """Return the start of the first heated step [s]; None without heating."""
-    heated = np.flatnonzero(command_w)
-    return float(trip.time_s[heated[0]]) if len(heated) else None
+    return along_states(trip, states, command_w, np.zeros(len(trip.route)), heating_start_s)
 
 
 def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                  brake_power_w: FloatArray, heating_start_s: float | None) -> Schedule:
     """Return the Schedule of a run with known States (4, N + 1) under commands and brake powers [W] (N,)."""
-    return with_heat(trip, states, command_w, brake_power_w, heating_start_s,
-                     _heat_along(trip, states, command_w, brake_power_w))
+    soc, temperature_c, heater_w, excess_k = states
+    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
+        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
+        *trip.inputs(None, brake_power_w), command_w)
+    return with_heat(trip, states, command_w, brake_power_w, heating_start_s, (drawn_w, arriving_w))
 
 
 def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
@@ -94,20 +76,10 @@ def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: 
               heat_w: tuple[FloatArray, FloatArray]) -> Schedule:
     """Return `along_states` of a run whose means of heater power and arriving heat [W] are known, (N,) each."""
     soc, temperature_c, heater_w, excess_k = states
+    lost_wh = trip.vehicle.heat_path.heater_lag_s * float(heater_w[-1]) / JOULES_PER_WH
     return Schedule(
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
-        ends_before_arrival_s(trip, command_w),
-        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, *heat_w))
-
-
-def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
-                brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean power of the heater and the mean heat into the battery in each step [W] (N,)."""
-    soc, temperature_c, heater_w, excess_k = states
-    *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
-        soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],
-        *trip.inputs(None, brake_power_w), command_w)
-    return drawn_w, arriving_w
+        ends_before_arrival_s(trip, command_w), heat=HeatRun(heater_w, excess_k, *heat_w, lost_wh))
 
 
 def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
@@ -118,15 +90,14 @@ def ends_before_arrival_s(trip: Trip, command_w: FloatArray) -> float | None:
     return float(trip.time_s[heated[-1] + 1])
 
 
-def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
-    """
-    Return the temperature rise still to come from a watt of heater power and from a kelvin of coolant excess [K].
+def heated_heat_capacity_j_per_k(vehicle: Vehicle) -> float:
+    """Return the heat capacity of the battery and of the coolant between heater and battery [J/K]."""
+    return vehicle.battery.heat_capacity_j_per_k + vehicle.heat_path.coolant_heat_capacity_j_per_k
 
-    The rise is from the battery's temperature to that at which battery and coolant meet after the heater is
-    switched off.
-    """
-    path = vehicle.heat_path
-    both_j_per_k = vehicle.battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
+
+def heat_to_come_k(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the rise [K] per watt of the heater and kelvin of coolant excess, once battery and coolant meet."""
+    path, both_j_per_k = vehicle.heat_path, heated_heat_capacity_j_per_k(vehicle)
     return (vehicle.hvch.efficiency * path.heater_lag_s / both_j_per_k,
             path.coolant_heat_capacity_j_per_k / both_j_per_k)
 
@@ -140,8 +111,7 @@ def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float
     command: the actual division is not measured.
     """
     path, heater = vehicle.heat_path, vehicle.hvch
-    under_way_j = under_way_k * (vehicle.battery.heat_capacity_j_per_k
-                                 + path.coolant_heat_capacity_j_per_k)
+    under_way_j = under_way_k * heated_heat_capacity_j_per_k(vehicle)
     heater_w = min(under_way_j / (heater.efficiency * path.heat_lag_s), heater.maximum_power_w)
     excess_k = (heater.efficiency * heater_w / path.coolant_conductance_w_per_k
                 if path.has_coolant else 0.0)

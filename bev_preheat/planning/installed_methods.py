@@ -12,13 +12,15 @@ from dataclasses import dataclass, field
 import math
 import re
 from time import perf_counter
-from typing import NamedTuple, TYPE_CHECKING
+from typing import ClassVar, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, PlanningFailure, quoted, shortened
+from bev_preheat.numerics import frozen
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.two_switches import maximum_between
 from bev_preheat.tunables import PAUSE_FACTOR, ROUNDING_W
 
 if TYPE_CHECKING:
@@ -85,8 +87,9 @@ class MethodSituation:
     @classmethod
     def of_trip(cls, trip: Trip, state: BatteryState, goal: Goal) -> Self:
         """Return the MethodSituation of a Trip."""
-        return cls(trip.vehicle, trip.route.read_only(), state, goal, _read_only(trip.time_s),
-                   _read_only(trip.heater_limit_w), trip)
+        # Copies, because the planner uses the originals again for later plans.
+        return cls(trip.vehicle, trip.route.read_only(), state, goal, frozen(trip.time_s.copy()),
+                   frozen(trip.heater_limit_w.copy()), trip)
 
     def full_power(self, start_s: float = 0.0, end_s: float = math.inf) -> FloatArray:
         """
@@ -94,9 +97,7 @@ class MethodSituation:
 
         A step that is heated in part has its mean. Add the powers of intervals that do not overlap.
         """
-        heated_s = np.minimum(self.time_s[1:], end_s) - np.maximum(self.time_s[:-1], start_s)
-        share: FloatArray = np.clip(heated_s / self.route.duration_s, 0.0, 1.0)
-        return share * self.heater_limit_w
+        return maximum_between(self._trip, start_s, end_s)
 
     def predict(self, heater_power_w: ArrayLike) -> Prediction:
         """Return the Prediction for powers (N,) [W], clipped to `heater_limit_w`; raise ValueError for others."""
@@ -107,13 +108,6 @@ class MethodSituation:
     def driven(self, power_w: FloatArray) -> Schedule:
         """Return the planning.schedule.Schedule of checked powers (N,) [W], within heater and battery limits."""
         return drive_as_planned(self._trip, self.state, np.minimum(power_w, self._trip.heater_limit_w))
-
-
-def _read_only(values: FloatArray) -> FloatArray:
-    """Return a copy that cannot be written to: the planner uses the original again for later plans."""
-    values = values.copy()
-    values.flags.writeable = False
-    return values
 
 
 def checked_powers(answer: ArrayLike, steps: int) -> FloatArray:
@@ -176,20 +170,12 @@ def _package_of(entry: EntryPoint) -> str:
     return 'an unknown package' if entry.dist is None else f'package {entry.dist.name} {entry.dist.version}'
 
 
-class TimeLimit:
-    """The longest time that an answer may take [s]; unlimited without a running planner."""
-
-    limit_s = math.inf
-
-
-def limit_answer_time(limit_s: float) -> None:
-    """Refuse answers of installed methods that take longer [s], from now on in this process."""
-    TimeLimit.limit_s = limit_s
-
-
 @dataclass(eq=False)
 class InstalledMethod:
     """A loaded method: its name, the package that it comes from, and its function."""
+
+    # The longest time that an answer may take [s]; unlimited without a running planner.
+    answer_limit_s: ClassVar[float] = math.inf
 
     name: str
     package: str
@@ -200,8 +186,9 @@ class InstalledMethod:
     def _failure(self, reason: str) -> PlanningFailure:
         return PlanningFailure(shortened(f'method {self.name} of {self.package}: {reason}', LONGEST_PROBLEM))
 
-    def answer(self, situation: MethodSituation, notes: dict[str, None]) -> Schedule:
+    def plan(self, trip: Trip, state: BatteryState, goal: Goal, notes: dict[str, None]) -> Schedule:
         """Return the Schedule of the method's powers within the limits; add to `notes`; raise PlanningFailure."""
+        situation = MethodSituation.of_trip(trip, state, goal)
         started_s = perf_counter()
         if started_s < self._asked_again_s:
             raise self._failure(self._late)
@@ -212,9 +199,9 @@ class InstalledMethod:
             failure = self._failure(f'raised {type(error).__name__}: {error}')
             failure.__cause__ = error
         took_s = perf_counter() - started_s
-        if took_s > TimeLimit.limit_s:
+        if took_s > self.answer_limit_s:
             self._asked_again_s = perf_counter() + PAUSE_FACTOR * took_s
-            self._late = (f'took {took_s:.2f} s; at most {TimeLimit.limit_s:.2g} s are allowed, a tenth of the '
+            self._late = (f'took {took_s:.2f} s; at most {self.answer_limit_s:.2g} s are allowed, a tenth of the '
                           'time by which command_lease is longer than command_period')
             failure = self._failure(self._late)
         if failure is not None:
@@ -230,11 +217,10 @@ class InstalledMethod:
                   f'{situation.heater_limit_w[at]:.0f} W for the battery; its powers are clipped.'] = None
         return situation.driven(checked_w)
 
-    def proposing(self, notes: dict[str, None]) -> Callable[..., Schedule]:
-        """Return the method as a planning.schedule.Method; see `answer`."""
-        def plan(trip: Trip, state: BatteryState, goal: Goal) -> Schedule:
-            return self.answer(MethodSituation.of_trip(trip, state, goal), notes)
-        return plan
+
+def limit_answer_time(limit_s: float) -> None:
+    """Refuse answers of installed methods that take longer [s], from now on in this process."""
+    InstalledMethod.answer_limit_s = limit_s
 
 
 LOADED: dict[str, InstalledMethod] = {}

@@ -24,18 +24,13 @@ from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
+    heated_heat_capacity_j_per_k,
     heated_step_of_floats,
     initial_states,
     mean_share_left,
     States,
 )
-from bev_preheat.tunables import (
-    BELOW_HIGHEST_K,
-    END_TOLERANCE_W,
-    HIGHEST_TOLERANCE_K,
-    LAGS_AHEAD,
-    LASTING_LAGS,
-)
+from bev_preheat.tunables import BELOW_HIGHEST_K, END_TOLERANCE_W, HIGHEST_TOLERANCE_K, LAGS_AHEAD, LASTING_LAGS
 from bev_preheat.vehicle.model import heat_with_brake_w, hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
@@ -53,13 +48,6 @@ LimitedDrive = Callable[..., Driven]
 DriveBetween = Callable[[float, float], Driven]
 
 
-class WantedHeat(NamedTuple):
-    """Heater power [W] (N,) wanted in steps that begin colder than `below_c` [deg C], heat under way included."""
-
-    power_w: FloatArray
-    below_c: float = math.inf
-
-
 class Course(NamedTuple):
     """
     A run within limits: `states` (S, N + 1) and `powers_w` (P, N) [W].
@@ -73,14 +61,15 @@ class Course(NamedTuple):
     stranded: tuple[int, float] | None
 
 
-def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
-    """Return the Course of a forward run that keeps the limits; see `limits.run_within_limits`."""
+def drive_within_limits(trip: Trip, state: BatteryState, wanted_w: FloatArray, take_surplus: bool,
+                        below_c: float) -> Course:
+    """Return the Course of a forward run that keeps the limits; see `limits.drive_as_planned`."""
     rows, steps = 2 if trip.vehicle.heat_path.is_direct and trip.mix.is_alone else 4, len(trip.route)
     states, powers_w, stranded = np.empty((4, steps + 1)), np.empty((4, steps)), None
     states[:, 0] = here = initial_states(state)
     drive = make_limited_drive(trip, take_surplus)
-    for k, wanted_w in enumerate(wanted.power_w.tolist()):
-        here, powers_w[:, k] = drive(k, here, wanted_w, wanted.below_c)
+    for k, power_w in enumerate(wanted_w.tolist()):
+        here, powers_w[:, k] = drive(k, here, power_w, below_c)
         if here[0] <= 0.0:
             stranded = k, _stand(trip, k, states, powers_w)
             break
@@ -93,7 +82,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     Return `drive(k, states, wanted_w, below_c)`, which drives step k of a Trip within the limits.
 
     It wants `wanted_w` [W] if the battery is colder than `below_c` [deg C] (default: in any case); arguments are
-    otherwise those of `limits.run_within_limits`. It returns the States at the end, and the Powers. A state of
+    otherwise those of `limits.drive_as_planned`. It returns the States at the end, and the Powers. A state of
     charge of 0 or less means that the charge runs out in the step.
     """
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
@@ -101,8 +90,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
-    joules_per_k = (vehicle.battery.heat_capacity_j_per_k
-                    + path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+    joules_per_k = heated_heat_capacity_j_per_k(vehicle) / vehicle.hvch.efficiency
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w,
@@ -192,39 +180,34 @@ def _drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], var
     """
     least_w, most_w = limits(*state, variance_w2)
 
-    def terminal_w(driven: Driven) -> float:
-        _, brake_w, drawn_w, _ = driven[1]
-        return idle_w + drawn_w + brake_w
+    def spare_at_end_w(driven: Driven) -> tuple[float, float]:
+        """Return how far the terminal power lies above the least power at the end, and below the most [W]."""
+        (soc, temperature_c, *_), (_, brake_w, drawn_w, _) = driven
+        least_end_w, most_end_w = limits(min(soc, 1.0), min(temperature_c, most_c), variance_w2)
+        power_w = idle_w + drawn_w + brake_w
+        return power_w - least_end_w, most_end_w - power_w
 
-    def limits_at_end_w(driven: Driven) -> tuple[float, float]:
-        soc, temperature_c = driven[0][:2]
-        return limits(min(soc, 1.0), min(temperature_c, most_c), variance_w2)
     driven = drive(least_w, most_w)
     if driven[0][0] <= 0.0:
         # The charge runs out in this step.
         return driven
-    power_w = terminal_w(driven)
-    least_end_w, most_end_w = limits_at_end_w(driven)
-    if power_w > most_end_w and driven[1][0] != 0.0:
-        def discharged(most_w: float, driven: Driven) -> Trial[Driven]:
-            spare_w = limits_at_end_w(driven)[1] - terminal_w(driven)
-            return Trial(most_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
-        return _as_much_as_needed(
-            idle_w, -1.0, discharged(power_w, driven),
-            lambda most_w: discharged(most_w, drive(least_w, most_w)))
-    if propulsion_w < 0.0 and power_w < least_end_w and driven[1][1] < -propulsion_w:
-        def charged(least_w: float, driven: Driven) -> Trial[Driven]:
-            spare_w = terminal_w(driven) - limits_at_end_w(driven)[0]
-            return Trial(least_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
-        return _as_much_as_needed(
-            idle_w - propulsion_w, 1.0, charged(power_w, driven),
-            lambda least_w: charged(least_w, drive(least_w, most_w)))
-    return driven
+    command_w, brake_w, drawn_w, _ = driven[1]
+    above_least_w, below_most_w = spare_at_end_w(driven)
+    is_too_much = below_most_w < 0.0 and command_w != 0.0
+    if not is_too_much and not (propulsion_w < 0.0 and above_least_w < 0.0 and brake_w < -propulsion_w):
+        return driven
+    # The terminal power is moved until the limit holds: towards no heat, or towards braking alone.
+    utmost_w, slope = (idle_w, -1.0) if is_too_much else (idle_w - propulsion_w, 1.0)
 
+    def moved_to(power_w: float, driven: Driven) -> Trial[Driven]:
+        above_least_w, below_most_w = spare_at_end_w(driven)
+        spare_w = below_most_w if is_too_much else above_least_w
+        return Trial(power_w, spare_w - 0.5 * END_TOLERANCE_W, driven)
 
-def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],
-                       attempt: Callable[[float], Trial[Driven]]) -> Driven:
-    """Return the step whose terminal power [W] is moved towards the utmost until the limit holds."""
+    def attempt(power_w: float) -> Trial[Driven]:
+        return moved_to(power_w, drive(least_w, power_w) if is_too_much else drive(power_w, most_w))
+
+    first = moved_to(idle_w + drawn_w + brake_w, driven)
     trial = follow_slope(utmost_w, first.value, first, slope, attempt, 0.5 * END_TOLERANCE_W)
     if trial.excess < -0.5 * END_TOLERANCE_W and trial.value != utmost_w:
         # In a long step less heat may lower the limit by more than it saves: then nothing keeps the limit.
@@ -284,12 +267,7 @@ class Foresight:
 
 
 def _stand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
-    """
-    Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
-
-    The step is driven until the battery is empty; from then on the vehicle stands, its heater is off,
-    and its coolant goes on heating the battery. `powers_w` of that step are known.
-    """
+    """Write the rest of a run that stands without charge from within step `empty` on; return its driven share."""
     step = heated_step_of_floats(trip.vehicle, True)
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
     command_w, brake_w, drawn_w, _ = powers_w[:, empty].tolist()

@@ -10,13 +10,14 @@ car would.
 """
 from __future__ import annotations
 
+from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.planning import dynamics, engine
-from bev_preheat.planning.heat_run import ends_before_arrival_s, make_heat_run
-from bev_preheat.planning.limited_drive import WantedHeat
+from bev_preheat.planning.heat_run import with_heat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
 from bev_preheat.vehicle.description import steps_below_w
@@ -46,7 +47,7 @@ def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> boo
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
     """Return least and most terminal power [W] (N,) that keep the limits at both ends of a Schedule's steps."""
-    return dynamics.limits_along(trip, schedule, engine.limits_of_steps_w)
+    return engine.limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
 
 def limits_hold(trip: Trip, schedule: Schedule) -> bool:
@@ -54,18 +55,20 @@ def limits_hold(trip: Trip, schedule: Schedule) -> bool:
     return dynamics.keeps_limits(trip, schedule, engine.limits_of_steps_w)
 
 
-def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Schedule:
+def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray, take_surplus: bool = False,
+                     below_c: float = math.inf) -> Schedule:
     """
-    Return the Schedule of a forward run that keeps the limits.
+    Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,).
 
-    `wanted` is the WantedHeat, cut if the battery cannot deliver it or would exceed its highest temperature. With
-    `take_surplus`, regeneration that the battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K
-    below that temperature; the friction brake takes the rest.
+    They are wanted in steps that begin colder than `below_c` [deg C], heat under way included, and are cut if the
+    battery cannot deliver them or would exceed its highest temperature. With `take_surplus`, regeneration that the
+    battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K below that temperature; the friction
+    brake takes the rest.
 
     The state of charge stays within 0 ... 1: the friction brake takes power that would overfill the battery, and
     when the charge runs out the vehicle stands for the rest of the trip.
     """
-    states, powers_w, stranded = engine.drive_within_limits(trip, state, wanted, take_surplus)
+    states, powers_w, stranded = engine.drive_within_limits(trip, state, heater_power_w, take_surplus, below_c)
     empty_at_s, driven_share = None, None
     if stranded is not None:
         empty, share = stranded
@@ -77,31 +80,19 @@ def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_
         # A step that is heated in part because of a limit is heated evenly, from its beginning.
         start_s = float(trip.time_s[trip.step_at(start_s)])
     command_w, brake_w, *heat_w = powers_w
-    soc, temperature_c, *under_way = states
-    return Schedule(
-        start_s, command_w, brake_w, soc, temperature_c, make_runge_kutta_4,
-        ends_before_arrival_s(trip, command_w) if heat_w else None, empty_at_s, driven_share,
-        heat=make_heat_run(trip.vehicle.heat_path, *under_way, *heat_w) if heat_w else None)
+    schedule = (with_heat(trip, states, command_w, brake_w, start_s, (heat_w[0], heat_w[1])) if heat_w else
+                Schedule(start_s, command_w, brake_w, states[0], states[1], make_runge_kutta_4))
+    return replace(schedule, empty_at_s=empty_at_s, driven_share=driven_share)
 
 
 def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule of a forward run that keeps the limits, heated with free surplus only."""
-    return run_within_limits(trip, state, WantedHeat(np.zeros(len(trip.route))), take_surplus=True)
-
-
-def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
-                     take_surplus: bool = False) -> Schedule:
-    """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
-    return run_within_limits(trip, state, WantedHeat(heater_power_w), take_surplus)
+    return drive_as_planned(trip, state, np.zeros(len(trip.route)), take_surplus=True)
 
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
                           notes: dict[str, None], heater_share: float = 1.0) -> Schedule:
-    """
-    Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`.
-
-    `heater_share` (0 ... 1) is the share of its power that the heater gives.
-    """
+    """Return the Schedule of `plan` that keeps the vehicle's gates; add sentences on them to `notes`."""
     gates = trip.vehicle.heating_gates
     open_trip, closed = trip, np.zeros(len(trip.route), dtype=bool)
     schedule = plan(trip)

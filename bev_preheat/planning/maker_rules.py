@@ -13,8 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.limited_drive import WantedHeat
-from bev_preheat.planning.limits import run_within_limits
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.trip import make_trip
@@ -28,15 +27,12 @@ if TYPE_CHECKING:
 
 
 class MakerRule(NamedTuple):
-    """
-    The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival.
-
-    Air is cold at `cold_c` [deg C], 20 degF, and below.
-    """
+    """The heater starts at most `before_s` [s], in cold air `cold_before_s`, and `before_m` [m] before arrival."""
 
     before_s: float
     cold_before_s: float
     before_m: float = math.inf
+    # The warmest cold air [deg C]: 20 degF.
     cold_c: float = -20.0 / 3.0
 
     def start_s(self, route: Route) -> float:
@@ -62,5 +58,5 @@ def plan_by_rule(name: str, vehicle: Vehicle, route: Route, state: BatteryState,
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
     wanted_w = maximum_between(trip, MAKER_RULES[name].start_s(route), route.total_duration_s)
-    schedule = run_within_limits(trip, state, WantedHeat(wanted_w, goal.target_temperature_c), take_surplus=False)
+    schedule = drive_as_planned(trip, state, wanted_w, below_c=goal.target_temperature_c)
     return finish_plan(trip, goal, schedule, name, started)

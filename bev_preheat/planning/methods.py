@@ -2,6 +2,8 @@
 """
 The built-in methods: `value_function`, `optimal_switch`, `paper`, and the shortcut without an active limit.
 
+`switched` is the engine's plan with one interval for the same goal, if it is known.
+
 `value_function` is the plan of least battery energy within the limits, by the passes of `recursion`. Its values
 are the worth of each temperature at each instant of a drive, so they serve wherever the battery is a moment later,
 and an update is the forward pass alone. They are found again once they no longer hold: for another route, heater,
@@ -49,12 +51,7 @@ KEPT_VALUE_FUNCTIONS = 2
 
 @dataclass(frozen=True)
 class Requirements:
-    """
-    The requirements on a plan by values.
-
-    Least and most temperature on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices
-    of steps.
-    """
+    """Requirements on a plan by values: arrival [deg C], charge to leave, Uncertainty, and prices of the steps."""
 
     target_c: float
     reserve: float
@@ -63,12 +60,11 @@ class Requirements:
     most_c: float = math.inf
 
 
+@dataclass(eq=False)
 class KeptValues:
     """The `latest` plans of a drive whose values are kept: to begin with, and, after a plan, for the next one."""
 
-    def __init__(self, latest: tuple[Kept, ...] = ()) -> None:
-        """Begin with the values of the plans before."""
-        self.latest = latest
+    latest: tuple[Kept, ...] = ()
 
     def keep(self, trip: Trip, start: States, wanted: Requirements, values: Any) -> None:
         """Keep the values of a plan; None: it found none."""
@@ -136,24 +132,14 @@ def _is_rest_of(whole: Trip, trip: Trip) -> bool:
 
 def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
                         switched: SwitchPlan | None = None) -> Schedule:
-    """
-    Return the Schedule whose forward run arrives at the target, switching on once.
-
-    With a heat path it is also switched off before arrival. `switched` is the engine's plan for this goal, if
-    known.
-    """
+    """Return the Schedule switched on once to arrive at the target; with a heat path also off before arrival."""
     found = switched or engine.plan_switch(trip, state, goal.target_temperature_c, in_one_interval=True)
     return found.schedule
 
 
 def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float | None = None,
                switched: SwitchPlan | None = None) -> Schedule:
-    """
-    Return the Schedule of the paper's forward and backward simulation; see `paper`.
-
-    `terminal_soc` is its soc_f, by default that of the forward run. `switched` is the engine's plan for this goal,
-    if known.
-    """
+    """Return the Schedule of the paper's forward and backward simulation; see `paper.run_paper`."""
     if terminal_soc is not None:
         return run_paper(trip, state, goal.target_temperature_c, terminal_soc)
     found = switched or engine.plan_by_paper(trip, state, goal.target_temperature_c)
@@ -180,9 +166,8 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
 
     Without an active limit it is the Schedule of `optimal_switch`. With an Uncertainty it has the least expected
     energy, of a plan that is made again on the way. `price` (N,) are factors of the battery energy of the steps,
-    such as shares of the highest price. `switched` is the engine's plan with one interval for this goal, if known.
-    `kept` has the values of an earlier plan of the drive, and takes those of this one.
-    If the charge does not carry the trip, only surplus heats.
+    such as shares of the highest price. `kept` has the values of an earlier plan of the drive, and takes those of
+    this one. If the charge does not carry the trip, only surplus heats.
     """
     if uncertainty is None:
         if price is None and trip.mix.is_alone:

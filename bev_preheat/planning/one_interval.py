@@ -21,7 +21,7 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import keeps_limits, limits_along, limits_of_steps_w, run_forward, run_on
+from bev_preheat.planning.dynamics import is_described, keeps_limits, limits_of_steps_w, run_forward, run_on
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.paper import find_crossing, run_paper
 from bev_preheat.planning.schedule import maximum_from, Schedule
@@ -33,7 +33,7 @@ from bev_preheat.tunables import (
     SOC_DIFFERENCE,
     TEMPERATURE_DIFFERENCE_K,
 )
-from bev_preheat.vehicle.model import heat_with_heater_w, hottest_c, make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import heat_with_heater_w, make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,23 +63,14 @@ class HeatPrices(NamedTuple):
 
 
 class _Slopes(NamedTuple):
-    """
-    Charge and warmth gained until the end of each step, N pairs each.
-
-    Per unit of charge at its start, per kelvin, and per watt of the heater; the latter is the mean between no
-    heating and full heating.
-    """
+    """Charge and warmth gained in each step (N pairs) per charge, kelvin and watt; a mean of no and full heat."""
 
     by_charge: list[ChargeWarmth]
     by_warmth: list[ChargeWarmth]
     by_power: list[ChargeWarmth]
 
     def effect_on_arrival(self, worth: ChargeWarmth) -> FloatArray:
-        """
-        Return the effect of a watt of the heater in each step (N,) on arrival.
-
-        `worth` is the worth of charge and warmth on arrival. Accurate to second order in the step.
-        """
+        """Return the effect of a watt in each step (N,) by the worth on arrival, to second order in the step."""
         per_w = np.zeros(len(self.by_power))
         for k in range(len(per_w) - 1, -1, -1):
             earlier = _before(worth, (self.by_charge[k], self.by_warmth[k]))
@@ -148,51 +139,35 @@ def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> C
 
 
 def find_switch(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """Return the Schedule that is switched on once to arrive at a target [deg C]; heat arrives at once."""
-    idle = unheated.soc, unheated.temperature_c
-    if idle[1][-1] >= target_c:
+    """Return the Schedule switched on once to arrive at a target [deg C], or at once if that is not enough."""
+    if unheated.temperature_c[-1] >= target_c:
         return unheated
-    guess_s = find_crossing(trip, target_c, _terminal_soc(trip, idle, target_c), idle[1], make_midpoint)
-    return refine_switching_instant(trip, target_c, idle, guess_s or 0.0)
 
-
-def _terminal_soc(trip: Trip, idle: tuple[FloatArray, FloatArray], target_c: float) -> float:
-    """Return the approximate state of charge on arrival: that of the unheated run less the charge for heating."""
-    battery = trip.vehicle.battery
-    idle_soc, idle_c = float(idle[0][-1]), float(idle[1][-1])
-    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
-                 / trip.vehicle.hvch.efficiency)
-    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle_soc, idle_c)
-    return max(idle_soc - heating_j / (voltage_v * battery.capacity_as), 0.0)
-
-
-def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray, FloatArray],
-                             guess_s: float) -> Schedule:
-    """
-    Return the Schedule that arrives at the target, from a first guess of the switching instant [s].
-
-    `idle` is the unheated run (soc, temperature_c) that arrives below the target. If heating all the way is not
-    enough, the schedule heats all the way.
-    """
     def switched_on_at(instant_s: float) -> Trial[Schedule]:
-        schedule = _switch_at(trip, idle, instant_s)
-        return Trial(instant_s, float(schedule.temperature_c[-1]) - target_c, schedule)
+        heater_power_w = maximum_from(trip, instant_s)
+        soc, temperature_c = run_on(trip, make_runge_kutta_4, unheated.soc, unheated.temperature_c,
+                                    trip.step_at(instant_s), heater_power_w)
+        return Trial(instant_s, float(temperature_c[-1]) - target_c, Schedule(
+            instant_s, heater_power_w, unheated.brake_power_w, soc, temperature_c, make_runge_kutta_4))
 
     # The earlier the heater starts, the warmer the battery arrives.
     earliest_s, latest_s = 0.0, float(trip.time_s[-1])
-    first = switched_on_at(min(max(guess_s, earliest_s), latest_s))
+    guess_s = find_crossing(trip, target_c, _terminal_soc(trip, unheated, target_c), unheated.temperature_c,
+                            make_midpoint)
+    first = switched_on_at(min(max(guess_s or 0.0, earliest_s), latest_s))
     return follow_slope(
         earliest_s, latest_s, first, _arrival_slope_k_per_s(trip, first.outcome, first.value),
         switched_on_at, ARRIVAL_TOLERANCE_K).outcome
 
 
-def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:
-    """Return the Schedule with one switching instant; before it the run is the unheated one."""
-    heater_power_w = maximum_from(trip, instant_s)
-    soc, temperature_c = run_on(
-        trip, make_runge_kutta_4, *idle, trip.step_at(instant_s), heater_power_w)
-    return Schedule(instant_s, heater_power_w, np.zeros(len(trip.route)), soc, temperature_c,
-                    make_runge_kutta_4)
+def _terminal_soc(trip: Trip, unheated: Schedule, target_c: float) -> float:
+    """Return the approximate state of charge on arrival: that of the unheated run less the charge for heating."""
+    battery = trip.vehicle.battery
+    idle_soc, idle_c = float(unheated.soc[-1]), float(unheated.temperature_c[-1])
+    heating_j = (HEATING_ALLOWANCE * battery.heat_capacity_j_per_k * (target_c - idle_c)
+                 / trip.vehicle.hvch.efficiency)
+    voltage_v = battery.open_circuit_voltage.function(SATURATING_FLOATS)(idle_soc, idle_c)
+    return max(idle_soc - heating_j / (voltage_v * battery.capacity_as), 0.0)
 
 
 def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> float:
@@ -239,11 +214,11 @@ class SwitchPlan(NamedTuple):
     outcome: ScheduleOutcome | None = None
 
 
-def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
+def run_without_heating(trip: Trip, state: BatteryState) -> Schedule:
     """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
-        return run_heated(trip, initial_states(state), idle_w)
+        return run_heated(trip, initial_states(state), idle_w, None)
     soc, temperature_c = run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
     return Schedule(None, idle_w, idle_w, soc, temperature_c, make_runge_kutta_4)
 
@@ -254,7 +229,7 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
 
     Unless it is to be `in_one_interval` in any case, it is compared with heating in other steps.
     """
-    unheated = run_unheated(trip, state)
+    unheated = run_without_heating(trip, state)
     is_direct = trip.vehicle.heat_path.is_direct
     schedule = (find_switch if is_direct else find_two_switches)(trip, target_c, unheated)
     kept = keeps_limits(trip, schedule)
@@ -267,14 +242,12 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
 
 def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
     """Return the SwitchPlan of the paper's heuristic; it keeps limits if `is_driven_as_planned`."""
-    unheated, schedule = run_unheated(trip, state), run_paper(trip, state, target_c)
+    unheated, schedule = run_without_heating(trip, state), run_paper(trip, state, target_c)
     return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated),
                       is_driven_as_planned(trip, schedule), True, float(schedule.soc.min()))
 
 
 def is_driven_as_planned(trip: Trip, schedule: Schedule) -> bool:
-    """Return whether a run has no power deficit and is described (`outcome`)."""
-    _, most_w = limits_along(trip, schedule, limits_of_steps_w)
-    return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()
-                and schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
-                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))
+    """Return whether a run has no power deficit and is described."""
+    _, most_w = limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
+    return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()) and is_described(trip, schedule)

@@ -20,15 +20,7 @@ from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
 from bev_preheat.planning.limits import colder, limits_along, limits_hold, run_unheated
-from bev_preheat.planning.schedule import (
-    HeatingInterval,
-    HeldBack,
-    Reason,
-    REASONS,
-    Schedule,
-    ScheduleOutcome,
-    Stranding,
-)
+from bev_preheat.planning.schedule import HeatingInterval, HeldBack, Reason, Schedule, ScheduleOutcome, Stranding
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.tunables import (
     HEATING_SHARE,
@@ -40,7 +32,6 @@ from bev_preheat.tunables import (
     TOO_LATE_LAGS,
     WARMER_K,
 )
-from bev_preheat.vehicle.model import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray, IntArray
@@ -52,11 +43,6 @@ SENTENCES = {
     Reason.DESCENT: 'so that the battery accepts more of the regeneration ahead',
     Reason.CLIMB: 'so that the battery can deliver the power of the climb ahead',
 }
-
-
-def may_end_early(schedule: Schedule, target_c: float) -> bool:
-    """Return whether heating for the arrival at a target [deg C] may end before it, because heat arrives late."""
-    return schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
 
 
 def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
@@ -76,10 +62,11 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     surplus = (heated & regenerates
                & (heater_w <= least_w - trip.idle_power_w + ROUNDING_W))
     first = int(heated.argmax())
-    # If heat would come too late, heating ends before arrival.
     too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1
     left_s = trip.time_s[-1] - trip.time_s[last_of_all]
-    if may_end_early(schedule, target_c) and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s:
+    if (schedule.heat is not None and float(schedule.temperature_c[-1]) <= target_c + WARMER_K
+            and left_s <= TOO_LATE_LAGS * trip.vehicle.heat_path.heat_lag_s):
+        # Heat for the arrival would come too late, so heating ends before it.
         too_late = last_of_all
     if heated[first:too_late].all() and not surplus.any():
         # The usual case: from one instant on until arrival.
@@ -101,7 +88,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
     energies_j = np.add.reduceat(heater_w * trip.route.duration_s, edges)
     is_interval = reasons >= 0
     return tuple(
-        make_interval(schedule, start_s, end_s, energy_j / JOULES_PER_WH, REASONS[reason])
+        make_interval(schedule, start_s, end_s, energy_j / JOULES_PER_WH, Reason(reason))
         for start_s, end_s, energy_j, reason in zip(*(column[is_interval].tolist() for column in (
             trip.time_s[edges], trip.time_s[ends], energies_j, reasons))))
 
@@ -251,9 +238,3 @@ class NoRegretCheck:
         # Also above the arrival of the wanted plan: a heater that gives way to the drive misses any target.
         halve(float(best.temperature_c[-1]), wanted_c, is_allowed, TARGET_HALVINGS)
         return best
-
-
-def is_described(trip: Trip, schedule: Schedule) -> bool:
-    """Return whether a run stays within the charge and heat that the model describes."""
-    return bool(schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
-                and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -39,8 +39,7 @@ def run_paper(trip: Trip, state: BatteryState, target_c: float, terminal_soc: fl
         # The paper has no heat path: it switches as if heat arrived at once.
         planned = run_paper(replace(trip, vehicle=without_heat_path(trip.vehicle)), state, target_c,
                             terminal_soc)
-        driven = run_heated(trip, initial_states(state), planned.heater_power_w)
-        return replace(driven, heating_start_s=planned.heating_start_s)
+        return run_heated(trip, initial_states(state), planned.heater_power_w, planned.heating_start_s)
     idle_w = np.zeros(len(trip.route))
     idle_soc, idle_temperature_c = run_forward(trip, make_euler, state.soc, state.temperature_c)
     if idle_temperature_c[-1] >= target_c:

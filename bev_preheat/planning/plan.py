@@ -137,13 +137,12 @@ class Plan:
         In a step with a switching instant it is off before the first instant and after the last one, and at
         full power between them; of several heat sources, full power would be that of the dearest, too.
         """
+        step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
         if self.source_power_w:
-            step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
             return self.command_w.item(step) if 0 <= step < len(self.command_w) else 0.0
         last_s = self.arrival_time_s if self.heating_end_s is None else self.heating_end_s
         if self.heating_start_s is None or not self.heating_start_s <= elapsed_s < last_s:
             return 0.0
-        step = int(self.time_s.searchsorted(elapsed_s, side='right')) - 1
         start_s, end_s = self.time_s.item(step), self.time_s.item(step + 1)
         heated_s = min(end_s, last_s) - max(start_s, self.heating_start_s)
         return self.command_w.item(step) * (end_s - start_s) / heated_s
@@ -153,17 +152,10 @@ class Plan:
         return {
             'status': self.status.name,
             'explanation': self.explanation,
-            'method': self.method,
-            'target_temperature_c': self.target_temperature_c,
-            'heating_start_s': self.heating_start_s,
-            'heating_end_s': self.heating_end_s,
-            'arrival_time_s': self.arrival_time_s,
-            'arrival_temperature_c': self.arrival_temperature_c,
-            'arrival_soc': self.arrival_soc,
-            'shortfall_k': self.shortfall_k,
-            'soc_shortfall': self.soc_shortfall,
-            'undeliverable_power_w': self.undeliverable_power_w,
-            'undeliverable_at_s': self.undeliverable_at_s,
+            **{name: getattr(self, name) for name in (
+                'method', 'target_temperature_c', 'heating_start_s', 'heating_end_s', 'arrival_time_s',
+                'arrival_temperature_c', 'arrival_soc', 'shortfall_k', 'soc_shortfall', 'undeliverable_power_w',
+                'undeliverable_at_s')},
             'charge_runs_out_at_s': self.stranding and self.stranding.at_s,
             'charge_runs_out_at_m': self.stranding and self.stranding.at_m,
             'lacking_energy_wh': self.stranding.deficit_wh if self.stranding else 0.0,
@@ -172,11 +164,8 @@ class Plan:
                           for interval in self.intervals],
             'energy_wh': asdict(self.energy_wh),
             'planning_time_s': self.planning_time_s,
-            'time_s': self.time_s.tolist(),
-            'battery_temperature_c': self.battery_temperature_c.tolist(),
-            'soc': self.soc.tolist(),
-            'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
-            'friction_brake_power_w': self.friction_brake_power_w.tolist(),
+            **{name: getattr(self, name).tolist() for name in (
+                'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w', 'friction_brake_power_w')},
             **({} if self.heat is None else {'heat': self.heat.as_dictionary()}),
             **({'heat_source_power_w': {name: power_w.tolist() for name, power_w in self.source_power_w.items()}}
                if self.source_power_w else {}),
@@ -184,10 +173,6 @@ class Plan:
             **({'maximum_arrival_temperature_c': self.maximum_arrival_temperature_c}
                if math.isfinite(self.maximum_arrival_temperature_c) else {}),
         }
-
-
-# Arrivals whose shortfalls differ by no more than this are the same [K].
-SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
 
 
 class Reached(Protocol):
@@ -211,16 +196,12 @@ class Reached(Protocol):
 
 
 def difference(plan: Reached, optimum: Reached) -> str:
-    """
-    Return as text how a plan's result differs from the optimum's; '' if both reach the same.
-
-    NaN: unknown.
-    """
+    """Return as text how a plan's result differs from the optimum's, '' if both reach the same; NaN is unknown."""
     missed_k = plan.shortfall_k - optimum.shortfall_k
     # Too cold for the target, or too warm for the highest temperature on arrival.
     is_colder = plan.arrival_temperature_c < optimum.arrival_temperature_c
     deficit_w = plan.undeliverable_power_w - optimum.undeliverable_power_w
-    if not abs(missed_k) <= SAME_SHORTFALL_K:
+    if not abs(missed_k) <= SHORTFALL_TOLERANCE_K:
         return (f'{abs(missed_k):.2f} K {"colder" if is_colder else "warmer"}'
                 if missed_k == missed_k else 'unknown arrival')
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):

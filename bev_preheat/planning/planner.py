@@ -14,20 +14,13 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning import engine
-from bev_preheat.planning.dynamics import Energies
+from bev_preheat.planning.dynamics import Energies, is_described
 from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
 from bev_preheat.planning.full_power import heat_until_arrival
-from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
-from bev_preheat.planning.outcome import (
-    find_outcome,
-    is_described,
-    NoRegretCheck,
-    power_deficit,
-    unheated_within_limits,
-)
+from bev_preheat.planning.outcome import find_outcome, NoRegretCheck, power_deficit, unheated_within_limits
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Method, Schedule, ScheduleOutcome, StepPrices
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
@@ -44,7 +37,6 @@ from bev_preheat.tunables import (
     SOC_TOLERANCE,
 )
 from bev_preheat.vehicle.description import HVCH
-from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import hvch_alone
 
 if TYPE_CHECKING:
@@ -228,7 +220,8 @@ def plan_case(case: PlanningCase) -> Plan:
     """
     notes: dict[str, None] = {}
     method = case.method
-    way = METHODS.get(method) or Way(installed_method(method, METHODS).proposing(notes), is_installed=True)
+    way = METHODS.get(method) or Way(
+        partial(installed_method(method, METHODS).plan, notes=notes), is_installed=True)
     started = perf_counter()
     check_situation(case.vehicle, case.route, case.state, case.goal, case.uncertainty)
     obeyed = case.trip_that_obeys()
@@ -280,7 +273,7 @@ def _schedule_trip(case: PlanningCase, trip: Trip, way: Way, options: dict[str, 
                    switched: SwitchPlan | None = None) -> Schedule:
     """Return the Schedule for a case on a Trip; `switched` is the plan with one interval of heating, if known."""
     state, goal = case.state, case.goal
-    unheated = plan_without_heating(trip, state) if switched is None else switched.unheated
+    unheated = engine.run_without_heating(trip, state) if switched is None else switched.unheated
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     if not goal.heating_pays:
@@ -337,15 +330,6 @@ def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     return as_driven(plan_preheating(vehicle, route, state, goal), vehicle, route, state, goal)
 
 
-def plan_without_heating(trip: Trip, state: BatteryState) -> Schedule:
-    """Return the Schedule that never heats, ignoring limits."""
-    idle_w = np.zeros(len(trip.route))
-    if not trip.vehicle.heat_path.is_direct:
-        return engine.run_heated(trip, initial_states(state), idle_w)
-    soc, temperature_c = engine.run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
-    return Schedule(None, idle_w, idle_w, soc, temperature_c, make_runge_kutta_4)
-
-
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,
                 outcome: ScheduleOutcome | None = None, note: str = '') -> Plan:
     """Return the Plan of a schedule, with a note, its ScheduleOutcome if known, begun at perf_counter()."""
@@ -369,28 +353,23 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         sentence=partial(explain, reserve=reserve),
         method=method,
         target_temperature_c=target_c,
-        heating_start_s=outcome.heating_start_s,
         time_s=trip.time_s,
         battery_temperature_c=schedule.temperature_c,
         soc=schedule.soc,
         hvch_battery_power_w=sources_w.get(HVCH, schedule.heater_power_w),
         friction_brake_power_w=schedule.brake_power_w,
-        energy_wh=outcome.energy_wh,
         shortfall_k=shortfall_k,
         soc_shortfall=soc_shortfall,
-        undeliverable_power_w=outcome.undeliverable_power_w,
-        undeliverable_at_s=outcome.undeliverable_at_s,
-        intervals=outcome.intervals,
         planning_time_s=perf_counter() - started,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,
-        stranding=outcome.stranding,
         heat=schedule.heat,
         note=note,
         unheated_because=NOT_POSSIBLE if note or sources_w else TOO_LATE if cabin_leaves_power else NO_POWER,
         source_power_w=sources_w,
         maximum_arrival_temperature_c=most_c,
-        cooling_start_s=cooling_start_s)
+        cooling_start_s=cooling_start_s,
+        **outcome._asdict())
 
 
 def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_k: float,

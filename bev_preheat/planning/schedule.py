@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
 
 if TYPE_CHECKING:
@@ -33,10 +34,6 @@ class Reason(IntEnum):
     SURPLUS = 1
     DESCENT = 2
     CLIMB = 3
-
-
-# By their numbers.
-REASONS = tuple(Reason)
 
 
 @dataclass(frozen=True)
@@ -68,11 +65,7 @@ class HeatRun:
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return the run as JSON-compatible numbers and lists."""
-        return {'heater_power_w': self.heater_power_w.tolist(),
-                'coolant_excess_k': self.coolant_excess_k.tolist(),
-                'drawn_power_w': self.drawn_power_w.tolist(),
-                'arriving_heat_w': self.arriving_heat_w.tolist(),
-                'lost_electric_wh': self.lost_electric_wh}
+        return {name: value if isinstance(value, float) else value.tolist() for name, value in vars(self).items()}
 
 
 @dataclass(frozen=True)
@@ -107,6 +100,13 @@ class Schedule:
     def drawn_power_w(self) -> FloatArray:
         """Return the mean power of the heater in each step [W], shape (N,)."""
         return self.heater_power_w if self.heat is None else self.heat.drawn_power_w
+
+    @property
+    def arrival_state(self) -> BatteryState:
+        """The state on arrival, with the heat under way."""
+        heat = self.heat
+        under_way = () if heat is None else (heat.heater_power_w.item(-1), heat.coolant_excess_k.item(-1))
+        return BatteryState(self.temperature_c.item(-1), self.soc.item(-1), *under_way)
 
     def inputs(self, trip: Trip) -> Inputs:
         """Return the inputs of the model's steps along this run of a Trip; see Trip.inputs."""

@@ -14,7 +14,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics import ARRAYS
-from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
+from bev_preheat.planning.heat_run import heat_to_come_k, heated_heat_capacity_j_per_k, mean_share_left
 from bev_preheat.planning.limited_drive import Foresight
 from bev_preheat.tunables import (
     BELOW_HIGHEST_K,
@@ -70,7 +70,7 @@ class StepsAhead:
         self._lag_s, self._coolant_lag_s = path.heat_lag_s, path.coolant_lag_s
         self._foresight = Foresight(trip, ARRAYS) if path.heater_lag_s > 0.0 else None
         battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
-        both_j_per_k = battery_j_per_k + path.coolant_heat_capacity_j_per_k
+        both_j_per_k = heated_heat_capacity_j_per_k(vehicle)
         self._battery_j_per_k = battery_j_per_k
         self._joules_per_k = battery_j_per_k / vehicle.hvch.efficiency
         duration_s = trip.route.duration_s

@@ -95,11 +95,7 @@ class Trip:
         return min(int(np.searchsorted(self.time_s, instant_s, side='right')), len(self.route)) - 1
 
     def driven(self, share: FloatArray) -> Trip:
-        """
-        Return the Trip with only a share (N,) of each step driven; for the rest the vehicle stands.
-
-        A standing vehicle draws no power; its battery leaks heat as if it drove on.
-        """
+        """Return the Trip with a share (N,) of each step driven; standing, it leaks heat and draws no power."""
         return self.changed(
             idle_power_w=share * self.idle_power_w,
             power_variance_w2=share * self.power_variance_w2,
@@ -115,14 +111,8 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     `heater_share` (0 ... 1) is the share of the power left by the cabin that is available to the battery. Heat
     arrives `heat_lag_s` [s] late; it is not produced in the last steps, from which it would arrive too late.
     """
-    if len(route) > MOST_KEPT_SEGMENTS:
-        return uncached_trip(vehicle, route, heater_share, heat_lag_s)
-    return _kept_trip(vehicle, route, heater_share, heat_lag_s)
-
-
-@lru_cache(maxsize=KEPT_TRIPS)
-def _kept_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    return uncached_trip(vehicle, route, heater_share, heat_lag_s)
+    make = uncached_trip if len(route) > MOST_KEPT_SEGMENTS else _cached_trip
+    return make(vehicle, route, heater_share, heat_lag_s)
 
 
 def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
@@ -137,17 +127,14 @@ def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_
         if gates.only_while_standing:
             is_open &= trip.route.speed_mps < STANDING_MPS
         trip = trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
-    return _with_sources(trip, heat_lag_s)
-
-
-def _with_sources(trip: Trip, heat_lag_s: float) -> Trip:
-    """Return the Trip with all heat sources of its vehicle."""
-    vehicle, route = trip.vehicle, trip.route
     if not vehicle.heat_sources:
         return trip
-    is_open = trip.time_s[-1] - trip.time_s[1:] + 0.5 * route.duration_s > heat_lag_s
-    mix = HeatMix(vehicle, route, trip.heater_limit_w)
+    is_open = trip.time_s[-1] - trip.time_s[1:] + 0.5 * trip.route.duration_s > heat_lag_s
+    mix = HeatMix(vehicle, trip.route, trip.heater_limit_w)
     return replace(trip.changed(heater_limit_w=is_open * mix.most_heat_w), mix=mix)
+
+
+_cached_trip = lru_cache(maxsize=KEPT_TRIPS)(uncached_trip)
 
 
 def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:

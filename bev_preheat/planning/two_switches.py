@@ -19,7 +19,7 @@ import numpy as np
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import keep_accounts
-from bev_preheat.planning.heat_run import along_states, roll_heated, states_at
+from bev_preheat.planning.heat_run import along_states, heated_heat_capacity_j_per_k, roll_heated
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
     COMPARED_TOLERANCE_K,
@@ -42,12 +42,7 @@ def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
 
 
 def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
-    """
-    Return the Schedule with one interval of full heating that arrives at the target [deg C].
-
-    `unheated` is the Schedule without any heating, ignoring limits. If heating until arrival is not enough, the
-    schedule heats all the way.
-    """
+    """Return the Schedule with one interval of full power that arrives at the target [deg C], or all the way."""
     if unheated.temperature_c[-1] >= target_c:
         return unheated
     search = _Search(trip, unheated, target_c)
@@ -57,7 +52,8 @@ def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedu
         return throughout
     earliest_s = max(0.0, arrival_s - MOST_LAGS * trip.vehicle.heat_path.heat_lag_s)
     best = least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S)
-    return search.arriving(best.value, best.outcome)
+    found = search.switched_on(best.value, best.outcome, ARRIVAL_TOLERANCE_K)
+    return search.along(found.value, best.value, found.outcome)
 
 
 def switched_off(trip: Trip, run: Schedule, on_s: float, off_s: float) -> Schedule:
@@ -71,24 +67,26 @@ class _Search:
     """Schedules that heat from one instant to another, arriving at a target."""
 
     def __init__(self, trip: Trip, unheated: Schedule, target_c: float) -> None:
+        assert unheated.heat is not None
         self._trip, self._unheated, self._target_c = trip, unheated, target_c
+        # The States at each instant (4, N + 1) of the unheated run.
+        self._idle = np.array((unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+                               unheated.heat.coolant_excess_k))
         self._arrival_s = float(trip.time_s[-1])
-        vehicle = trip.vehicle
-        self._capacity_j_per_k = (vehicle.battery.heat_capacity_j_per_k
-                                  + vehicle.heat_path.coolant_heat_capacity_j_per_k)
+        self._capacity_j_per_k = heated_heat_capacity_j_per_k(trip.vehicle)
         # Pairs of instants found so far, off and on: they give the start of the next search.
         self._found: list[tuple[float, float]] = []
 
     def schedule(self, on_s: float, off_s: float) -> Schedule:
         """Return the Schedule that heats between two instants [s]."""
-        return self._along(on_s, off_s, self._roll(on_s, off_s))
+        return self.along(on_s, off_s, self._roll(on_s, off_s))
 
     def until(self, off_s: float) -> Trial[float]:
         """Return the Trial of a switch-off instant [s]: energy [Wh], and the switch-on instant [s]."""
-        found = self._switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
+        found = self.switched_on(off_s, self._guess_s(off_s), COMPARED_TOLERANCE_K)
         on_s, above_k = found.value, found.excess
         self._found.append((off_s, on_s))
-        schedule = self._along(on_s, off_s, found.outcome)
+        schedule = self.along(on_s, off_s, found.outcome)
         taken_wh = keep_accounts(self._trip, schedule, deliverable=True).energy_wh.battery_total
         # A deficit would have to be made up for by heat from the first instant on; some of that heat leaks, or
         # stays in the coolant.
@@ -100,13 +98,7 @@ class _Search:
             taken_wh += above_k * heater_w / JOULES_PER_WH / slope
         return Trial(off_s, taken_wh, on_s)
 
-    def arriving(self, off_s: float, guess_s: float) -> Schedule:
-        """Return the Schedule that is switched off at an instant [s] and arrives at the target."""
-        found = self._switched_on(off_s, guess_s, ARRIVAL_TOLERANCE_K)
-        return self._along(found.value, off_s, found.outcome)
-
-    def _switched_on(self, off_s: float, guess_s: float,
-                     tolerance_k: float) -> Trial[FloatArray]:
+    def switched_on(self, off_s: float, guess_s: float, tolerance_k: float) -> Trial[FloatArray]:
         """Return the Trial of the switch-on instant [s] with which the battery arrives at the target."""
         def switched_on_at(on_s: float) -> Trial[FloatArray]:
             states = self._roll(on_s, off_s)
@@ -132,17 +124,14 @@ class _Search:
     def _roll(self, on_s: float, off_s: float) -> FloatArray:
         """Return the States from the step on in which the heater is switched on."""
         first = self._trip.step_at(on_s)
-        return roll_heated(self._trip, states_at(self._unheated, first),
+        return roll_heated(self._trip, tuple(self._idle[:, first].tolist()),
                            maximum_between(self._trip, on_s, off_s), first)
 
-    def _along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
+    def along(self, on_s: float, off_s: float, states: FloatArray) -> Schedule:
         """Return the Schedule of such States; before them the run is the unheated one."""
-        unheated, first = self._unheated, self._trip.step_at(on_s)
-        assert unheated.heat is not None
-        command_w = maximum_between(self._trip, on_s, off_s)
-        run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
-            unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-            unheated.heat.coolant_excess_k), states)], command_w, unheated.brake_power_w, None)
+        whole = np.concatenate((self._idle[:, :self._trip.step_at(on_s)], states), axis=1)
+        run = along_states(self._trip, whole, maximum_between(self._trip, on_s, off_s),
+                           self._unheated.brake_power_w, None)
         return switched_off(self._trip, run, on_s, off_s)
 
     def _before_k(self, on_s: float) -> float:

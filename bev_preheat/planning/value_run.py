@@ -10,6 +10,7 @@ import numpy as np
 
 from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
 from bev_preheat.planning.dynamics import limits_of_steps_w
+from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.planning.limited_drive import make_limited_drive
 from bev_preheat.planning.steps_ahead import direction_of
 from bev_preheat.tunables import (
@@ -45,8 +46,7 @@ class ValueRun:
         self.price = np.ones(steps) if wanted.price is None else wanted.price
         self.is_certain = not wanted.uncertainty.deviation_k > 0.0
         self.switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self.is_certain else SWITCH_ON_EXPECTED_WH)
-        self.joules_per_k = (vehicle.battery.heat_capacity_j_per_k
-                             + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
+        self.joules_per_k = heated_heat_capacity_j_per_k(vehicle) / vehicle.hvch.efficiency
         self._highest_c = vehicle.battery.temperature_range_c[1]
         self.voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._drives = [make_limited_drive(trip, takes_surplus) for takes_surplus in (False, True)]
@@ -81,16 +81,13 @@ class ValueRun:
         """Take copies of kept states and powers."""
         self.states, self.powers_w = (values.copy() for values in kept)
 
-    def beyond_k(self, is_short_of_charge: bool, cools: bool = False) -> float:
+    def beyond_k(self, is_short_of_charge: bool, cools: bool = False, states: FloatArray | None = None) -> float:
         """
         Return how much too warm the battery arrives [K]: for the target, or for the reserve of charge.
 
-        `cools`: how much too cold, for the highest temperature.
+        `cools`: how much too cold, for the highest temperature. `states` are those of another run.
         """
-        return self._beyond_k(self.states, is_short_of_charge, cools)
-
-    def _beyond_k(self, states: FloatArray, is_short_of_charge: bool, cools: bool = False) -> float:
-        soc, arrival_c = states[0, -1], states[1, -1]
+        soc, arrival_c = (self.states if states is None else states)[:2, -1]
         if not is_short_of_charge:
             return float(self._wanted.most_c - arrival_c if cools else arrival_c - self._wanted.target_c)
         voltage_v = self.voltage_v(np.array([soc]), np.array([arrival_c]))[0]
@@ -120,7 +117,7 @@ class ValueRun:
         switched_j = self.switch_on_j * float(((direction[1:] != 0) & (direction[1:] != direction[:-1])).sum())
         arrival_c = float(temperature_c[-1])
         short_k = max(aim_c - arrival_c, arrival_c - self._wanted.most_c, 0.0) + max(
-            self._beyond_k(states, True), 0.0)
+            self.beyond_k(True, states=states), 0.0)
         if trip.mix.cools:
             short_k += float(np.maximum(temperature_c[1:] - self._highest_c, 0.0).sum())
         heater_j = float((self.price * trip.route.duration_s) @ powers_w[0 if trip.mix.is_alone else 2])
@@ -152,7 +149,10 @@ class ValueRun:
         to_target_k, to_reserve_k = (self.beyond_k(of_charge, cools) for of_charge in (False, True))
         is_short = to_target_k < 0.0 and to_reserve_k > to_target_k
         excess_k = to_reserve_k if is_short else to_target_k
-        if not len(edges) or not abs(excess_k) <= self._most_moved_k(int(edges[-1]), limit_w):
+        if not len(edges):
+            return
+        step_k = float(limit_w[edges[-1]] * self._trip.route.duration_s[edges[-1]]) / self.joules_per_k
+        if not abs(excess_k) <= (MOVED_K if self.is_certain else max(MOVED_K, step_k)):
             return
         moved_j, next_j = 0.0, -excess_k * self.joules_per_k
         for _ in range(MOST_TRIALS):
@@ -168,11 +168,6 @@ class ValueRun:
         is_last = not self.powers_w[0, self._moved_in + 1:].any()
         if moved_j != 0.0 and is_last and not cools and not self.is_certain:
             self.ends_in = self._moved_in
-
-    def _most_moved_k(self, edge: int, limit_w: FloatArray) -> float:
-        """Return the largest error on arrival that moving an edge corrects [K]."""
-        step_j = float(limit_w[edge] * self._trip.route.duration_s[edge])
-        return MOVED_K if self.is_certain else max(MOVED_K, step_j / self.joules_per_k)
 
     def _with_edge_moved(self, command_w: FloatArray, edge: int, more_j: float, limit_w: FloatArray) -> FloatArray:
         """Return commands with more energy outside an interval that begins or ends at `edge`, or less [J]."""

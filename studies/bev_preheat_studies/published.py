@@ -9,8 +9,6 @@ runs of owners and rises in charging sessions, of cars described from their data
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -22,7 +20,7 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.terminal import print_records, result_console
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.numerics import S_PER_MIN, W_PER_KW
@@ -84,18 +82,9 @@ def computed_times(path: Path = FIGURES) -> list[ComputedTime]:
     """Return the ComputedTime of each published time of a file; raise InvalidInput naming file and car."""
     found = []
     for node in load_checked_yaml(path, SCHEMA)['cars']:
-        with naming(path, node):
+        with located(f'{path}: {node["name"]}'):
             found += _times_of(node)
     return found
-
-
-@contextmanager
-def naming(path: Path, node: dict[str, FileData]) -> Iterator[None]:
-    """Add file and car to the problems of an InvalidInput."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput([f'{path}: {node["name"]}: {problem}' for problem in error.problems]) from error
 
 
 def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
@@ -161,17 +150,13 @@ class ComputedWarmth:
 
 
 def computed_warmth(path: Path = FIGURES) -> tuple[list[ComputedWarmth], list[ComputedWarmth]]:
-    """
-    Return the ComputedWarmth of each heating run of a file, and of each session.
-
-    Raises InvalidInput naming file and car.
-    """
+    """Return the ComputedWarmth of heating runs and of sessions; raise InvalidInput naming file and car."""
     contents = load_checked_yaml(path, SCHEMA)
     drive = contents['heating_drive']
     runs, sessions = [], []
     for node in contents['cars']:
         if 'heating_runs' in node or 'sessions' in node:
-            with naming(path, node):
+            with located(f'{path}: {node["name"]}'):
                 vehicle = described(DataSheet(node['name'], **node['data_sheet']))
                 runs += [_run(vehicle, run, drive) for run in node.get('heating_runs', ())]
                 sessions += [_session(vehicle, session) for session in node.get('sessions', ())]

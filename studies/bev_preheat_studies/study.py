@@ -20,12 +20,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from bev_preheat.commands.output import (
-    add_json_argument,
-    add_output_arguments,
-    check_output_arguments,
-    write_json,
-)
+from bev_preheat.commands.output import add_json_argument, add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.parser import option_group
 from bev_preheat.commands.program import keeping_what_is_finished, WorkerLost
 from bev_preheat.commands.situation import LESS_COMMON

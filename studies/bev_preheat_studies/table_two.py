@@ -67,12 +67,7 @@ ORIGINS = {
 
 @dataclass(frozen=True)
 class Cell:
-    """
-    One figure of the paper beside ours.
-
-    `origin` is 'fitted' (to this cell the vehicle was), 'by route' (the route was made so that it
-    holds) or 'predicted'.
-    """
+    """One figure of the paper beside ours; its `origin`: 'fitted', 'by route' (made to hold) or 'predicted'."""
 
     column: str
     row: str

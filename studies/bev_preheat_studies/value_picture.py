@@ -77,11 +77,7 @@ def run(arguments: Namespace) -> int:
 
 
 def make_value_figure(trip: Trip, table: ValueTable, plan: Plan, unheated: Plan, title: str) -> Figure:
-    """
-    Return the figure of a ValueTable: the value of a kelvin over its cost, by time and temperature.
-
-    The path is that of `plan`; `unheated` is the same trip without paid heating.
-    """
+    """Return the figure of a ValueTable, the value of a kelvin over its cost, with the plan and without heat."""
     time = TimeAxis(plan.arrival_time_s)
     edges = time(plan.time_s)
     figure, axes = grid_figure(3, 1, title, HEIGHT_IN, sharex=True, height_ratios=HEIGHTS)

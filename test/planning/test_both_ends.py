@@ -9,9 +9,10 @@ import numpy as np
 from own_plant import OwnPlant
 import pytest
 
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.outcome import power_deficit
-from bev_preheat.planning.planner import plan_preheating, plan_without_heating
+from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
@@ -63,7 +64,7 @@ def test_a_drive_that_exceeds_the_limit_at_the_end_alone_leaves_nothing_and_lack
     most_w = DISCHARGE_W * 0.7 - DISCHARGE_SHARE * 55.5e3
     assert schedule.heater_power_w[0] == 0.0
     assert power_deficit(trip, schedule).worst_w == pytest.approx(55.5e3 - most_w, rel=1e-6)
-    assert not limits_hold(trip, plan_without_heating(trip, BatteryState(5.0, 0.7)))
+    assert not limits_hold(trip, run_without_heating(trip, BatteryState(5.0, 0.7)))
     # The least charge for the step up to its end.
     enough = 55.5e3 * (1.0 + DISCHARGE_SHARE) / DISCHARGE_W
     deficit_w = [power_deficit(trip, driven(trip, enough + more)).worst_w for more in (-1e-5, 1e-5)]

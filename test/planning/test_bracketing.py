@@ -35,8 +35,7 @@ def test_closing_in_ends_on_the_side_that_is_enough(root, width, bend, rises):
     attempt = Counted(lambda value: sign * bent(root, width, bend)(value))
     enough, too_little = attempt(root + sign * width), attempt(root - 2.0 * sign * width)
     attempt.values.clear()
-    found = close_in(enough, too_little, attempt, lambda above, _: above.excess <= 1e-6,
-                     most_trials=60, aim=5e-7)
+    found = close_in(enough, too_little, attempt, 1e-6, most_trials=60)
     assert 0.0 <= found.excess <= 1e-6
     assert found.outcome == f'at {found.value}'
     # One trial for a straight line, and never many.
@@ -47,7 +46,7 @@ def test_closing_in_ends_on_the_side_that_is_enough(root, width, bend, rises):
 
 def test_closing_in_makes_no_more_trials_than_allowed_and_keeps_the_best_that_is_enough():
     attempt = Counted(lambda value: 1.0 if value > 0.3 else -1e9)
-    found = close_in(attempt(1.0), attempt(0.0), attempt, lambda *_: False, most_trials=5)
+    found = close_in(attempt(1.0), attempt(0.0), attempt, 1e-12, most_trials=5)
     assert len(attempt.values) == 2 + 5
     assert found.excess == 1.0 and found.value == min(
         value for value in attempt.values if value > 0.3)

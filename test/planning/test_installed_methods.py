@@ -239,7 +239,7 @@ def test_powers_above_the_heaters_are_clipped_and_the_sentence_says_so(powers):
 def test_a_late_answer_is_refused_and_the_method_rests(powers, monkeypatch):
     clock = SimpleNamespace(now_s=100.0, asked=0)
     monkeypatch.setattr(installed_methods, 'perf_counter', lambda: clock.now_s)
-    monkeypatch.setattr(installed_methods.TimeLimit, 'limit_s', math.inf)
+    monkeypatch.setattr(InstalledMethod, 'answer_limit_s', math.inf)
     limit_answer_time(0.15)
 
     def slow(situation):

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics import FLOATS
-from bev_preheat.planning.limited_drive import WantedHeat
-from bev_preheat.planning.limits import drive_as_planned, limit_is_near, run_within_limits
+from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -69,7 +68,7 @@ def steady_trip(count=20, **changes):
 
 
 def run(trip, state, wanted_w, take_surplus=True):
-    return run_within_limits(trip, state, WantedHeat(np.asarray(wanted_w, dtype=float)), take_surplus)
+    return drive_as_planned(trip, state, np.asarray(wanted_w, dtype=float), take_surplus)
 
 
 def drawn_run(segments, state, take_surplus=True):

@@ -12,8 +12,9 @@ from own_plant import OwnPlant, STEP_S
 import pytest
 
 from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.limits import limits_hold
-from bev_preheat.planning.planner import METHODS, plan_preheating, plan_without_heating
+from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.schedule import HeldBack, Reason
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
@@ -341,7 +342,7 @@ def test_no_plan_is_worse_than_not_heating(situation, uncertainty):
 def keeps_limits(name, route, state):
     """Whether a trip without heating reaches no limit of the battery."""
     trip = make_trip(CARS[name], route)
-    return limits_hold(trip, plan_without_heating(trip, state))
+    return limits_hold(trip, run_without_heating(trip, state))
 
 
 # Charge of a situation beyond the least sufficient one.

@@ -14,7 +14,7 @@ from bev_preheat_studies.soak.command import judge, memory_growth_mb_in_10_min
 
 def load(instants_s, **changed):
     return SimpleNamespace(**{
-        'commands': [(instant_s, 0.0, 0.1) for instant_s in instants_s], 'wrong': [],
+        'commands': list(instants_s), 'wrong': [],
         'internal_errors': 0, 'states_sent': 6000, 'garbage_sent': 20, 'routes_sent': 15,
         'calls': 9, 'heating_commands': 400, **changed})
 

@@ -21,8 +21,7 @@ from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH
-from bev_preheat.planning.limited_drive import WantedHeat
-from bev_preheat.planning.limits import run_within_limits
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat_studies.fleet.winter_trips import (
@@ -71,11 +70,7 @@ ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (
 
 @dataclass(frozen=True)
 class Stop:
-    """
-    One way to heat a trip: heater energy before arrival, the battery on arrival, and the session after it.
-
-    `below_k` is the arrival's temperature below the car's usual target [K].
-    """
+    """One way to heat a trip: energy before arrival, arrival and how far below the usual target, and session."""
 
     heater_wh: float
     arrival_c: float
@@ -147,8 +142,8 @@ def drive_trip(seed: int, number: int) -> FleetResult:
 def _always_on(trip: WinterTrip) -> Stop:
     """Return the Stop of a car that heats from the start and then holds its target: a thermostat."""
     driven = make_trip(trip.vehicle, trip.route)
-    schedule = run_within_limits(
-        driven, trip.state, WantedHeat(driven.heater_limit_w, trip.goal.target_temperature_c), take_surplus=False)
+    schedule = drive_as_planned(
+        driven, trip.state, driven.heater_limit_w, below_c=trip.goal.target_temperature_c)
     arrival = BatteryState(float(schedule.temperature_c[-1]), float(max(schedule.soc[-1], 0.0)))
     session = ChargerHeating(trip.vehicle, trip.stop, PRICES).choose(arrival).session
     return Stop(float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH, arrival.temperature_c,

@@ -37,11 +37,7 @@ SHARE = 0.95
 
 @dataclass(frozen=True)
 class Outcome:
-    """
-    One parameter of one car.
-
-    Relative error, whether the interval has the truth, whether the parameter was identified.
-    """
+    """One parameter of one car: relative error, whether the interval has the truth, and if it was identified."""
 
     name: str
     error: float
@@ -119,12 +115,7 @@ def car_result(vehicle_name: str, heats: bool, seed: int, number: int) -> CarRes
 
 @dataclass(frozen=True)
 class ParameterFigures:
-    """
-    One parameter over all cars; errors are relative.
-
-    Median error, error of SHARE of the cars, the share of the 90 % intervals that have the truth, the share of the
-    cars for which it was identified.
-    """
+    """One parameter over all cars: median error, that of SHARE; shares of true intervals, of identified cars."""
 
     name: str
     cars: int

@@ -110,11 +110,7 @@ class SyntheticPlant:
         return points_v[at] + (self.soc - 0.1 * at) / 0.1 * (points_v[at + 1] - points_v[at])
 
     def advance(self, propulsion_w: float, heater_w: float, other_w: float, speed_mps: float) -> None:
-        """
-        Drive for a second; `other_w` [W] is the power of cabin and auxiliaries.
-
-        Raises InvalidInput if the battery cannot deliver the power.
-        """
+        """Drive a second; `other_w` [W] is for cabin and auxiliaries. Raises InvalidInput for too much power."""
         car, open_v, ohm = self._car, self._open_circuit_voltage_v(), self._car.resistance_at(self.temperature_c)
         power_w = propulsion_w + heater_w + other_w
         under_root = open_v**2 - 4.0 * ohm * power_w

@@ -42,15 +42,17 @@ from bev_preheat.nonlinear_program.drive_steps import (
     add_drive_steps,
     Blocks,
     drive_parameters,
+    drive_states,
     POWER_SCALE_W,
     RESERVES,
     SOC_SCALE,
 )
-from bev_preheat.nonlinear_program.program import state_bounds
+from bev_preheat.nonlinear_program.program import IPOPT_OPTIONS, state_bounds
 from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
-from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
@@ -95,8 +97,9 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     duration_s = duration * TIME_SCALE_S
     starts: list[casadi.MX] = []
     ends: list[casadi.MX | None] = []
+    of_drive = {state.name for state in drive_states(vehicle)}
     for name, charging_name, scale in STATES:
-        if not _is_state(vehicle, name):
+        if name not in of_drive:
             starts.append(casadi.MX.zeros(1, steps))
             ends.append(None)
         else:
@@ -120,11 +123,6 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
 def can_heat(vehicle: Vehicle) -> bool:
     """Return whether a vehicle can heat its battery while it charges."""
     return math.isfinite(charging_of(vehicle).heated_below_c)
-
-
-def _is_state(vehicle: Vehicle, name: str) -> bool:
-    path = vehicle.heat_path
-    return {'heater_power': path.heater_lag_s > 0.0, 'coolant_excess': path.has_coolant}.get(name, True)
 
 
 def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Function:
@@ -174,9 +172,7 @@ SAME_START_K = 1e-4
 HEATED_SHARE = 0.01
 # More digits would exceed the accuracy of the session's steps.
 SOLVER_OPTIONS: ByName = {
-    'print_time': False,
-    'ipopt.print_level': 0,
-    'ipopt.sb': 'yes',
+    **IPOPT_OPTIONS,
     'ipopt.max_iter': 300,
     'ipopt.tol': 1e-7,
     'ipopt.constr_viol_tol': 1e-8,
@@ -184,8 +180,6 @@ SOLVER_OPTIONS: ByName = {
     'ipopt.acceptable_tol': 1e-5,
     'ipopt.acceptable_constr_viol_tol': 1e-7,
     'ipopt.acceptable_iter': 15,
-    'ipopt.bound_relax_factor': 0.0,
-    'ipopt.mu_strategy': 'adaptive',
 }
 SOLVED = ('Solve_Succeeded', 'Solved_To_Acceptable_Level')
 
@@ -201,12 +195,7 @@ class ChargedDrive:
 
 @dataclass(frozen=True)
 class SessionAttempt:
-    """
-    One call of IPOPT: its start, its status, and its result.
-
-    `start` is the simulated cost of the start, `program_cost` the program's cost of the result, `driven`
-    the simulated result; the latter two are None if IPOPT failed.
-    """
+    """One call of IPOPT: cost of its start, status, cost in the program, and the simulated result, or None."""
 
     start: float
     status: str
@@ -227,17 +216,13 @@ class ChargingProgram:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
                  prices: Prices, charging_steps: int = CHARGING_STEPS) -> None:
-        """
-        Build the program, with `charging_steps` steps at the charger.
-
-        Raises InvalidInput if vehicle, route, state or goal are not allowed.
-        """
+        """Build the program; raises InvalidInput if vehicle, route, state or goal are not allowed."""
         check_situation(vehicle, route, state, goal)
         self._trip: Trip = make_trip(vehicle, route)
         self._state, self._goal, self._stop, self._prices = state, goal, stop, prices
         self._steps = charging_steps
         self._heating = ChargerHeating(vehicle, stop, prices)
-        unheated = plan_without_heating(self._trip, state)
+        unheated = run_without_heating(self._trip, state)
         self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
         variables, constraints = self._variables, self._constraints = Blocks(), Blocks()
         drive = add_drive_steps(vehicle, len(self._trip.route), self._limited, variables, constraints)
@@ -290,11 +275,7 @@ class ChargingProgram:
         return HeatingLimit(tuple(np.asarray(found['charging_soc']).ravel().tolist()), tuple(limit_c.tolist()))
 
     def _driven(self, heater_w: FloatArray, limit: HeatingLimit | None) -> ChargedDrive:
-        """
-        Return the ChargedDrive of heater powers [W] (N,), driven and charged by the project's simulation.
-
-        `limit` is the HeatingLimit of the program's heat at the charger.
-        """
+        """Return the ChargedDrive of heater powers [W] (N,) and the program's limit at the charger, simulated."""
         started = perf_counter()
         schedule = drive_as_planned(self._trip, self._state, heater_w)
         return self._charged(finish_plan(

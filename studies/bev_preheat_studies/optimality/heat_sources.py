@@ -16,12 +16,12 @@ import numpy as np
 
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
-from bev_preheat.planning.plan import SAME_SHORTFALL_K
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.imperfect_car import Mismatch, true_vehicle
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import hvch_alone
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
@@ -76,7 +76,7 @@ def solve(vehicle: str, seed: int, number: int) -> SourcesResult:
     unheated, alone, mixed = (plan_preheating(car, route, drawn.state, goal) for car, goal in (
         (drawn.vehicle, replace(drawn.goal, charging_planned=False)), (hvch_alone(drawn.vehicle), drawn.goal),
         (drawn.vehicle, drawn.goal)))
-    if alone.heating_start_s is None or max(alone.shortfall_k, mixed.shortfall_k) > SAME_SHORTFALL_K:
+    if alone.heating_start_s is None or max(alone.shortfall_k, mixed.shortfall_k) > SHORTFALL_TOLERANCE_K:
         return SourcesResult(number, air_c)
     spent_wh, mixed_wh = (
         plan.energy_wh.battery_total - unheated.energy_wh.battery_total for plan in (alone, mixed))

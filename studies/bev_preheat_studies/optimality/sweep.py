@@ -16,7 +16,7 @@ from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.dynamics import limits_of_steps_w
-from bev_preheat.planning.plan import energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.plan import energy_gap_wh
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
@@ -139,12 +139,7 @@ def sweep_study(vehicle: Vehicle, feasible: int, seed: int, trips: str,
 
 
 def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], number: int) -> GapResult:
-    """
-    Return the GapResult of one drawn trip.
-
-    `trips`: 'free' (no limit is active; solved without limits) or 'limits' (limits are active). `methods` are the
-    names of the planning methods.
-    """
+    """Return the GapResult of one drawn trip; `trips` is a name of DRAWS: those of 'free' are without limits."""
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip, limited = DRAWS[trips](vehicle, seed, number), trips == 'limits'
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
@@ -263,7 +258,7 @@ def print_summary(console: Console, summary: Figures) -> None:
         console.print(
             f'{method}: worst gap in trip {figures["worst_trip"]}; ' +
             (f'{others} trips have no gap, as the method does not reach the same as the program '
-             f'(to {SAME_SHORTFALL_K:g} K); ' if others else '') +
+             f'(to {SHORTFALL_TOLERANCE_K:g} K); ' if others else '') +
             f'{figures["plans_that_break_limits"]} plans break a limit and are shown as driven '
             f'within it; {len(figures["disagreements"])} trips in which its status contradicts '
             'the program', soft_wrap=True)

@@ -19,7 +19,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.expectation import by_the_clock, state_at_end
+from bev_preheat.charging.expectation import by_the_clock
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.charging.worth_search import find_worth
@@ -60,11 +60,7 @@ PERCENTILES = {'least': 0.0, 'median': 50.0, '95 %': 95.0, 'worst': 100.0}
 
 @dataclass(frozen=True)
 class Gap:
-    """
-    One drive: expected cost of the best target, of the best start and end, of no heating and of certain charging.
-
-    `certain_cost` is the expected cost of the target that is best if the vehicle charges for certain.
-    """
+    """One drive: expected cost of best target, best start and end, no heating, and target for certain charging."""
 
     number: int
     outcome: str
@@ -130,7 +126,7 @@ class Judge:
                 end_soc = float(drive_as_planned(trip, drawn.state, power_of(trip, known_s)).soc[-1])
             lost_wh = self._energy_wh(end_soc, unheated_soc, float(driven.temperature_c[-1]))
             not_charged = drawn.prices.cost(lost_wh, 0.0)
-            state = state_at_end(driven)
+            state = driven.arrival_state
             charged = 0.0
             if state.soc < drawn.stop.departure_soc:
                 session = self._heating.choose(replace(state, temperature_c=min(

@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import reduce
+from operator import getitem
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.commands.terminal import print_figures, print_records
-from bev_preheat.planning.plan import SAME_SHORTFALL_K
 from bev_preheat.simulation.imperfect_car import Mismatch
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.robustness.drawn_cars import draw_car
 from bev_preheat_studies.robustness.driven import (
@@ -24,7 +25,7 @@ from bev_preheat_studies.robustness.driven import (
 from bev_preheat_studies.study import at_least, at_most, distribution, Requirement, text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from rich.console import Console
 
@@ -40,46 +41,36 @@ MOST_SWITCH_ONS = 3
 MOST_EXCESS = 0.04
 
 
-def _prediction(lead_s: float, name: str, figures: Figures) -> float | None:
-    figure: float | None = figures['predictions'][f'{lead_s:g}'][name]
-    return figure
-
-
-# Rows of the table: heading, value from a method's figures, format, factor.
-ROWS: tuple[tuple[str, Callable[[Figures], Any], str, float], ...] = (
-    ('Arrival error, 5 % [K]', lambda figures: figures['arrival_error_k']['5 %'], '+.2f', 1.0),
-    ('… median', lambda figures: figures['arrival_error_k']['median'], '+.2f', 1.0),
-    ('… 95 %', lambda figures: figures['arrival_error_k']['95 %'], '+.2f', 1.0),
-    ('… worst', lambda figures: figures['arrival_error_k']['worst'], '+.2f', 1.0),
-    ('Switch-ons, mean', lambda figures: figures['switch_ons']['mean'], '.2f', 1.0),
-    ('… most', lambda figures: figures['switch_ons']['most'], 'd', 1.0),
-    ('Heating energy, mean [Wh]', lambda figures: figures['heating_energy_wh'], '.1f', 1.0),
-    ('… trips compared', lambda figures: figures['heating_excess']['trips'], 'd', 1.0),
-    ('… above plan with true car, mean [%]', lambda figures: figures['heating_excess']['mean'], '+.2f', 100.0),
-    ('… above plan with true car, 95 % [%]', lambda figures: figures['heating_excess']['95 %'], '+.2f', 100.0),
-    ('Battery energy above it, mean [%]', lambda figures: figures['battery_excess']['mean'], '+.2f', 100.0),
-    ('Drives with a heater fault reported', lambda figures: figures['verdicts'], 'd', 1.0),
-    ('Drives in which a real fault has an effect', lambda figures: figures['fault']['shown'], 'd', 1.0),
-    ('… is found [%]', lambda figures: figures['fault']['found'], '.0f', 100.0),
-    ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f', 1.0),
-    ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f', 1.0),
+# Rows of the table: heading, place in a method's figures, format, factor.
+ROWS: tuple[tuple[str, tuple[str, ...], str, float], ...] = (
+    ('Arrival error, 5 % [K]', ('arrival_error_k', '5 %'), '+.2f', 1.0),
+    ('… median', ('arrival_error_k', 'median'), '+.2f', 1.0),
+    ('… 95 %', ('arrival_error_k', '95 %'), '+.2f', 1.0),
+    ('… worst', ('arrival_error_k', 'worst'), '+.2f', 1.0),
+    ('Switch-ons, mean', ('switch_ons', 'mean'), '.2f', 1.0),
+    ('… most', ('switch_ons', 'most'), 'd', 1.0),
+    ('Heating energy, mean [Wh]', ('heating_energy_wh',), '.1f', 1.0),
+    ('… trips compared', ('heating_excess', 'trips'), 'd', 1.0),
+    ('… above plan with true car, mean [%]', ('heating_excess', 'mean'), '+.2f', 100.0),
+    ('… above plan with true car, 95 % [%]', ('heating_excess', '95 %'), '+.2f', 100.0),
+    ('Battery energy above it, mean [%]', ('battery_excess', 'mean'), '+.2f', 100.0),
+    ('Drives with a heater fault reported', ('verdicts',), 'd', 1.0),
+    ('Drives in which a real fault has an effect', ('fault', 'shown'), 'd', 1.0),
+    ('… is found [%]', ('fault', 'found'), '.0f', 100.0),
+    ('… after, median [s]', ('fault', 'median_s'), '.0f', 1.0),
+    ('… after, most [s]', ('fault', 'most_s'), '.0f', 1.0),
     *(row for lead_s in LEADS_S for row in (
         (f'Arrival predicted {lead_s / 60.0:.0f} min before, mean error [K]',
-         partial(_prediction, lead_s, 'bias_k'), '+.2f', 1.0),
-        ('… within the stated deviation [%]', partial(_prediction, lead_s, 'covered'), '.0f', 100.0))),
-    ('Drives with a refused input', lambda figures: figures['refused'], 'd', 1.0),
-    ('Trips with an empty battery', lambda figures: figures['ran_empty'], 'd', 1.0),
+         ('predictions', f'{lead_s:g}', 'bias_k'), '+.2f', 1.0),
+        ('… within the stated deviation [%]', ('predictions', f'{lead_s:g}', 'covered'), '.0f', 100.0))),
+    ('Drives with a refused input', ('refused',), 'd', 1.0),
+    ('Trips with an empty battery', ('ran_empty',), 'd', 1.0),
 )
 
 
 @dataclass(frozen=True)
 class CarResult:
-    """
-    One trip: the true car, and its DriveOutcomes.
-
-    `informed` is the drive planned with the true car, `methods` holds the drives by name of COMPARED or of a
-    planning method. `pace` is the trip's duration as a multiple of the route's.
-    """
+    """One trip: the true car, the drive planned with it, those by method, and the duration over the route's."""
 
     number: int
     mismatch: Mismatch
@@ -190,7 +181,7 @@ def energy_excess(results: Iterable[CarResult], method: str, field: str) -> dict
 
 def reaches_the_same(drive: DriveOutcome, informed: DriveOutcome) -> bool:
     """Return whether a drive falls short of the target by no more than the informed drive."""
-    return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SAME_SHORTFALL_K
+    return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SHORTFALL_TOLERANCE_K
             and not drive.ran_empty)
 
 
@@ -201,8 +192,8 @@ def print_summary(console: Console, summary: Figures, methods: Sequence[str]) ->
                   f'{informed["battery_energy_wh"]:.1f} Wh from the battery on average; arrival '
                   f'error {informed["arrival_error_k"]["worst"]:+.3f} K at worst', soft_wrap=True)
     print_figures(console, 'In closed loop', ('', *methods), [
-        (heading, *(text_of(figure(summary[method]), form, factor) for method in methods))
-        for heading, figure, form, factor in ROWS])
+        (heading, *(text_of(reduce(getitem, place, summary[method]), form, factor) for method in methods))
+        for heading, place, form, factor in ROWS])
     print_records(console, 'Requirements', ('', 'bound', *methods), [
         (row[0].name, row[0].bound, *(each.judged for each in row))
         for row in zip(*(

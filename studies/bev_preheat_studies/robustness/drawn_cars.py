@@ -171,11 +171,7 @@ def _draw_pace(seed: int, number: int, traffic: float) -> float:
 
 def _draw_heat_path(random: np.random.Generator, parts: frozenset[str],
                     described: HeatPath) -> HeatPath:
-    """
-    Return a HeatPath with the given parts; every plant uses the same random numbers.
-
-    Other parts are those of the vehicle file.
-    """
+    """Return the vehicle file's HeatPath with drawn parts; every plant uses the same random numbers."""
     heater_lag_s, coolant_j_per_k, coolant_w_per_k, sensor_lag_s = (
         float(random.uniform(*span))
         for span in (HEATER_LAG_S, COOLANT_J_PER_K, COOLANT_W_PER_K, SENSOR_LAG_S))

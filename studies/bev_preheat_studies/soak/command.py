@@ -162,14 +162,8 @@ def memory_growth_mb_in_10_min(instants_s: ArrayLike, memory_mb: ArrayLike) -> f
 
 def judge(load: SoakLoad, memory_samples: Sequence[tuple[float, float]], command_period_s: float,
           exit_status: int | None) -> list[Assessment]:
-    """
-    Return the Assessments of a soak test.
-
-    `load` is a finished SoakLoad, `memory_samples` are (instant [s], resident memory [MB]),
-    `exit_status` is the planner's after SIGTERM, None if it had died before.
-    """
-    arrivals_s = np.array([instant_s for instant_s, _, _ in load.commands])
-    intervals_s = np.diff(arrivals_s)
+    """Return the Assessments of a load and of samples ([s], [MB]); `exit_status` None: the planner had died."""
+    intervals_s = np.diff(load.commands)
     missed = int((intervals_s > command_period_s + LATE_BY_S).sum())
     growth_mb = memory_growth_mb_in_10_min(*zip(*memory_samples))
     longest_s = float(intervals_s.max()) if len(intervals_s) else float('inf')

@@ -46,8 +46,7 @@ class SoakLoad:
     """
     Publishes to a planner while its node spins, and records the answers.
 
-    `commands` holds (instant of arrival [s, time.monotonic], power [W], age of the latest state in the
-    command [s]) of each command; `wrong` holds sentences on forbidden commands.
+    `commands` are the instants at which commands arrived [s, time.monotonic], `wrong` sentences on forbidden ones.
     """
 
     def __init__(self, node: Node, rate_hz: float, seed: int, heater_w: float) -> None:
@@ -63,12 +62,11 @@ class SoakLoad:
         self._set_parameters = node.create_client(SetParameters, 'planner/set_parameters')
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 100)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
-        self.commands: list[tuple[float, float, float]] = []
+        self.commands: list[float] = []
         self.wrong: list[str] = []
         self.states_sent = self.garbage_sent = self.routes_sent = self.calls = 0
         self.heating_commands = self.internal_errors = 0
         self._temperature_c, self._power_w = AMBIENT_C, 0.0
-        self._last_good_s = -math.inf
         self._next_state_s = self._next_route_s = self._next_call_s = -math.inf
 
     def start(self) -> None:
@@ -102,8 +100,7 @@ class SoakLoad:
             self._next_state_s += self._period_s
 
     def _stamp(self, ago_s: float = 0.0) -> Time:
-        return time_message(
-            self._node.get_clock().now().nanoseconds - round(ago_s * NS_PER_S))
+        return time_message(self._node.get_clock().now().nanoseconds - round(ago_s * NS_PER_S))
 
     def _send_state(self) -> None:
         self._temperature_c += self._period_s * (
@@ -123,8 +120,6 @@ class SoakLoad:
                 message.temperature += 273.15
             else:
                 message.header.stamp = self._stamp(self._random.choice((60.0, -60.0)))
-        else:
-            self._last_good_s = time.monotonic()
         self._states.publish(message)
         self.states_sent += 1
 
@@ -173,10 +168,9 @@ class SoakLoad:
                 type=ParameterType.PARAMETER_DOUBLE, double_value=value))]))
 
     def _on_command(self, message: HvchCommand) -> None:
-        now_s = time.monotonic()
+        self.commands.append(time.monotonic())
         self._power_w = message.battery_heating_power
         self.heating_commands += self._power_w > 0.0
-        self.commands.append((now_s, self._power_w, now_s - self._last_good_s))
         lease_s = (nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)) / NS_PER_S
         if not 0.0 <= self._power_w <= self._most_w + 1e-6:
             self._note_wrong(f'{self._power_w} W is commanded; allowed is 0 ... {self._most_w} W')
