@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.events import BATTERY, ROUTE
+from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.heat_division import (
     at_rest,
     HeatDivision,
@@ -238,7 +238,7 @@ class Commander(NamedTuple):
 def _cause_in_words(reason: Status, sentence: str) -> str:
     """Return the cause of a pause, for a sentence that continues with its age."""
     if reason is Status.INVALID_INPUT:
-        for source in (BATTERY, ROUTE):
+        for source in (BATTERY_STATE, ROUTE_PLAN):
             if sentence.startswith(f'{source} refused'):
                 return f'{source} was refused'
         return 'A signal was in doubt' if sentence.startswith('Signal in doubt') else 'The input was refused'

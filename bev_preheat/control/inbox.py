@@ -17,13 +17,13 @@ from bev_preheat.control.events import (
     DeparturesSkipped,
     Event,
     PreheatingSwitched,
-    PROGRESS,
     ProgressArrived,
     ProgressUnreadable,
     Reconfigured,
     Refusals,
     RefusedRoute,
     RivalsChanged,
+    ROUTE_PROGRESS,
     RouteArrived,
     RouteUnreadable,
     TripCancelled,
@@ -310,7 +310,7 @@ class Inbox(NamedTuple):
 
     def _with_refused_progress(self, error: InvalidInput) -> Inbox:
         """Return the Inbox after a route progress was refused: the previous one holds until it is too old."""
-        return self._replace(refused_progress=f'{PROGRESS} refused: {error}')
+        return self._replace(refused_progress=f'{ROUTE_PROGRESS} refused: {error}')
 
     # Routes
 

@@ -170,7 +170,7 @@ class State(NamedTuple):
     @property
     def _all_unserved(self) -> tuple[Unserved, ...]:
         """Those that refuse, that is tried, and those that are dead or derated by the estimation."""
-        if not self.unserved and not self.learning.others:
+        if not self.unserved and len(self.learning.estimators) == 1:
             return ()
         reports, refused = self.source_reports, {each.name for each in self.unserved}
         tried = [name for name in (self.learning.trial.name,) if name in reports and name not in refused]
