@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.decision import AdmittedInputs, Command, Decision
 from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.heat_division import (
     at_rest,
@@ -29,7 +29,6 @@ from bev_preheat.planning.status import LATER, Status
 from bev_preheat.tunables import LEAST_STATUS_S, ROUNDING_W
 
 if TYPE_CHECKING:
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.charger_heat import ChargerHeat, ChargerHeater, ChargerSituation
-from bev_preheat.control.decision import Decision
+from bev_preheat.control.decision import AdmittedInputs, Decision
 from bev_preheat.control.forecast_plan import (
     believed_share,
     believed_state,
@@ -21,7 +21,7 @@ from bev_preheat.control.forecast_plan import (
     planned_as_measured,
     PlanningTask,
 )
-from bev_preheat.control.regime import Regime
+from bev_preheat.control.regime import Regime, RegimeReport
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -36,8 +36,6 @@ from bev_preheat.vehicle.variants import limited_by_coldest_cell
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.control.inputs import Leg, Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
-    from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.estimate import Estimate
@@ -136,7 +134,7 @@ class DecisionMaker(NamedTuple):
         assert measurement is not None
         if not settings.heat_while_charging or not leg.terms.is_trip:
             return self, ChargerHeat(0.0, '')
-        maker, vehicle, state = self, self.limited(moment.inputs.vehicle), measurement.state
+        maker, vehicle, state = self, _limited(moment.inputs.vehicle, self.colder_by_k), measurement.state
         if estimate is not None:
             maker = self._replace(forecasts=self.forecasts.following(estimate))
             vehicle = maker.forecasts.vehicle(vehicle)
@@ -153,7 +151,7 @@ class DecisionMaker(NamedTuple):
         assert measurement is not None
         state = measurement.state
         maker = self._limited_to_coldest_cell(measurement, settings)
-        limited = maker.limited(inputs.heating_vehicle)
+        limited = _limited(inputs.heating_vehicle, maker.colder_by_k)
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay heating that the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
@@ -170,29 +168,26 @@ class DecisionMaker(NamedTuple):
         if leg.terms.target is not None:
             choice = leg.terms.target
         elif leg.charging_planned:
-            is_simple = leg.charger is None and leg.prospect.probability == 1.0
-            maker, choice = (maker._without_charger(leg, settings) if is_simple else
-                             maker._choose_target(moment, leg, goal, route, estimate))
+            if leg.charger is None and leg.prospect.probability == 1.0:
+                targets, choice = maker.targets.without_charger(leg, settings)
+                maker = maker._replace(targets=targets)
+            else:
+                maker, choice = maker._choose_target(moment, leg, goal, route, estimate)
             goal = choice.goal(goal)
         task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
                             inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved),
                             inputs.suspected)
         try:
             if estimate is None:
-                found = planned_as_measured(limited, state, task)
+                decision = planned_as_measured(limited, state, task)
             else:
-                forecasts, found = maker.forecasts.make(limited, task, estimate)
+                forecasts, decision = maker.forecasts.make(limited, task, estimate)
                 maker = maker._replace(forecasts=forecasts)
         except (InvalidInput, PlanningFailure) as error:
             return maker, Decision(Status.INVALID_INPUT, f'{error} {task.unserved}'.rstrip())
-        return maker, Decision(
-            *_told(found.plan, choice, now_ns), found.plan, start_ns, leg, forecast=found.forecast,
-            commanded=found.commanded, command_share=found.command_share, model_factors=found.model_factors,
-            target=choice)
-
-    def limited(self, vehicle: Vehicle) -> Vehicle:
-        """Return a Vehicle with the power limits of its coldest cell."""
-        return _limited(vehicle, self.colder_by_k)
+        if choice is not None:
+            decision = _with_reason(decision, choice, now_ns)
+        return maker, replace(decision, plan_start_ns=start_ns, leg=leg, target=choice)
 
     def _limited_to_coldest_cell(self, measurement: Measurement, settings: Settings) -> DecisionMaker:
         """Take the power limits of the coldest cell, if it is known and the settings say so."""
@@ -204,16 +199,12 @@ class DecisionMaker(NamedTuple):
             return self
         return self._replace(colder_by_k=float(round(colder_by_k)), forecasts=self.forecasts.for_other_limits())
 
-    def _without_charger(self, leg: Leg, settings: Settings) -> tuple[DecisionMaker, TargetChoice]:
-        targets, choice = self.targets.without_charger(leg, settings)
-        return self._replace(targets=targets), choice
-
     def _choose_target(self, moment: Moment, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> tuple[DecisionMaker, TargetChoice]:
         """Return the TargetChoice for the current leg; `route` is its part ahead."""
         inputs, mission, measurement = moment.inputs, moment.inputs.mission, moment.inputs.measurement
         assert mission is not None and measurement is not None
-        forecasts, vehicle = self.forecasts, self.limited(inputs.heating_vehicle)
+        forecasts, vehicle = self.forecasts, _limited(inputs.heating_vehicle, self.colder_by_k)
         search_input = TargetSearchInput(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings,
             goal, vehicle, route, measurement.state, measurement.stamp_ns)
@@ -229,7 +220,7 @@ class DecisionMaker(NamedTuple):
 
     def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
-        vehicle = self.limited(inputs.vehicle)
+        vehicle = _limited(inputs.vehicle, self.colder_by_k)
         decisions = []
         for leg in decision.later_legs:
             assert leg.departure is not None
@@ -241,6 +232,7 @@ class DecisionMaker(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _limited(vehicle: Vehicle, colder_by_k: float) -> Vehicle:
+    """Return a Vehicle with the power limits of its coldest cell, which is colder by [K]."""
     return limited_by_coldest_cell(vehicle, colder_by_k)
 
 
@@ -253,15 +245,16 @@ def _planned_later(vehicle: Vehicle, route: Route, departure: BatteryState, goal
         return str(error)
 
 
-def _told(plan: Plan, choice: TargetChoice | None, now_ns: int) -> tuple[Status, str | None]:
-    """Return a Plan's status and sentence, with the reason of its target; None: its own sentence."""
-    if choice is None:
-        return plan.status, None
+def _with_reason(decision: Decision, choice: TargetChoice, now_ns: int) -> Decision:
+    """Return the Decision of a plan with the reason of its target, if that matters."""
+    plan = decision.plan
+    assert plan is not None
     if choice.doubt is not None:
-        return choice.doubt.told(plan, now_ns)
+        status, sentence = choice.doubt.told(plan, now_ns)
+        return replace(decision, status=status, sentence=sentence)
     if plan.status is Status.NOT_WORTH_IT:
-        return plan.status, f'{choice.reason} {plan.explanation}'
-    return plan.status, None
+        return replace(decision, sentence=f'{choice.reason} {plan.explanation}')
+    return decision
 
 
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:

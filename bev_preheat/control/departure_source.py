@@ -12,9 +12,9 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.events import DeparturesSkipped, PreparationEnded, PreparationWanted
+from bev_preheat.control.events import DeparturesSkipped, Event, PreparationEnded, PreparationWanted
 from bev_preheat.control.expected_drive import DriveMemory, drives_between
-from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.numerics import NS_PER_S
@@ -31,8 +31,6 @@ from bev_preheat.tunables import (
 
 if TYPE_CHECKING:
     from bev_preheat.control.departures import Departures, GridPrices, Occurrence
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.state import State
 
 

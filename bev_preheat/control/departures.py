@@ -23,12 +23,11 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import FloatArray, NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bev_preheat.numerics import FloatArray
 
 CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d)(?:\.0+)?)?'

@@ -15,16 +15,17 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import OF_ROUTE
-from bev_preheat.estimation.estimate import FACTORS, nominal_heat_lag_s, PROPULSION
+from bev_preheat.control.decision import Decision
+from bev_preheat.control.inputs import OF_ROUTE, Terms
+from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, PROPULSION
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.numerics import array_exp
+from bev_preheat.numerics import array_exp, FloatArray
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.heat_run import state_with_heat_under_way
-from bev_preheat.planning.methods import KeptValues
+from bev_preheat.planning.methods import Kept, KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, highest_start_c, reserve_soc, Uncertainty
@@ -40,18 +41,12 @@ from bev_preheat.tunables import (
     NOMINAL_HEAT_LAG_S,
     SUSPECT_SAID_S,
 )
-from bev_preheat.vehicle.description import HeatPath, HVCH
+from bev_preheat.vehicle.description import HeatPath, HVCH, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Terms
     from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.methods import Kept
     from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
@@ -91,24 +86,6 @@ class PlanningTask(NamedTuple):
     suspected: tuple[tuple[str, SuspectedFault], ...] = ()
 
 
-class ForecastPlan(NamedTuple):
-    """
-    The expected Plan.
-
-    `commanded` is the plan that the command follows if it differs from `plan`: a heater that does not
-    respond is still commanded. `command_share` is the share of its command that the heater delivers (0:
-    other sources heat, and it is only asked on), `forecast`
-    has the uncertainty of the arrival temperature, None: unknown. `model_factors` are those of the corrected
-    vehicle; () if it is not corrected, or the heater does not obey, because they do not cover that.
-    """
-
-    plan: Plan
-    forecast: Forecast | None = None
-    commanded: Plan | None = None
-    command_share: float = 1.0
-    model_factors: tuple[float, ...] = ()
-
-
 def _others_heat(plan: Plan) -> bool:
     """Return whether a Plan without the HVCH heats with other sources."""
     return bool(plan.source_power_w) and plan.heating_start_s is not None
@@ -119,8 +96,8 @@ def _status_now(plan: Plan, starts_in_s: float) -> Status:
     return LATER.get(plan.status, plan.status) if starts_in_s > 0.0 else plan.status
 
 
-def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> ForecastPlan:
-    """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
+def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> Decision:
+    """Return the Decision by a BatteryState as measured, without an estimate; raises as plan_preheating."""
     situation = vehicle, task.route, state, task.goal, task.settings.method
     plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
     start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.direction]
@@ -130,9 +107,10 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
     if task.heater_refusal and plan.heating_start_s is not None:
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
-    return ForecastPlan(plan.told(_status_now(plan, task.starts_in_s), partial(
+    plan = plan.told(_status_now(plan, task.starts_in_s), partial(
         in_words, refusal=refusal, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal),
-        starts_in_s=task.starts_in_s, heated_s=task.heated_s)), commanded=commanded, command_share=share)
+        starts_in_s=task.starts_in_s, heated_s=task.heated_s))
+    return Decision(plan.status, None, plan, commanded=commanded, command_share=share)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
@@ -172,7 +150,7 @@ def _lagging(vehicle: Vehicle, lag_log: float) -> Vehicle:
 @dataclass(frozen=True, eq=False)
 class ForecastPlanner:
     """
-    Makes ForecastPlans for one vehicle; a value.
+    Plans for one vehicle from the estimate; a value.
 
     `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
     `lag_log` is the logarithm of the lag of the plans' heat over `nominal_heat_lag_s`.
@@ -208,9 +186,9 @@ class ForecastPlanner:
             described, self.factors, self.lag_log if described.heat_path.is_shell else 0.0)
 
     def make(self, described: Vehicle, task: PlanningTask,
-             estimate: Estimate) -> tuple[ForecastPlanner, ForecastPlan]:
+             estimate: Estimate) -> tuple[ForecastPlanner, Decision]:
         """
-        Return the ForecastPlan for a PlanningTask from an Estimate's instant on, and the planner after it.
+        Return the Decision on a PlanningTask from an Estimate's instant on, and the planner after it.
 
         `described` is the Vehicle as its file describes it. Raises what plan_preheating raises.
         """
@@ -231,16 +209,12 @@ class ForecastPlanner:
             wanted = planning.wanted(forecast)
         expected, commanded, words = planning.expected(wanted, forecast)
         forecast = planning.forecast(expected)
-        return replace(planner, forecast=forecast, kept=kept.latest), ForecastPlan(
-            planning.in_words(expected, forecast, words), forecast, commanded,
-            0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
-            planner.model_factors(estimate))
-
-    def model_factors(self, estimate: Estimate) -> tuple[float, ...]:
-        """Return the factors of the corrected vehicle; () if the heater does not obey."""
-        if estimate.heater.heater is not Heater.ANSWERS:
-            return ()
-        return (*self.factors, estimate.propulsion_factor)
+        plan = planning.in_words(expected, forecast, words)
+        return replace(planner, forecast=forecast, kept=kept.latest), Decision(
+            plan.status, None, plan, forecast=forecast, commanded=commanded,
+            command_share=0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
+            model_factors=(*planner.factors, estimate.propulsion_factor)
+            if estimate.heater.heater is Heater.ANSWERS else ())
 
 
 class _Planning:

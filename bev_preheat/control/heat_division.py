@@ -17,15 +17,13 @@ from bev_preheat.numerics import JOULES_PER_WH, NS_PER_S
 from bev_preheat.planning.heat_mix import mix_in_segment, parts, Sources
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_SOURCE_W, ROUNDING_W
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HeatSource, HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.decision import AdmittedInputs, Decision
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.vehicle.description import HeatSource
 
 # Those of the sources with least times or a price of a start, by name.
 Switches: TypeAlias = tuple[tuple[str, HeaterSwitch], ...]

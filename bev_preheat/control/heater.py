@@ -13,10 +13,10 @@ from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
-from bev_preheat.vehicle.description import HVCH, STANDING_MPS
+from bev_preheat.vehicle.description import HeatSource, HVCH, STANDING_MPS, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
     from bev_preheat.vehicle.variants import DriveInputs
 
 # No caller asks further back.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from bev_preheat.control.decision import AdmittedInputs, Decision, WITHOUT_ROUTE
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -29,7 +30,6 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
-from bev_preheat.control.obstacle import AdmittedInputs
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
@@ -43,6 +43,7 @@ from bev_preheat.estimation.signal_checks import (
 )
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.planning.status import Status
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S
 from bev_preheat.vehicle.description import Vehicle
@@ -127,9 +128,13 @@ class Inbox(NamedTuple):
         return self.refusals.route
 
     @property
-    def is_cancelled_before_restart(self) -> bool:
-        """Whether the latest route plan was cancelled before a restart."""
-        return self.is_cancelled and self.cancelled_before is not None
+    def without_route(self) -> Decision:
+        """The Decision as long as there is no route."""
+        before, wanted = ('', 'new route plan') if self.cancelled_before is None else (
+            ' before the planner restarted', 'route plan with another stamp')
+        return WITHOUT_ROUTE if not self.is_cancelled else Decision(
+            Status.NO_CHARGING_PLANNED,
+            f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
     def goal_of(self, leg: Leg) -> Goal:
         """Return the Goal of a leg; settings and vehicle complete it."""
@@ -144,9 +149,8 @@ class Inbox(NamedTuple):
         with the signals that hold, `doubt` the sentence on those that do not.
         """
         return AdmittedInputs(
-            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle, self.is_cancelled,
-            self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
-            measurement, doubt)
+            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle,
+            self.without_route, self.timetable, preparation or self.timetable, measurement, doubt)
 
     def with_timetable(self, timetable: Timetable | None) -> Inbox:
         """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""

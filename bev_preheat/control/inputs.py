@@ -12,8 +12,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.stop import CERTAIN, ChargingProspect
-from bev_preheat.control.departures import in_words
+from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect
+from bev_preheat.control.departures import GridPrices, in_words
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.signal_checks import SeenState
@@ -21,20 +21,17 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, Uncertainty
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import LIMITS, Route
 from bev_preheat.tunables import LEAST_HELD_S, MOST_PLANNED_STEPS, WIDEST_CELL_SPREAD_K
 from bev_preheat.vehicle.variants import grid_fed
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.target import TargetChoice
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices
-    from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.vehicle.description import Vehicle
 
 # Start of every sentence for a goal that is no trip.

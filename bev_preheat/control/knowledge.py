@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import driven_at, planned_around
-from bev_preheat.control.inputs import SupplyStatus
+from bev_preheat.control.inputs import Measurement, SupplyStatus
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
 from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
@@ -42,9 +42,8 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.plausibility import energy_between_kwh
 
 if TYPE_CHECKING:
+    from bev_preheat.control.decision import AdmittedInputs
     from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.signal_checks import SignalVerdict

@@ -11,8 +11,8 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.prior import after_soak, Soak
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.prior import after_soak, Learned, Soak
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
@@ -27,7 +27,7 @@ from bev_preheat.tunables import (
     TOLD_FROM,
     TRIED_OFF_S,
 )
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.knowledge import Known
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.estimation.prior import Learned
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class StandReport(NamedTuple):

@@ -13,10 +13,10 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.departures import DAYS_A_WEEK
+from bev_preheat.control.decision import AdmittedInputs, Decision, find_obstacle
+from bev_preheat.control.departures import DAYS_A_WEEK, Departures, GridPrices, Occurrence
 from bev_preheat.control.expected_drive import drive_of_route, DriveMemory, steady_drive
-from bev_preheat.control.inputs import in_planning_steps, Leg, Mission, Terms
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.inputs import in_planning_steps, Leg, Measurement, Mission, Terms
 from bev_preheat.control.preparation_goal import (
     conclusion,
     contradiction,
@@ -30,10 +30,10 @@ from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, located, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.plan import cost_of
+from bev_preheat.planning.plan import cost_of, Plan
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
-from bev_preheat.route.segments import LIMITS
+from bev_preheat.route.segments import LIMITS, Route
 from bev_preheat.tunables import (
     AMBIENT_KNOWN_S,
     BEGINS_S,
@@ -46,13 +46,7 @@ from bev_preheat.tunables import (
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.control.decision import Decision
-    from bev_preheat.control.departures import Departures, GridPrices, Occurrence
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
 # The route_id of plans for a goal; no route plan typed by hand has it.

@@ -19,9 +19,8 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.decision import AdmittedInputs, Decision
     from bev_preheat.control.departures import GridPrices
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.planning.plan import Plan
 
 

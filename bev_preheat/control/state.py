@@ -6,36 +6,28 @@ from __future__ import annotations
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command import Commander
-from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
+from bev_preheat.control.decision import AdmittedInputs, Command, Decision, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater import Answers
+from bev_preheat.control.heater import Answers, HeaterAnswerReport
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.learning import Learning
-from bev_preheat.control.obstacle import Unserved
+from bev_preheat.control.learning import Learning, StandReport
 from bev_preheat.control.preparation import Preparation
-from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.tunables import SHARE_STEPS
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Command
-    from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.learning import StandReport
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import PlaceReport
-    from bev_preheat.estimation.before_restart import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
-    from bev_preheat.vehicle.description import Vehicle
 
 
 UNSERVED_BECAUSE = {Heater.DEAD: 'The {} does not respond to its command.',

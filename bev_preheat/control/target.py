@@ -17,7 +17,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.target_worth import pays_from_probability
+from bev_preheat.charging.target_worth import pays_from_probability, Prices, TargetWorth
 from bev_preheat.charging.worth_search import goal_of, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.charging.target_worth import Prices, TargetWorth
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan

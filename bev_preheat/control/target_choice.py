@@ -24,7 +24,7 @@ from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import CERTAIN, held_prospect, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.worth_search import goal_of, least_cooled, targets_between, WorthSearch
+from bev_preheat.charging.worth_search import Evaluated, goal_of, least_cooled, targets_between, WorthSearch
 from bev_preheat.control.target import (
     ChargingDoubt,
     given_target,
@@ -51,7 +51,6 @@ from bev_preheat.vehicle.charging import charging_of
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger, ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth_search import Evaluated
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan

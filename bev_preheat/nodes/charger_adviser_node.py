@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.chargers import rank_chargers
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.decision import find_obstacle
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of, write_ranking
 from bev_preheat.nodes.inbox_node import DEFAULTS, InboxNode, INPUT_PARAMETERS, VEHICLE

@@ -80,7 +80,7 @@ def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False,
 
 def make_after(maker, estimate, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0,
                heated_s=0.0):
-    """Return the planner after a ForecastPlan, and the ForecastPlan."""
+    """Return the planner after a Decision, and the Decision."""
     return maker.make(VEHICLE, PlanningTask(
         route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
 

@@ -12,12 +12,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from bev_preheat.control.decision import Unserved
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
 from bev_preheat.control.heat_division import HeatDivision
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.learning import NO_TRIAL
-from bev_preheat.control.obstacle import AdmittedInputs, Unserved
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor
@@ -155,8 +155,7 @@ def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
 
 def inputs_without(state, vehicle, *unserved):
     """Return the AdmittedInputs of a State with another vehicle and other unserved heat sources."""
-    # The fields after the vehicle, up to `unserved`.
-    return AdmittedInputs(vehicle, *state.inputs[1:13], unserved)
+    return state.inputs._replace(vehicle=vehicle, unserved=unserved)
 
 
 # In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the
