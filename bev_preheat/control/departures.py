@@ -13,7 +13,8 @@ from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta, tzinfo, UTC
-from functools import cached_property, partial
+from functools import partial
+from itertools import pairwise, takewhile
 from pathlib import Path
 import re
 from typing import NamedTuple, TYPE_CHECKING, TypeVar
@@ -135,10 +136,6 @@ class Departures:
     departures: tuple[Departure, ...]
     ambient_c: float | None = None
 
-    @cached_property
-    def _by_clock(self) -> tuple[Departure, ...]:
-        return tuple(sorted(self.departures, key=lambda departure: departure.clock))
-
     def after(self, instant: int) -> Iterator[Occurrence]:
         """
         Yield each Occurrence after an instant [ns], in order; it never ends, except without departures.
@@ -148,24 +145,21 @@ class Departures:
         """
         # A day early, because a local time that a clock change skips may belong to the day before.
         day, latest_ns = local(instant, self.zone).date() - timedelta(days=1), instant
-        while self.departures:
-            found = sorted(
-                (instant_ns(day, departure.clock, self.zone), number)
-                for number, departure in enumerate(self._by_clock) if day.weekday() in departure.weekdays)
-            for at_ns, number in found:
-                if at_ns > latest_ns:
-                    latest_ns = at_ns
-                    yield Occurrence(at_ns, self._by_clock[number])
+        by_clock = sorted(self.departures, key=lambda departure: departure.clock)
+        while by_clock:
+            # Sorting is stable.
+            for occurrence in sorted((
+                    Occurrence(instant_ns(day, departure.clock, self.zone), departure)
+                    for departure in by_clock if day.weekday() in departure.weekdays),
+                    key=lambda occurrence: occurrence.instant_ns):
+                if occurrence.instant_ns > latest_ns:
+                    latest_ns = occurrence.instant_ns
+                    yield occurrence
             day += timedelta(days=1)
 
     def until(self, from_ns: int, until_ns: int) -> list[Occurrence]:
         """Return each Occurrence after one instant, up to and including another [ns]."""
-        found = []
-        for occurrence in self.after(from_ns):
-            if occurrence.instant_ns > until_ns:
-                break
-            found.append(occurrence)
-        return found
+        return list(takewhile(lambda occurrence: occurrence.instant_ns <= until_ns, self.after(from_ns)))
 
     def in_words(self, occurrence: Occurrence) -> str:
         """Return an Occurrence as its name and local time: work, Thu 2026-11-26 07:30 CET."""
@@ -209,21 +203,15 @@ class GridPrices:
             edge for period in (*daily, *self.dated) for edge in (period.from_ns, period.until_ns)
             if from_ns < edge < until_ns)})
         return tuple(PricePeriod(first, last, _price_at(self.dated, first, _price_at(daily, first, None)))
-                     for first, last in zip(edges, edges[1:]))
+                     for first, last in pairwise(edges))
 
     def _daily_periods(self, from_ns: int, until_ns: int) -> list[PricePeriod]:
-        if not self.daily:
-            return []
-        day = local(from_ns, self.zone).date() - timedelta(days=2)
-        last_day = local(until_ns, self.zone).date() + timedelta(days=2)
-        begins: dict[int, float] = {}
-        while day <= last_day:
-            for price in self.daily:
-                # At a clock change two may begin at the same instant: the later one counts.
-                begins[instant_ns(day, price.clock, self.zone)] = price.price_per_kwh
-            day += timedelta(days=1)
-        instants = sorted(begins)
-        return [PricePeriod(first, last, begins[first]) for first, last in zip(instants, instants[1:])]
+        first_day = local(from_ns, self.zone).date() - timedelta(days=2)
+        days = (local(until_ns, self.zone).date() - first_day).days + 3
+        # At a clock change two may begin at the same instant: the later one counts.
+        begins = {instant_ns(first_day + timedelta(days=day), price.clock, self.zone): price.price_per_kwh
+                  for day in range(days) for price in self.daily}
+        return [PricePeriod(first, last, begins[first]) for first, last in pairwise(sorted(begins))]
 
     def step_prices(self, start_ns: int, time_s: FloatArray) -> FloatArray:
         """

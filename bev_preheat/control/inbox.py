@@ -29,7 +29,7 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
+from bev_preheat.control.inputs import check_mission, Measurement, Mission, Progress
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
@@ -42,7 +42,7 @@ from bev_preheat.estimation.signal_checks import (
     STATE_OF_CHARGE,
 )
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.status import Status
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S
@@ -136,10 +136,6 @@ class Inbox(NamedTuple):
             Status.NO_CHARGING_PLANNED,
             f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
-    def goal_of(self, leg: Leg) -> Goal:
-        """Return the Goal of a leg; settings and vehicle complete it."""
-        return goal_of_leg(leg, self.vehicle, self.settings)
-
     def admitted(self, preparation: Timetable | None = None, measurement: Measurement | None = None,
                  doubt: str | None = None) -> AdmittedInputs:
         """
@@ -213,15 +209,18 @@ class Inbox(NamedTuple):
             inbox = self._with_restarted_clock(now_ns)
         inbox = inbox._replace(latest_ns=now_ns)
         try:
-            inbox._check_content(measurement, now_ns)
+            if now_ns == 0:
+                raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
+            check_situation(self.vehicle, state=measurement.state)
             if inbox._is_overtaken(measurement, now_ns):
                 return inbox._replace(overtaken_states=inbox.overtaken_states + 1), None
             inbox._check_stamp(measurement, now_ns)
+            inbox = inbox._with_scale(measurement, now_ns)
+            if inbox.scale_verdict is not None:
+                raise InvalidInput(inbox.scale_verdict.sentence)
         except InvalidInput as error:
-            return inbox._with_hinted_refusal(error, hint, measurement, now_ns)
-        inbox, scale_doubt = inbox._with_scale(measurement, now_ns)
-        if scale_doubt:
-            return inbox._with_hinted_refusal(InvalidInput(scale_doubt), hint, measurement, now_ns)
+            hinted = _with_hint(error, hint)
+            return inbox._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
         arrived = replace(measurement, arrived_ns=now_ns)
         return inbox._replace(
             measurement=arrived, refusals=inbox.refusals.after_battery(),
@@ -253,21 +252,11 @@ class Inbox(NamedTuple):
             0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
             and is_one_battery(latest.seen, measurement.seen))
 
-    def _with_hinted_refusal(self, error: InvalidInput, hint: str, measurement: Measurement,
-                             now_ns: int) -> tuple[Inbox, InvalidInput]:
-        hinted = InvalidInput([*error.problems, hint]) if hint else error
-        return self._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
-
     def _with_refused_battery(self, error: InvalidInput, percentage: float, now_ns: int) -> Inbox:
         """Return the Inbox after a refused battery state, whose message had a percentage, NaN: unknown."""
         return self._replace(
             percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
             refusals=self.refusals.of_battery(error))
-
-    def _check_content(self, measurement: Measurement, now_ns: int) -> None:
-        if now_ns == 0:
-            raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
-        check_situation(self.vehicle, state=measurement.state)
 
     def _check_stamp(self, measurement: Measurement, now_ns: int) -> None:
         age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
@@ -283,15 +272,15 @@ class Inbox(NamedTuple):
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
                                'stamps must not go back')
 
-    def _with_scale(self, measurement: Measurement, now_ns: int) -> tuple[Inbox, str]:
-        """Return the Inbox with the scale of a percentage, and the sentence on a percentage beyond 0 ... 1."""
+    def _with_scale(self, measurement: Measurement, now_ns: int) -> Inbox:
+        """Return the Inbox with the scale of a percentage, and the verdict on a percentage beyond 0 ... 1."""
         percent_scale, doubt = self.percent_scale.seen(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
         verdict = None
         if doubt:
             since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
             verdict = SignalVerdict(STATE_OF_CHARGE, doubt, since_ns)
-        return self._replace(percent_scale=percent_scale, scale_verdict=verdict), doubt
+        return self._replace(percent_scale=percent_scale, scale_verdict=verdict)
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
@@ -308,7 +297,7 @@ class Inbox(NamedTuple):
         try:
             timetable = self.timetable.at_progress(progress, now_ns, self.settings)
         except InvalidInput as error:
-            hinted = InvalidInput([*error.problems, hint]) if hint else error
+            hinted = _with_hint(error, hint)
             return self._with_refused_progress(hinted), hinted
         return self._replace(timetable=timetable, refused_progress=None), None
 
@@ -396,3 +385,7 @@ class Inbox(NamedTuple):
                 (leg.route for leg in mission.legs), self.vehicle)),
             changes=replace(self.changes, has_new_mission=True,
                             has_new_trip=self.changes.has_new_trip or is_new_trip))
+
+
+def _with_hint(error: InvalidInput, hint: str) -> InvalidInput:
+    return InvalidInput([*error.problems, hint]) if hint else error

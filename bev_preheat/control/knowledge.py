@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -91,16 +90,6 @@ class Knowledge(NamedTuple):
     regimes: RegimeWatch = RegimeWatch()
     charged_ns: int | None = None
     doubts: Doubts = Doubts()
-
-    @property
-    def regime(self) -> RegimeReport:
-        """The current RegimeReport."""
-        return self.regimes.report
-
-    @property
-    def verdicts(self) -> tuple[SignalVerdict, ...]:
-        """The SignalVerdicts that hold; () while every signal does."""
-        return self.doubts.verdicts
 
     @property
     def obstacle(self) -> str | None:

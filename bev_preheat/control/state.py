@@ -198,12 +198,12 @@ class State(NamedTuple):
     @property
     def regime(self) -> RegimeReport:
         """The RegimeReport, by evidence."""
-        return self.knowledge.regime
+        return self.knowledge.regimes.report
 
     @property
     def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
         """The SignalVerdicts; () while every signal holds."""
-        verdicts, scale = self.knowledge.verdicts, self.inbox.scale_verdict
+        verdicts, scale = self.knowledge.doubts.verdicts, self.inbox.scale_verdict
         return verdicts if scale is None else (*verdicts, scale)
 
     @property

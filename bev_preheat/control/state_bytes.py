@@ -15,7 +15,7 @@ from base64 import b64decode, b64encode
 from dataclasses import fields, is_dataclass
 from datetime import time, tzinfo
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 import json
 from typing import Any, TYPE_CHECKING
@@ -139,18 +139,12 @@ class _Writer:
         return number
 
 
+# They are asked for with each object.
+@cache
 def _field_names(kind: Any) -> tuple[str, ...]:
-    known = _NAMES.get(kind)
-    if known is not None:
-        return known
     if not kind.__dataclass_params__.frozen:
         raise TypeError(f'{kind.__module__}.{kind.__qualname__} is not frozen: it cannot be written')
-    _NAMES[kind] = tuple(field.name for field in fields(kind))
-    return _NAMES[kind]
-
-
-# Names of the fields of classes, which are asked for with each object.
-_NAMES: dict[type, tuple[str, ...]] = {}
+    return tuple(field.name for field in fields(kind))
 
 
 def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
@@ -184,7 +178,7 @@ def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
     return get(root)
 
 
-def _instance(kind: type, values: list[Any], get: Callable[[Any], Any]) -> Any:
+def _instance(kind: Any, values: list[Any], get: Callable[[Any], Any]) -> Any:
     if issubclass(kind, Enum):
         return kind[values[0]]
     if issubclass(kind, tuple):

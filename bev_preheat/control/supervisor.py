@@ -247,7 +247,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     if not is_due:
         return state, None
     maker, decision = state.decision_maker.decide(Moment(
-        inputs, state.knowledge.regime, now_ns, state.estimate, state.commander.direction,
+        inputs, state.regime, now_ns, state.estimate, state.commander.direction,
         state.answers.heated_s(now_ns, state.vehicle)))
     # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
     decision.read()
