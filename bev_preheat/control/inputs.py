@@ -309,10 +309,7 @@ class Mission:
 
     def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
-        number = len(self.legs) - 1
-        while number > 0 and self.legs[number].start_ns > instant_ns:
-            number -= 1
-        return number
+        return max((number for number, leg in enumerate(self.legs) if leg.start_ns <= instant_ns), default=0)
 
 
 def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:

@@ -99,11 +99,9 @@ class Preparation(NamedTuple):
         """Return the Preparation with this goal, or with the current one and the exception that refuses this."""
         try:
             after = self._begun(goal, inputs, now_ns)
-        except InvalidInput as error:
-            return self._noting(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inputs), error
         except Exception as error:
-            return self._noting(goal, PreparationEnding.REFUSED, (
-                'The goal was refused: it could not be planned.'), inputs), error
+            why = error if isinstance(error, InvalidInput) else 'it could not be planned'
+            return self._noting(goal, PreparationEnding.REFUSED, f'The goal was refused: {why}.', inputs), error
         before = self.progress
         return after if before is None else after._noting(
             before.goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', inputs,
@@ -145,25 +143,22 @@ class Preparation(NamedTuple):
         """Return the Preparation without the current goal if that is `goal` (None: any goal)."""
         if self.progress is None or goal not in (None, self.progress.goal):
             return self
-        return self._noting(
-            self.progress.goal, ending, explanation, inputs, self.progress.target_c)._replace(
-                progress=None, timetable=None)
+        after = self._noting(self.progress.goal, ending, explanation, inputs, self.progress.target_c)
+        return after._replace(progress=None, timetable=None)
 
     def concluded(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
                   temperature_c: float | None) -> Preparation:
         """Return the Preparation without its goal if its time has come; arguments as of `conclusion`."""
         if self.progress is None:
             return self
-        progress, over = conclusion(self.progress, inputs, now_ns, decision, obstacle, temperature_c)
-        if self.has_lost_time:
-            progress, over = self.progress, (
-                PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
+        progress, over = (self.progress, (
+            PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
+            ) if self.has_lost_time else conclusion(
+                self.progress, inputs, now_ns, decision, obstacle, temperature_c)
         if over is None:
             return self._replace(progress=progress)
-        ending, explanation = over
-        return self._noting(
-            progress.goal, ending, explanation, inputs, progress.target_c, temperature_c)._replace(
-                progress=None, timetable=None)
+        after = self._noting(progress.goal, *over, inputs, progress.target_c, temperature_c)
+        return after._replace(progress=None, timetable=None)
 
     def _noting(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
                 target_c: float = math.nan, temperature_c: float | None = None) -> Preparation:
@@ -186,8 +181,7 @@ class Preparation(NamedTuple):
         progress = self.progress
         if progress is None or self.has_lost_time:
             return self
-        until_ns = progress.goal.ready_at_ns or now_ns + \
-            round(LONGEST_SOONEST_S * NS_PER_S)
+        until_ns = progress.goal.ready_at_ns or now_ns + round(LONGEST_SOONEST_S * NS_PER_S)
         if until_ns <= now_ns:
             return self
         ambient_c = self._ambient_c(progress.goal, now_ns)
