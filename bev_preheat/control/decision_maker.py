@@ -91,25 +91,22 @@ class DecisionMaker(NamedTuple):
             decision = leg.terms.in_words(decision)
             return maker, replace(decision, later_legs=later_legs) if later_legs else decision
         maker, heat = self._charger_heat(moment, leg, leg.charger)
-        why = f' {heat.reason}' if heat.reason else ''
-        if later_legs:
-            return maker, Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
-                                   later_legs=later_legs, charger_heat_w=heat.power_w)
-        arrived = _arrived_sentence(timetable, now_ns)
-        if heat.power_w > 0.0:
-            return maker, Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
-        return maker, Decision(Status.ARRIVED, arrived)
+        sentence = (_charging_sentence(later_legs[0], now_ns) if later_legs else
+                    _arrived_sentence(timetable, now_ns))
+        if not later_legs and heat.power_w == 0.0:
+            return maker, Decision(Status.ARRIVED, sentence)
+        return maker, Decision(Status.CHARGING, f'{sentence} {heat.reason}'.rstrip(), later_legs=later_legs,
+                               charger_heat_w=heat.power_w)
 
     def _decide_on_the_way(self, moment: Moment, leg: Leg, timetable: Timetable) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for a Moment before or on a leg of a route."""
         now_ns, regime = moment.now_ns, moment.regime
         if now_ns >= leg.start_ns and regime.regime is Regime.CHARGING:
             maker, heat = self._charger_heat(moment, leg, None)
-            why = f' {heat.reason}' if heat.reason else ''
-            return maker, Decision(Status.CHARGING, (
-                f'The vehicle is charging {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
-                f'{regime.evidence}; no heating for the route until it drives on.{why}'), leg=leg,
-                charger_heat_w=heat.power_w)
+            left = duration_text(-leg.ended_for_s(now_ns))
+            sentence = (f'The vehicle is charging {left} before its route ends: {regime.evidence}; no heating for '
+                        f'the route until it drives on. {heat.reason}').rstrip()
+            return maker, Decision(Status.CHARGING, sentence, leg=leg, charger_heat_w=heat.power_w)
         if now_ns >= leg.start_ns and regime.suspicion:
             return self, Decision(Status.WAITING, (
                 f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
@@ -130,15 +127,11 @@ class DecisionMaker(NamedTuple):
     def _charger_heat(self, moment: Moment, leg: Leg,
                       charger: Charger | None) -> tuple[DecisionMaker, ChargerHeat]:
         """Return the ChargerHeat at a charger after or on a leg; 0 W if the settings do not ask for it."""
-        measurement, settings, estimate = moment.inputs.measurement, moment.inputs.settings, moment.estimate
+        measurement, settings = moment.inputs.measurement, moment.inputs.settings
         assert measurement is not None
         if not settings.heat_while_charging or not leg.terms.is_trip:
             return self, ChargerHeat(0.0, '')
-        maker, vehicle, state = self, _limited(moment.inputs.vehicle, self.colder_by_k), measurement.state
-        if estimate is not None:
-            maker = self._replace(forecasts=self.forecasts.following(estimate))
-            vehicle = maker.forecasts.vehicle(vehicle)
-            state = believed_state(vehicle, estimate)
+        maker, vehicle, state = self._as_known(moment.inputs.vehicle, measurement, moment.estimate)
         heater, heat = self.charger_heater.heat(ChargerSituation(
             vehicle, leg, measurement, state, settings.prices, charger, moment.direction > 0))
         return maker._replace(charger_heater=heater), heat
@@ -204,19 +197,25 @@ class DecisionMaker(NamedTuple):
         """Return the TargetChoice for the current leg; `route` is its part ahead."""
         inputs, mission, measurement = moment.inputs, moment.inputs.mission, moment.inputs.measurement
         assert mission is not None and measurement is not None
-        forecasts, vehicle = self.forecasts, _limited(inputs.heating_vehicle, self.colder_by_k)
-        search_input = TargetSearchInput(
-            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings,
-            goal, vehicle, route, measurement.state, measurement.stamp_ns)
+        maker, vehicle, state = self._as_known(inputs.heating_vehicle, measurement, estimate)
+        heater_share = 1.0
         if estimate is not None:
-            forecasts = forecasts.following(estimate)
-            vehicle = forecasts.vehicle(vehicle)
-            search_input = replace(
-                search_input, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),
-                state=believed_state(vehicle, estimate),
-                heater_share=believed_share(estimate.heater))
-        targets, choice = self.targets.choose(search_input)
-        return self._replace(forecasts=forecasts, targets=targets), choice
+            route = route.with_propulsion(estimate.propulsion_factor)
+            heater_share = believed_share(estimate.heater)
+        targets, choice = self.targets.choose(TargetSearchInput(
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings, goal, vehicle,
+            route, state, measurement.stamp_ns, heater_share))
+        return maker._replace(targets=targets), choice
+
+    def _as_known(self, vehicle: Vehicle, measurement: Measurement,
+                  estimate: Estimate | None) -> tuple[DecisionMaker, Vehicle, BatteryState]:
+        """Return the limited Vehicle and the BatteryState as estimated, or as measured without an Estimate."""
+        vehicle = _limited(vehicle, self.colder_by_k)
+        if estimate is None:
+            return self, vehicle, measurement.state
+        maker = self._replace(forecasts=self.forecasts.following(estimate))
+        vehicle = maker.forecasts.vehicle(vehicle)
+        return maker, vehicle, believed_state(vehicle, estimate)
 
     def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""

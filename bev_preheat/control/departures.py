@@ -257,9 +257,8 @@ PRICES_SCHEMA = Path(__file__).with_name('grid_prices_schema.yaml')
 
 def load_departures(path: str | Path) -> Departures:
     """Return the Departures of a YAML file; raise InvalidInput naming file, key, value and allowed values."""
-    path = Path(path).expanduser()
-    contents = load_checked_yaml(path, DEPARTURES_SCHEMA)
-    reading = _Reading(path, contents)
+    reading = _Reading(path, DEPARTURES_SCHEMA)
+    contents = reading.contents
     departures = [reading.departure(index, node) for index, node in enumerate(contents['departures'])]
     reading.find_duplicates([departure for departure in departures if departure is not None])
     reading.refuse_problems()
@@ -268,9 +267,8 @@ def load_departures(path: str | Path) -> Departures:
 
 def load_grid_prices(path: str | Path) -> GridPrices:
     """Return the GridPrices of a YAML file; raise InvalidInput naming file, key, value and allowed values."""
-    path = Path(path).expanduser()
-    contents = load_checked_yaml(path, PRICES_SCHEMA)
-    reading = _Reading(path, contents)
+    reading = _Reading(path, PRICES_SCHEMA)
+    contents = reading.contents
     if 'daily' not in contents and 'dated' not in contents:
         reading.problems.append('daily: is missing, and so is dated; give daily, dated or both')
     prices = GridPrices(reading.zone, reading.daily(contents.get('daily', [])),
@@ -285,10 +283,11 @@ def _number(node: FileData, key: str) -> float | None:
 
 
 class _Reading:
-    """The problems of one file so far, as sentences without the file's name, and its time zone."""
+    """The contents of one file, its time zone, and its problems so far, as sentences without the file's name."""
 
-    def __init__(self, path: Path, contents: FileData) -> None:
-        self._path = path
+    def __init__(self, path: str | Path, schema: Path) -> None:
+        self._path = Path(path).expanduser()
+        self.contents = contents = load_checked_yaml(self._path, schema)
         self.problems: list[str] = []
         self.zone: tzinfo = self._read('', lambda: zone_of(contents['time_zone'])) or UTC
 
@@ -330,11 +329,10 @@ class _Reading:
 
     def daily(self, nodes: list[FileData]) -> tuple[DailyPrice, ...]:
         """Return the DailyPrices in the order of the day."""
-        prices = []
-        for index, node in enumerate(nodes):
-            clock = self._read(f'daily[{index}].from', partial(clock_time, node['from']))
-            if clock is not None:
-                prices.append(DailyPrice(clock, float(node['price_per_kwh'])))
+        clocks = [self._read(f'daily[{index}].from', partial(clock_time, node['from']))
+                  for index, node in enumerate(nodes)]
+        prices = [DailyPrice(clock, float(node['price_per_kwh']))
+                  for clock, node in zip(clocks, nodes) if clock is not None]
         for clock, count in Counter(price.clock for price in prices).items():
             if count > 1:
                 self.problems.append(f'daily: {count} prices from {clock:%H:%M} on; only one is allowed')

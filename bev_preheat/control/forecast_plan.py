@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.decision import Decision
+from bev_preheat.control.heater import FAULTS
 from bev_preheat.control.inputs import OF_ROUTE, Terms
 from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, PROPULSION
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
@@ -51,11 +52,6 @@ if TYPE_CHECKING:
 
 FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
 
-SENTENCES = {
-    Heater.DERATED: 'The heater delivers only {share:.0f} % of its command. ',
-    Heater.DEAD: 'The heater does not respond to its command. ',
-    Heater.STUCK_ON: 'The heater heats without a command. ',
-}
 # Words for `explain` on a plan without heating if the heater is the cause.
 UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
@@ -91,9 +87,12 @@ def _others_heat(plan: Plan) -> bool:
     return bool(plan.source_power_w) and plan.heating_start_s is not None
 
 
-def _status_now(plan: Plan, starts_in_s: float) -> Status:
-    """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
-    return LATER.get(plan.status, plan.status) if starts_in_s > 0.0 else plan.status
+def _told(plan: Plan, vehicle: Vehicle, task: PlanningTask, **told: Any) -> Plan:
+    """Return a Plan with status and sentence as of now, before its time 0; `told` are arguments of `in_words`."""
+    status = LATER.get(plan.status, plan.status) if task.starts_in_s > 0.0 else plan.status
+    return plan.told(status, partial(
+        in_words, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal), starts_in_s=task.starts_in_s,
+        heated_s=task.heated_s, **told))
 
 
 def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> Decision:
@@ -107,25 +106,23 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
     if task.heater_refusal and plan.heating_start_s is not None:
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
-    plan = plan.told(_status_now(plan, task.starts_in_s), partial(
-        in_words, refusal=refusal, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal),
-        starts_in_s=task.starts_in_s, heated_s=task.heated_s))
+    plan = _told(plan, vehicle, task, refusal=refusal)
     return Decision(plan.status, None, plan, commanded=commanded, command_share=share)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
     """Return the BatteryState of an Estimate for a Vehicle, with the heat under way."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c[0], highest_start_c(vehicle)
-    if vehicle.heat_path.is_direct:
-        return BatteryState(
-            min(max(estimate.planned_temperature_c + estimate.outside_k, lowest_c), highest_c), estimate.soc)
-    if vehicle.heat_path.is_shell:
-        excess_k = estimate.shell_excess_k
-        return BatteryState(min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
-                            coolant_excess_k=min(max(excess_k, -MOST_EXCESS_K), MOST_EXCESS_K))
-    return state_with_heat_under_way(
-        vehicle, min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
-        estimate.outside_k)
+    path, temperature_c = vehicle.heat_path, estimate.planned_temperature_c
+    if path.is_direct:
+        temperature_c += estimate.outside_k
+    temperature_c = min(max(temperature_c, lowest_c), highest_c)
+    if path.is_direct:
+        return BatteryState(temperature_c, estimate.soc)
+    if path.is_shell:
+        excess_k = min(max(estimate.shell_excess_k, -MOST_EXCESS_K), MOST_EXCESS_K)
+        return BatteryState(temperature_c, estimate.soc, coolant_excess_k=excess_k)
+    return state_with_heat_under_way(vehicle, temperature_c, estimate.soc, estimate.outside_k)
 
 
 def believed_share(heater: HeaterReport) -> float:
@@ -279,11 +276,9 @@ class _Planning:
         task = self._task
         if task.heater_refusal:
             words = {**words, 'refusal': task.heater_refusal}
-        return task.terms.accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
-            in_words, heater=self._estimate.heater, forecast=forecast, unserved=task.unserved,
-            suspected=task.suspected, **words,
-            reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
-            heated_s=task.heated_s)), self._estimate.soc)
+        return task.terms.accounted(_told(
+            expected, self._vehicle, task, heater=self._estimate.heater, forecast=forecast,
+            suspected=task.suspected, **words), self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
         task = self._task
@@ -318,8 +313,9 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
     """
     if refusal:
         told = {**UNHEATED[Heater.DEAD], **told}
-    sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
-        heater.heater, '').format(share=100.0 * heater.share)
+    sentence = f'{refusal} ' if refusal else ''
+    if heater is not None and heater.heater in FAULTS and not refusal:
+        sentence = f'{FAULTS[heater.heater].format("heater", share=100.0 * heater.share)} '
     for name, fault in () if refusal else suspected:
         if fault.lasts_s >= SUSPECT_SAID_S:
             sentence += (f'The {"heater" if name == HVCH else name} may be {fault.heater.value} '

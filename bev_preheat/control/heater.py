@@ -99,6 +99,11 @@ HEATER_STATUS, SOURCE_STATUS = 'hvch_status', 'heat_source_status'
 
 # These do not depend on a command: they hold at once.
 HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
+FAULTS = {
+    Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.',
+    Heater.DEAD: 'The {} does not respond to its command.',
+    Heater.STUCK_ON: 'The {} heats without a command.',
+}
 IN_WORDS = {
     Heater.DERATED: 'battery temperature and power show less heat than it reports',
     Heater.DEAD: 'battery temperature and power show no heat',

@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import AdmittedInputs, Command, Decision, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater import Answers, HeaterAnswerReport
+from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswerReport
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning, StandReport
@@ -28,10 +28,6 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
-
-
-UNSERVED_BECAUSE = {Heater.DEAD: 'The {} does not respond to its command.',
-                    Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
 
 
 class Screened(NamedTuple):
@@ -169,9 +165,10 @@ class State(NamedTuple):
         return (*self.unserved, *(
             Unserved(name, f'A heat source does not heat: the {name} is switched off to tell which.', False)
             for name in tried), *(
-            Unserved(name, UNSERVED_BECAUSE[report.heater].format(name, share=100.0 * report.share), False,
+            Unserved(name, FAULTS[report.heater].format(name, share=100.0 * report.share), False,
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
-            for name, report in reports.items() if name not in refused and report.heater in UNSERVED_BECAUSE))
+            for name, report in reports.items()
+            if name not in refused and report.heater in (Heater.DEAD, Heater.DERATED)))
 
     @property
     def _suspected(self) -> tuple[tuple[str, SuspectedFault], ...]:
