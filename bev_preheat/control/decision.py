@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
+from bev_preheat.control.regime import Regime, RegimeReport
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.estimation.forecast import Forecast
@@ -19,6 +20,7 @@ from bev_preheat.vehicle.variants import with_sources_at
 
 if TYPE_CHECKING:
     from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import SuspectedFault
     from bev_preheat.planning.situation import Goal
 
@@ -107,9 +109,9 @@ class Unserved(NamedTuple):
     share: float = 0.0
 
 
-class AdmittedInputs(NamedTuple):
+class Moment(NamedTuple):
     """
-    The valid inputs and the refusals that hold the heater off.
+    All that a decision and its command go by at an instant [ns]: valid inputs, refusals, and the car as known.
 
     `rivals` are other nodes that command the same heater. `without_route` is the Decision as long as there is no
     route. `timetable` is the route's; planning uses `active_timetable`, which is that of the preparation goal, or
@@ -117,8 +119,12 @@ class AdmittedInputs(NamedTuple):
     signal without which the heater stays off. `heater_refusal` is the sentence on heat that the heater refuses,
     `inactive` that on a managed node that may not heat; '' for none. `unserved` are the heat sources beside the
     HVCH without which plans are made. `suspected` are the faults of heat sources not reported yet, by name.
+    `estimate` is the latest one, None without estimation, and `temperature_c` the battery's [deg C], estimated or
+    measured, None: unknown. `direction`: 1 if the vehicle heats now, -1 if it cools; it has heated the battery
+    for `heated_s` [s] on this trip.
     """
 
+    now_ns: int
     vehicle: Vehicle
     settings: Settings
     is_enabled: bool
@@ -133,6 +139,11 @@ class AdmittedInputs(NamedTuple):
     inactive: str = ''
     unserved: tuple[Unserved, ...] = ()
     suspected: tuple[tuple[str, SuspectedFault], ...] = ()
+    regime: RegimeReport = RegimeReport(Regime.UNKNOWN)
+    estimate: Estimate | None = None
+    temperature_c: float | None = None
+    direction: int = 0
+    heated_s: float = 0.0
 
     @property
     def heating_vehicle(self) -> Vehicle:
@@ -154,30 +165,30 @@ class AdmittedInputs(NamedTuple):
         return goal_of_leg(leg, self.vehicle, self.settings)
 
 
-def find_obstacle(inputs: AdmittedInputs, now_ns: int) -> Decision | None:
-    """Return a Decision that keeps the heater off at an instant [ns]; None if nothing forbids heating."""
-    if inputs.inactive:
-        return Decision(Status.DISABLED, inputs.inactive)
-    if not inputs.is_enabled:
+def find_obstacle(moment: Moment) -> Decision | None:
+    """Return a Decision that keeps the heater off; None if nothing forbids heating."""
+    if moment.inactive:
+        return Decision(Status.DISABLED, moment.inactive)
+    if not moment.is_enabled:
         return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
-    if inputs.rivals:
+    if moment.rivals:
         return Decision(Status.COMMAND_CONFLICT, 'Heat is also commanded by '
-                        f'{inputs.rivals}; the heater is off until only one is left.')
-    if inputs.refusal is not None:
-        return Decision(Status.INVALID_INPUT, inputs.refusal)
-    if inputs.active_timetable is None:
-        return inputs.without_route
-    if inputs.measurement is None:
+                        f'{moment.rivals}; the heater is off until only one is left.')
+    if moment.refusal is not None:
+        return Decision(Status.INVALID_INPUT, moment.refusal)
+    if moment.active_timetable is None:
+        return moment.without_route
+    if moment.measurement is None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
-    age_s = (now_ns - inputs.measurement.stamp_ns) / NS_PER_S
-    timeout_s, tolerance_s = inputs.settings.battery_state_timeout_s, inputs.settings.clock_tolerance_s
-    if now_ns >= inputs.measurement.expires_ns(timeout_s):
-        also = '' if inputs.doubt is None else f' {inputs.doubt}'
+    age_s = (moment.now_ns - moment.measurement.stamp_ns) / NS_PER_S
+    timeout_s, tolerance_s = moment.settings.battery_state_timeout_s, moment.settings.clock_tolerance_s
+    if moment.now_ns >= moment.measurement.expires_ns(timeout_s):
+        also = '' if moment.doubt is None else f' {moment.doubt}'
         return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
                         f'{timeout_s:g} s are allowed.{also}')
     if age_s < -tolerance_s:
         return Decision(Status.STALE_INPUT, f'battery_state is stamped {-age_s:.3f} s ahead '
                         f'of the clock; at most {tolerance_s:g} s are allowed.')
-    if inputs.doubt is not None:
-        return Decision(Status.INVALID_INPUT, inputs.doubt)
+    if moment.doubt is not None:
+        return Decision(Status.INVALID_INPUT, moment.doubt)
     return None

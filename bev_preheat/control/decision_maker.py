@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.charger_heat import ChargerHeat, ChargerHeater, ChargerSituation
-from bev_preheat.control.decision import AdmittedInputs, Decision
+from bev_preheat.control.decision import Decision, Moment
 from bev_preheat.control.forecast_plan import (
     believed_share,
     believed_state,
@@ -45,22 +45,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-class Moment(NamedTuple):
-    """
-    The inputs of a decision at an instant [ns].
-
-    `regime` is the vehicle's RegimeReport, `estimate` the latest Estimate, None without estimation. `direction`: 1
-    if the vehicle heats now, -1 if it cools; it has heated the battery for `heated_s` [s] on this trip.
-    """
-
-    inputs: AdmittedInputs
-    regime: RegimeReport
-    now_ns: int
-    estimate: Estimate | None
-    direction: int
-    heated_s: float
-
-
 class DecisionMaker(NamedTuple):
     """
     Makes Decisions for one vehicle; a value: each decision makes another one.
@@ -80,7 +64,7 @@ class DecisionMaker(NamedTuple):
 
     def decide(self, moment: Moment) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for a Moment, and the maker after it."""
-        now_ns, timetable = moment.now_ns, moment.inputs.active_timetable
+        now_ns, timetable = moment.now_ns, moment.active_timetable
         assert timetable is not None
         mission = timetable.mission
         number = mission.leg_number(now_ns) if timetable.end is None else len(mission.legs) - 1
@@ -127,24 +111,24 @@ class DecisionMaker(NamedTuple):
     def _charger_heat(self, moment: Moment, leg: Leg,
                       charger: Charger | None) -> tuple[DecisionMaker, ChargerHeat]:
         """Return the ChargerHeat at a charger after or on a leg; 0 W if the settings do not ask for it."""
-        measurement, settings = moment.inputs.measurement, moment.inputs.settings
+        measurement, settings = moment.measurement, moment.settings
         assert measurement is not None
         if not settings.heat_while_charging or not leg.terms.is_trip:
             return self, ChargerHeat(0.0, '')
-        maker, vehicle, state = self._as_known(moment.inputs.vehicle, measurement, moment.estimate)
+        maker, vehicle, state = self._as_known(moment.vehicle, measurement, moment.estimate)
         heater, heat = self.charger_heater.heat(ChargerSituation(
             vehicle, leg, measurement, state, settings.prices, charger, moment.direction > 0))
         return maker._replace(charger_heater=heater), heat
 
     def _plan_current(self, moment: Moment, leg: Leg) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for the current leg, from the battery's current state."""
-        inputs, now_ns, estimate = moment.inputs, moment.now_ns, moment.estimate
-        settings, goal, measurement = inputs.settings, inputs.goal_of(leg), inputs.measurement
+        now_ns, estimate, measurement = moment.now_ns, moment.estimate, moment.measurement
+        settings, goal = moment.settings, moment.goal_of(leg)
         choice: TargetChoice | None = None
         assert measurement is not None
         state = measurement.state
         maker = self._limited_to_coldest_cell(measurement, settings)
-        limited = _limited(inputs.heating_vehicle, maker.colder_by_k)
+        limited = _limited(moment.heating_vehicle, maker.colder_by_k)
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay heating that the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
@@ -155,9 +139,9 @@ class DecisionMaker(NamedTuple):
             # The vehicle stands until the start.
             ambient_c = float(route.ambient_temperature_c[0])
             state = replace(state, temperature_c=temperature_after(
-                inputs.vehicle, state.temperature_c, ambient_c, starts_in_s))
+                moment.vehicle, state.temperature_c, ambient_c, starts_in_s))
             estimate = None if estimate is None else estimate.stood_until(temperature_after(
-                inputs.vehicle, estimate.temperature_c, ambient_c, starts_in_s))
+                moment.vehicle, estimate.temperature_c, ambient_c, starts_in_s))
         if leg.terms.target is not None:
             choice = leg.terms.target
         elif leg.charging_planned:
@@ -168,8 +152,8 @@ class DecisionMaker(NamedTuple):
                 maker, choice = maker._choose_target(moment, leg, goal, route, estimate)
             goal = choice.goal(goal)
         task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
-                            inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved),
-                            inputs.suspected)
+                            moment.heater_refusal, ' '.join(each.sentence for each in moment.unserved),
+                            moment.suspected)
         try:
             if estimate is None:
                 decision = planned_as_measured(limited, state, task)
@@ -195,15 +179,15 @@ class DecisionMaker(NamedTuple):
     def _choose_target(self, moment: Moment, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> tuple[DecisionMaker, TargetChoice]:
         """Return the TargetChoice for the current leg; `route` is its part ahead."""
-        inputs, mission, measurement = moment.inputs, moment.inputs.mission, moment.inputs.measurement
+        mission, measurement = moment.mission, moment.measurement
         assert mission is not None and measurement is not None
-        maker, vehicle, state = self._as_known(inputs.heating_vehicle, measurement, estimate)
+        maker, vehicle, state = self._as_known(moment.heating_vehicle, measurement, estimate)
         heater_share = 1.0
         if estimate is not None:
             route = route.with_propulsion(estimate.propulsion_factor)
             heater_share = believed_share(estimate.heater)
         targets, choice = self.targets.choose(TargetSearchInput(
-            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings, goal, vehicle,
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, moment.settings, goal, vehicle,
             route, state, measurement.stamp_ns, heater_share))
         return maker._replace(targets=targets), choice
 
@@ -217,13 +201,13 @@ class DecisionMaker(NamedTuple):
         vehicle = maker.forecasts.vehicle(vehicle)
         return maker, vehicle, believed_state(vehicle, estimate)
 
-    def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
+    def decide_later(self, moment: Moment, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
-        vehicle = _limited(inputs.vehicle, self.colder_by_k)
+        vehicle = _limited(moment.vehicle, self.colder_by_k)
         decisions = []
         for leg in decision.later_legs:
             assert leg.departure is not None
-            plan = _planned_later(vehicle, leg.route, leg.departure, inputs.goal_of(leg), inputs.settings.method)
+            plan = _planned_later(vehicle, leg.route, leg.departure, moment.goal_of(leg), moment.settings.method)
             decisions.append(Decision(Status.INVALID_INPUT, plan) if isinstance(plan, str) else Decision(
                 plan.status, None, plan, leg.start_ns, leg))
         return tuple(decisions)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from bev_preheat.control.decision import AdmittedInputs, Decision, WITHOUT_ROUTE
+from bev_preheat.control.decision import Decision, Moment, WITHOUT_ROUTE
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -136,16 +136,16 @@ class Inbox(NamedTuple):
             Status.NO_CHARGING_PLANNED,
             f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
-    def admitted(self, preparation: Timetable | None = None, measurement: Measurement | None = None,
-                 doubt: str | None = None) -> AdmittedInputs:
+    def moment(self, now_ns: int, preparation: Timetable | None = None, measurement: Measurement | None = None,
+               doubt: str | None = None) -> Moment:
         """
-        Return the AdmittedInputs of now.
+        Return the Moment of an instant [ns], as far as the inputs tell it.
 
         `preparation` is the Timetable of a preparation goal; None without one. `measurement` is the latest one
         with the signals that hold, `doubt` the sentence on those that do not.
         """
-        return AdmittedInputs(
-            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle,
+        return Moment(
+            now_ns, self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle,
             self.without_route, self.timetable, preparation or self.timetable, measurement, doubt)
 
     def with_timetable(self, timetable: Timetable | None) -> Inbox:

@@ -42,7 +42,7 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.plausibility import energy_between_kwh
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import AdmittedInputs
+    from bev_preheat.control.decision import Moment
     from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
@@ -105,16 +105,16 @@ class Knowledge(NamedTuple):
             temperature=self.temperature.without_instants(), regimes=RegimeWatch(), charged_ns=None,
             doubts=self.doubts.without_instants())
 
-    def seen(self, measurement: Measurement, inputs: AdmittedInputs,
+    def seen(self, measurement: Measurement, moment: Moment,
              powers: SourcePowers) -> tuple[Knowledge, Known]:
-        """Return the Knowledge after a valid Measurement, and the Known on the timetables of AdmittedInputs."""
-        stamp_ns, settings, vehicle = measurement.stamp_ns, inputs.settings, inputs.vehicle
-        timetable, active = inputs.timetable, inputs.active_timetable
+        """Return the Knowledge after a valid Measurement, and the Known on the timetables of Moment."""
+        stamp_ns, settings, vehicle = measurement.stamp_ns, moment.settings, moment.vehicle
+        timetable, active = moment.timetable, moment.active_timetable
         command_w = powers.drawn_w(stamp_ns)
         feed = self.feed.seen(stamp_ns / NS_PER_S)
         knowledge, doubts, seen = self._screened(measurement, vehicle, self.doubts.noted(
             FEED, feed.doubt(settings.battery_state_timeout_s), stamp_ns))
-        planned = planned_around(active, stamp_ns, inputs.defaults)
+        planned = planned_around(active, stamp_ns, moment.defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)
         regimes = self.regimes.seen(Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command import Commander
-from bev_preheat.control.decision import AdmittedInputs, Command, Decision, Unserved, WITHOUT_ROUTE
+from bev_preheat.control.decision import Command, Decision, Moment, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswerReport
 from bev_preheat.control.inbox import Inbox
@@ -148,12 +148,14 @@ class State(NamedTuple):
         return screened.holding if arrived is screened.as_arrived else arrived
 
     @property
-    def inputs(self) -> AdmittedInputs:
-        """The AdmittedInputs; the measurement without the signals that do not hold."""
-        return self.inbox.admitted(
-            self.preparation.timetable, self.measurement, self.screened.doubt,
+    def moment(self) -> Moment:
+        """The Moment of `now_ns`; its measurement is without the signals that do not hold."""
+        return self.inbox.moment(
+            self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt,
         )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
-                   suspected=self._suspected)
+                   suspected=self._suspected, regime=self.regime, estimate=self.estimate,
+                   temperature_c=self.temperature_c, direction=self.commander.direction,
+                   heated_s=self.answers.heated_s(self.now_ns, self.vehicle))
 
     @property
     def _all_unserved(self) -> tuple[Unserved, ...]:

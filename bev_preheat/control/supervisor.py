@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Command, Decision, find_obstacle, Unserved
-from bev_preheat.control.decision_maker import DecisionMaker, Moment
+from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.events import (
     ActivationChanged,
     Event,
@@ -134,10 +134,10 @@ def admit(state: State, event: Event) -> tuple[State, Exception | None]:
     error: Exception | None = None
     match event:
         case PreparationWanted(goal):
-            preparation, error = preparation.begun(goal, state.inputs, now_ns)
+            preparation, error = preparation.begun(goal, state.moment)
             inbox = inbox if error is not None else inbox.with_other_goal()
         case PreparationEnded(goal, ending, explanation):
-            preparation = preparation.ended(goal, ending, explanation, state.inputs)
+            preparation = preparation.ended(goal, ending, explanation, state.moment)
             inbox = inbox if preparation is state.preparation else inbox.with_other_goal()
         case HeaterStatusArrived(status, name):
             try:
@@ -185,11 +185,7 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
             answers=state.answers.each(lambda each: each.on_new_trip(state.now_ns)))
     for measurement in changes.measurements:
         state = learn(state, measurement)
-    if state.preparation.goal is None:
-        return state
-    estimate = state.estimate
-    return state._replace(preparation=state.preparation.revised(
-        state.inputs, state.now_ns, 1.0 if estimate is None else estimate.propulsion_factor))
+    return state._replace(preparation=state.preparation.revised(state.moment))
 
 
 def learn(state: State, measurement: Measurement) -> State:
@@ -198,24 +194,23 @@ def learn(state: State, measurement: Measurement) -> State:
     if temperature_c is None:
         temperature_c = measurement.state.temperature_c
     powers = state.answers.powers(vehicle, temperature_c, state.learning.shares)
-    knowledge, known = state.knowledge.seen(measurement, state.inputs, powers)
+    knowledge, known = state.knowledge.seen(measurement, state.moment, powers)
     state = state._replace(
         knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
         screened=Screened(measurement, known.measurement, knowledge.obstacle))
-    inputs = state.inputs
-    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
-    if not inputs.settings.estimation:
+    moment = state.moment
+    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, moment.mission))
+    if not moment.settings.estimation:
         return state
     state = state._replace(learning=state.learning.learned(
-        vehicle, known, inputs.active_timetable, powers, inputs.mission))
-    estimate = state.estimate
-    if estimate is None:
+        vehicle, known, moment.active_timetable, powers, moment.mission))
+    if state.estimate is None:
         return state
     learning, reports, judged = state.learning, state.learning.reports, []
     for answers in (state.answers.hvch, *state.answers.others):
         report, is_refuted = reports.get(answers.name), False
         if report is not None:
-            answers, is_refuted = answers.judged(report, state.now_ns, inputs.settings)
+            answers, is_refuted = answers.judged(report, state.now_ns, state.settings)
         judged.append(answers)
         if is_refuted:
             learning = learning.with_acquitted_heater(answers.name)
@@ -238,22 +233,20 @@ def pass_time(state: State) -> State:
 
 def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     """Return the State with its Decision, another if it `is_due`, and the obstacle to heating, if any."""
-    inputs, now_ns = state.inputs, state.now_ns
-    obstacle = find_obstacle(inputs, now_ns)
+    moment = state.moment
+    obstacle = find_obstacle(moment)
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
             state = state._replace(knowledge=state.knowledge._replace(feed=state.knowledge.feed.expired()))
         return state._replace(intended=obstacle), obstacle
     if not is_due:
         return state, None
-    maker, decision = state.decision_maker.decide(Moment(
-        inputs, state.regime, now_ns, state.estimate, state.commander.direction,
-        state.answers.heated_s(now_ns, state.vehicle)))
+    maker, decision = state.decision_maker.decide(moment)
     # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
     decision.read()
     answers = state.answers
     if decision.status in (Status.CHARGING, Status.ARRIVED):
-        answers = answers.without_heating(now_ns)
+        answers = answers.without_heating(state.now_ns)
     return state._replace(decision_maker=maker, intended=decision, answers=answers), None
 
 
@@ -261,8 +254,7 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
     """Return the State without a preparation goal whose time has come, with another Decision, and the obstacle."""
     if state.preparation.goal is None:
         return state, obstacle
-    state = state._replace(preparation=state.preparation.concluded(
-        state.inputs, state.now_ns, state.intended, obstacle, state.temperature_c))
+    state = state._replace(preparation=state.preparation.concluded(state.moment, state.intended, obstacle))
     if state.preparation.goal is not None:
         return state, obstacle
     return decide(state._replace(
@@ -272,12 +264,12 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
 
 def give_command(state: State, obstacle: Decision | None) -> State:
     """Return the State with the command of its instant, and the Decision as it is shown with it."""
-    inputs, now_ns = state.inputs, state.now_ns
-    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle, state.temperature_c)
-    commander, decision = commander.in_words(now_ns, inputs, state.intended)
+    moment = state.moment
+    commander, command = state.commander.give(moment, state.intended, obstacle)
+    commander, decision = commander.in_words(moment, state.intended)
     return state._replace(
         commander=commander, latest_command=command, decision=decision,
-        answers=state.answers.with_command(now_ns, command, inputs.settings))
+        answers=state.answers.with_command(state.now_ns, command, state.settings))
 
 
 def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
@@ -346,7 +338,7 @@ class Supervisor:
 
         They are planned when they are asked for, so that the command does not wait for them.
         """
-        return self._state.decision_maker.decide_later(self._state.inputs, self._state.decision)
+        return self._state.decision_maker.decide_later(self._state.moment, self._state.decision)
 
     @property
     def state(self) -> State:
