@@ -151,9 +151,7 @@ class DecisionMaker(NamedTuple):
             else:
                 maker, choice = maker._choose_target(moment, leg, goal, route, estimate)
             goal = choice.goal(goal)
-        task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
-                            moment.heater_refusal, ' '.join(each.sentence for each in moment.unserved),
-                            moment.suspected)
+        task = PlanningTask(route, goal, moment, starts_in_s, leg.terms)
         try:
             if estimate is None:
                 decision = planned_as_measured(limited, state, task)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.decision import Decision
+from bev_preheat.control.decision import Decision, Moment
 from bev_preheat.control.heater import FAULTS
 from bev_preheat.control.inputs import OF_ROUTE, Terms
 from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, PROPULSION
@@ -46,7 +46,6 @@ from bev_preheat.vehicle.description import HeatPath, HVCH, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.control.settings import Settings
     from bev_preheat.route.segments import Route
 
 
@@ -61,25 +60,18 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 
 
 class PlanningTask(NamedTuple):
-    """
-    A route and a goal to plan for now.
-
-    The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
-    `direction`: 1 if the vehicle heats now, -1 if it cools. `terms` are those of the goal's source.
-    `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that
-    do not heat; '' for none. `suspected` are the faults of heat sources that are not reported yet, by name.
-    """
+    """A route that starts in `starts_in_s` [s] and a goal, by the terms of its source, to plan for at a Moment."""
 
     route: Route
     goal: Goal
-    settings: Settings
-    direction: int
-    starts_in_s: float
-    heated_s: float
+    moment: Moment
+    starts_in_s: float = 0.0
     terms: Terms = OF_ROUTE
-    heater_refusal: str = ''
-    unserved: str = ''
-    suspected: tuple[tuple[str, SuspectedFault], ...] = ()
+
+    @property
+    def unserved(self) -> str:
+        """The sentences on other heat sources that do not heat; '' for none."""
+        return ' '.join(each.sentence for each in self.moment.unserved)
 
 
 def _others_heat(plan: Plan) -> bool:
@@ -92,19 +84,19 @@ def _told(plan: Plan, vehicle: Vehicle, task: PlanningTask, **told: Any) -> Plan
     status = LATER.get(plan.status, plan.status) if task.starts_in_s > 0.0 else plan.status
     return plan.told(status, partial(
         in_words, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal), starts_in_s=task.starts_in_s,
-        heated_s=task.heated_s, **told))
+        heated_s=task.moment.heated_s, **told))
 
 
 def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> Decision:
     """Return the Decision by a BatteryState as measured, without an estimate; raises as plan_preheating."""
-    situation = vehicle, task.route, state, task.goal, task.settings.method
+    situation = vehicle, task.route, state, task.goal, task.moment.settings.method
     plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
-    start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.direction]
-    if start_s is not None and 0.0 < start_s <= task.settings.minimum_off_time_s:
+    start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.moment.direction]
+    if start_s is not None and 0.0 < start_s <= task.moment.settings.minimum_off_time_s:
         # The noise of a reading asks for a pause that would last longer: this plan knows the price of a switch-on.
-        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, task.direction))
-    if task.heater_refusal and plan.heating_start_s is not None:
-        plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
+        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, task.moment.direction))
+    if task.moment.heater_refusal and plan.heating_start_s is not None:
+        plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.moment.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
     plan = _told(plan, vehicle, task, refusal=refusal)
     return Decision(plan.status, None, plan, commanded=commanded, command_share=share)
@@ -261,7 +253,7 @@ class _Planning:
     @property
     def is_hvch_silent(self) -> bool:
         """Whether the HVCH is dead or refuses heat."""
-        return self._estimate.heater.heater is Heater.DEAD or bool(self._task.heater_refusal)
+        return self._estimate.heater.heater is Heater.DEAD or bool(self._task.moment.heater_refusal)
 
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
@@ -269,22 +261,23 @@ class _Planning:
         has_steps_of_route = len(plan.command_w) == len(self._route)
         return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
                         else make_trip(self._vehicle, self._route, self.share), plan, self._estimate,
-                        self._task.suspected)
+                        self._task.moment.suspected)
 
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
         """Return the Plan with status and sentence as of now, and with the battery's own energy."""
         task = self._task
-        if task.heater_refusal:
-            words = {**words, 'refusal': task.heater_refusal}
+        if task.moment.heater_refusal:
+            words = {**words, 'refusal': task.moment.heater_refusal}
         return task.terms.accounted(_told(
             expected, self._vehicle, task, heater=self._estimate.heater, forecast=forecast,
-            suspected=task.suspected, **words), self._estimate.soc)
+            suspected=task.moment.suspected, **words), self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
         task = self._task
         return plan_preheating(
-            self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
-            step_prices=self._step_prices, kept=self._kept, **{'heat_lag_s': self._lag_s, **heater_as})
+            self._vehicle, self._route, self._state, task.goal, task.moment.settings.method,
+            self._uncertainty(forecast), step_prices=self._step_prices, kept=self._kept,
+            **{'heat_lag_s': self._lag_s, **heater_as})
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
         """Return the Uncertainty that the rest of the drive adds, without that of now; None: all is known."""
@@ -294,13 +287,13 @@ class _Planning:
         revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
         later_k = estimate.later_heat_s * (
             hvch.efficiency * hvch.maximum_power_w / self._vehicle.pack_heat_capacity_j_per_k)
-        later_share = max(1.0 - self._task.heated_s / LAG_REVEALED_S, 0.0)
+        later_share = max(1.0 - self._task.moment.heated_s / LAG_REVEALED_S, 0.0)
         deviation_k = math.hypot(math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
         return Uncertainty(
             min(max(deviation_k, LEAST_REVEALED_K), MOST_REVEALED_K) if math.isfinite(deviation_k) else
             MOST_REVEALED_K,
             # Heating as soon as possible needs no reason to begin.
-            self._task.direction if self._full_power is None else 1)
+            self._task.moment.direction if self._full_power is None else 1)
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
