@@ -2,7 +2,7 @@
 """
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
-`Commander` turns a decision into a command with a lease; an obstacle (`obstacle.find_obstacle`) outranks it.
+`Commander` turns a decision into a command with a lease; an obstacle (`decision.find_obstacle`) outranks it.
 It is a value: each command makes another one.
 Nothing is planned here.
 """
