@@ -52,12 +52,11 @@ class SteadyStatus(NamedTuple):
     def settled(self, now_ns: int, status: Status, is_on: bool) -> SteadyStatus:
         """Return the state with the status to show for a `status` of now; `is_on`: the heater is on."""
         shown = self.shown
-        if (shown is None or status is shown or is_on is not self.was_on
-                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)):
-            return SteadyStatus(status, None, is_on)
         # After a clock that was set back the time begins again.
         since_ns = now_ns if self.differs_since_ns is None else min(now_ns, self.differs_since_ns)
-        if now_ns - since_ns >= LEAST_STATUS_S * NS_PER_S:
+        if (shown is None or status is shown or is_on is not self.was_on
+                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)
+                or now_ns - since_ns >= LEAST_STATUS_S * NS_PER_S):
             return SteadyStatus(status, None, is_on)
         return SteadyStatus(shown, since_ns, is_on)
 

@@ -326,10 +326,6 @@ class Answers(NamedTuple):
         """Return the answers with a change of the source of a name, if there is one."""
         return self.each(lambda each: change(each) if each.name == name else each)
 
-    def without_heating(self, now_ns: int) -> Answers:
-        """Return the answers that count the time of heating from 0 again, because another drive begins."""
-        return self.each(lambda each: each.without_heating(now_ns))
-
     def heated_s(self, now_ns: int, vehicle: Vehicle) -> float:
         """Return for how long [s] the source that heated longest has heated since `without_heating`."""
         heating = [each for each, source in zip(self.others, vehicle.heat_sources) if not source.cools]

@@ -11,24 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from bev_preheat.control import events
 from bev_preheat.control.decision import Decision, Moment, WITHOUT_ROUTE
-from bev_preheat.control.events import (
-    BatteryStateArrived,
-    BatteryStateUnreadable,
-    DeparturesSkipped,
-    Event,
-    PreheatingSwitched,
-    ProgressArrived,
-    ProgressUnreadable,
-    Reconfigured,
-    Refusals,
-    RefusedRoute,
-    RivalsChanged,
-    ROUTE_PROGRESS,
-    RouteArrived,
-    RouteUnreadable,
-    TripCancelled,
-)
 from bev_preheat.control.inputs import check_mission, Measurement, Mission, Progress
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
@@ -99,7 +83,7 @@ class Inbox(NamedTuple):
     scale_verdict: SignalVerdict | None = None
     is_cancelled: bool = False
     changes: InputChanges = NO_CHANGES
-    refusals: Refusals = Refusals()
+    refusals: events.Refusals = events.Refusals()
     percent_scale: PercentScale = PercentScale()
     cancelled_before: CancelledTrip | None = None
     route_id: str | None = None
@@ -164,37 +148,37 @@ class Inbox(NamedTuple):
         """Return the Inbox after a preparation goal began or ended: another trip, as far as heating counts."""
         return self._replace(changes=replace(self.changes, has_new_mission=True, has_new_trip=True))
 
-    def taken(self, event: Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
+    def taken(self, event: events.Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
         """Return the Inbox with an event of an instant [ns], and the InvalidInput if it is refused."""
         match event:
-            case BatteryStateArrived(measurement, hint):
+            case events.BatteryStateArrived(measurement, hint):
                 return self._with_battery(measurement, hint, now_ns)
-            case BatteryStateUnreadable(error, percentage):
+            case events.BatteryStateUnreadable(error, percentage):
                 return self._with_refused_battery(error, percentage, now_ns), error
-            case RouteArrived(mission):
+            case events.RouteArrived(mission):
                 return self._with_mission(mission, now_ns)
-            case RouteUnreadable(error, refused):
+            case events.RouteUnreadable(error, refused):
                 return self._with_refused_route(error, refused), error
-            case TripCancelled():
+            case events.TripCancelled():
                 return self._cancelled(now_ns), None
-            case ProgressArrived(progress, hint):
+            case events.ProgressArrived(progress, hint):
                 return self._with_progress(progress, hint, now_ns)
-            case ProgressUnreadable(error):
+            case events.ProgressUnreadable(error):
                 return self._with_refused_progress(error), error
-            case PreheatingSwitched(is_enabled):
+            case events.PreheatingSwitched(is_enabled):
                 return self._with_choices(switched_off_ns=None if is_enabled else now_ns), None
-            case DeparturesSkipped(until_ns):
+            case events.DeparturesSkipped(until_ns):
                 return self._with_choices(skipped_until_ns=until_ns), None
-            case RivalsChanged(names):
+            case events.RivalsChanged(names):
                 return self._replace(rivals=names), None
-            case Reconfigured():
+            case events.Reconfigured():
                 return self._reconfigured(event)
         return self, None
 
     def _with_choices(self, **choices: Any) -> Inbox:
         return self._replace(choices=replace(self.choices, **choices))
 
-    def _reconfigured(self, event: Reconfigured) -> tuple[Inbox, InvalidInput | None]:
+    def _reconfigured(self, event: events.Reconfigured) -> tuple[Inbox, InvalidInput | None]:
         inbox = self._replace(vehicle=event.vehicle, settings=event.settings)
         if isinstance(event.mission, InvalidInput):
             return inbox._without_misfit(event.mission, self.latest_mission), event.mission
@@ -303,7 +287,7 @@ class Inbox(NamedTuple):
 
     def _with_refused_progress(self, error: InvalidInput) -> Inbox:
         """Return the Inbox after a route progress was refused: the previous one holds until it is too old."""
-        return self._replace(refused_progress=f'{ROUTE_PROGRESS} refused: {error}')
+        return self._replace(refused_progress=f'{events.ROUTE_PROGRESS} refused: {error}')
 
     # Routes
 
@@ -312,7 +296,7 @@ class Inbox(NamedTuple):
         try:
             self._check_mission(mission)
         except InvalidInput as error:
-            return self._with_refused_route(error, RefusedRoute.of_mission(mission)), error
+            return self._with_refused_route(error, events.RefusedRoute.of_mission(mission)), error
         before = self.cancelled_before
         if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
             return self._dropped(), None
@@ -369,7 +353,7 @@ class Inbox(NamedTuple):
         inbox = self._following(None, is_new_trip=True)
         return inbox._replace(is_cancelled=True, refusals=inbox.refusals.after_route())
 
-    def _with_refused_route(self, error: InvalidInput, refused: RefusedRoute) -> Inbox:
+    def _with_refused_route(self, error: InvalidInput, refused: events.RefusedRoute) -> Inbox:
         """Return the Inbox after a route was refused: 0 W, for a time that depends on its RefusedRoute."""
         refusals, may_continue = self.refusals.of_route(error, refused, self.mission, self.latest_ns)
         return (self if may_continue else self._following(None))._replace(refusals=refusals)

@@ -246,7 +246,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     decision.read()
     answers = state.answers
     if decision.status in (Status.CHARGING, Status.ARRIVED):
-        answers = answers.without_heating(state.now_ns)
+        answers = answers.each(lambda each: each.without_heating(moment.now_ns))
     return state._replace(decision_maker=maker, intended=decision, answers=answers), None
 
 
@@ -259,7 +259,7 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
         return state, obstacle
     return decide(state._replace(
         decision_maker=state.decision_maker.for_new_mission(), commander=state.commander.free_to_switch(),
-        answers=state.answers.without_heating(state.now_ns)), is_due=True)
+        answers=state.answers.each(lambda each: each.without_heating(state.now_ns))), is_due=True)
 
 
 def give_command(state: State, obstacle: Decision | None) -> State:

@@ -254,7 +254,7 @@ class Timetable:
 
     # Standing and charging, by other evidence
 
-    def standing(self, since_ns: int, recognised_ns: int, now_ns: int, is_charged: bool = False) -> Timetable:
+    def standing(self, since_ns: int, recognised_ns: int, now_ns: int, is_charged: bool) -> Timetable:
         """
         Return the Timetable of a vehicle that stands or `is_charged`: it stays at its place, and the delay grows.
 
@@ -284,7 +284,7 @@ class Timetable:
         """Return the Timetable of a vehicle that drives on from its place."""
         return replace(self, held_at_ns=None, stood_ns=0, stood_before_ns=0, delay_before_charge_ns=None)
 
-    def released(self, until_ns: int | None = None) -> Timetable:
+    def released(self, until_ns: int | None) -> Timetable:
         """Return the Timetable of a vehicle that stood until an instant [ns]; None: until now, or did not."""
         if self.held_at_ns is None:
             return self
