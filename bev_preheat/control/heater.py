@@ -287,11 +287,7 @@ class SourcePowers(NamedTuple):
 
     def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float,
                  limits_w: Sequence[float]) -> tuple[float, float]:
-        """
-        Return the mean electrical power [W] of all but one source between instants, and its HVCH power.
-
-        `limits_w` are the most powers of all sources [W].
-        """
+        """Return the mean power [W] of all but one source between instants, within limits, and as HVCH power."""
         drawn_w = heat_w = 0.0
         for number, each in enumerate(self.each):
             if number != of:

@@ -110,11 +110,7 @@ class PreparationProgress:
 
 def conclusion(progress: PreparationProgress, moment: Moment, decision: Decision,
                obstacle: Decision | None) -> tuple[PreparationProgress, Conclusion]:
-    """
-    Return the progress, and (PreparationEnding, sentence) if it is over at a Moment; None if it continues.
-
-    `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle).
-    """
+    """Return the progress, and (PreparationEnding, sentence) if it is over at a Moment; None if it continues."""
     if not moment.is_enabled:
         return progress, (PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.')
     if moment.measurement is not None:

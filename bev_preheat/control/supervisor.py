@@ -333,11 +333,7 @@ class Supervisor:
         return self._keep(*stop(self._state, now_ns))
 
     def later_decisions(self) -> tuple[Decision, ...]:
-        """
-        Return a Decision for each later leg of the current one; raises what planning raises.
-
-        They are planned when they are asked for, so that the command does not wait for them.
-        """
+        """Return a Decision for each later leg, planned only now: no command waits. Raises as planning does."""
         return self._state.decision_maker.decide_later(self._state.moment, self._state.decision)
 
     @property

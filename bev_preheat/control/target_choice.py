@@ -175,11 +175,7 @@ class TargetChooser:
         return TargetChooser(self.is_outdated), unchosen(leg, settings, NO_CHARGER)
 
     def choose(self, now: TargetSearchInput) -> tuple[TargetChooser, TargetChoice]:
-        """
-        Return the TargetChoice for a TargetSearchInput, and the chooser after it.
-
-        A search is started or continued if one is due.
-        """
+        """Return the TargetChoice for a TargetSearchInput, and the chooser, whose search goes on if it is due."""
         charger = now.leg.charger
         obstacle = _obstacle(now)
         if charger is None or obstacle:
