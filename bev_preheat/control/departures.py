@@ -148,9 +148,9 @@ class Departures:
         by_clock = sorted(self.departures, key=lambda departure: departure.clock)
         while by_clock:
             # Sorting is stable.
-            for occurrence in sorted((
-                    Occurrence(instant_ns(day, departure.clock, self.zone), departure)
-                    for departure in by_clock if day.weekday() in departure.weekdays),
+            for occurrence in sorted(
+                    [Occurrence(instant_ns(day, departure.clock, self.zone), departure)
+                     for departure in by_clock if day.weekday() in departure.weekdays],
                     key=lambda occurrence: occurrence.instant_ns):
                 if occurrence.instant_ns > latest_ns:
                     latest_ns = occurrence.instant_ns

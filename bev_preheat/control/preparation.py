@@ -150,9 +150,9 @@ class Preparation(NamedTuple):
         """Return the Preparation without its goal if its time has come; arguments as of `conclusion`."""
         if self.progress is None:
             return self
-        progress, over = (self.progress, (
-            PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
-            ) if self.has_lost_time else conclusion(self.progress, moment, decision, obstacle)
+        progress, over = conclusion(self.progress, moment, decision, obstacle)
+        if self.has_lost_time:
+            over = PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid."
         if over is None:
             return self._replace(progress=progress)
         after = self._noting(progress.goal, *over, moment, progress.target_c, moment.temperature_c)

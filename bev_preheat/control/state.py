@@ -14,7 +14,7 @@ from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning, StandReport
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.tunables import SHARE_STEPS
 from bev_preheat.vehicle.description import HVCH, Vehicle
 
@@ -150,12 +150,14 @@ class State(NamedTuple):
     @property
     def moment(self) -> Moment:
         """The Moment of `now_ns`; its measurement is without the signals that do not hold."""
-        return self.inbox.moment(
-            self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt,
-        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
-                   suspected=self._suspected, regime=self.regime, estimate=self.estimate,
-                   temperature_c=self.temperature_c, direction=self.commander.direction,
-                   heated_s=self.answers.heated_s(self.now_ns, self.vehicle))
+        reports = self.learning.reports if self.settings.estimation else {}
+        suspected = tuple((name, report.suspected) for name, report in reports.items()
+                          if report.suspected is not None)
+        inputs = self.inbox.moment(self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt)
+        return inputs._replace(
+            heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
+            suspected=suspected, regime=self.regime, estimate=self.estimate, temperature_c=self.temperature_c,
+            direction=self.commander.direction, heated_s=self.answers.heated_s(self.now_ns, self.vehicle))
 
     @property
     def _all_unserved(self) -> tuple[Unserved, ...]:
@@ -171,12 +173,6 @@ class State(NamedTuple):
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
             for name, report in reports.items()
             if name not in refused and report.heater in (Heater.DEAD, Heater.DERATED)))
-
-    @property
-    def _suspected(self) -> tuple[tuple[str, SuspectedFault], ...]:
-        """The faults of heat sources that are not reported yet, by name."""
-        reports = self.learning.reports if self.settings.estimation else {}
-        return tuple((name, report.suspected) for name, report in reports.items() if report.suspected is not None)
 
     @property
     def source_answers(self) -> dict[str, HeaterAnswerReport]:

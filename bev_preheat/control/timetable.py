@@ -197,7 +197,10 @@ class Timetable:
         The delay changes by the least amount that explains the reported position; it does not change while the
         route plans to stand. After the end of the trip no position counts.
         """
-        if self.end is not None or self._is_of_route_before(progress):
+        # It may be from before this route plan replaced another with its route_id.
+        is_of_route_before = (self.known_ns is not None and progress.route_start_ns is None
+                              and progress.stamp_ns < self.known_ns)
+        if self.end is not None or is_of_route_before:
             return self
         # Recent enough for a pace between the latest position and this one.
         is_followed = self.has_position(progress.stamp_ns, settings)
@@ -326,11 +329,6 @@ class Timetable:
         return self.mission if delay_ns == self.delay_ns else self.planned.delayed(delay_ns)
 
     # Checks of a Progress
-
-    def _is_of_route_before(self, progress: Progress) -> bool:
-        """Return whether a Progress may be from before this route plan replaced another with its route_id."""
-        return (self.known_ns is not None and progress.route_start_ns is None
-                and progress.stamp_ns < self.known_ns)
 
     def _problems(self, progress: Progress, now_ns: int, settings: Settings,
                   is_followed: bool) -> list[str]:
