@@ -32,10 +32,10 @@ from bev_preheat.vehicle.description import HVCH, Vehicle
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from bev_preheat.control.decision import Moment
     from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import Known
-    from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.estimate import Estimate
 
 
@@ -196,16 +196,13 @@ class Learning:
         return {name: inf if report.heater is Heater.STUCK_ON else report.share
                 for name, report in self.reports.items() if report.heater is not Heater.ANSWERS}
 
-    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
-                trip: Mission | None) -> Learning:
-        """
-        Return the Learning after a Known measurement, on a Timetable's mission and under SourcePowers.
-
-        `trip` is the Mission of the route plan, before which the vehicle may have stood.
-        """
+    def learned(self, known: Known, moment: Moment, powers: SourcePowers) -> Learning:
+        """Return the Learning after a Known measurement, at a Moment and under SourcePowers."""
+        vehicle, timetable = moment.vehicle, moment.active_timetable
         measurement, stand_watch, standing = known.measurement, self.stand_watch, None
         if known.trusts_temperature:
-            stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
+            # The vehicle may have stood before the trip of the route plan.
+            stand_watch, standing = stand_watch.compared(moment.mission, measurement, vehicle)
         learning = replace(self._without(known.wrong_since_ns), stand_watch=stand_watch)
         if standing is not None:
             soak = standing
@@ -216,18 +213,18 @@ class Learning:
         if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
-        numbers = {name: number for number, name in enumerate(learning.estimators)}
+        before = learning.estimators
 
-        def after(estimator: Estimator, name: str) -> Estimator:
+        def after(number: int, estimator: Estimator) -> Estimator:
             if not known.is_described:
                 return estimator.held(
                     measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
             return estimator.observed(measurement, intervals_between(
-                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, number), vehicle, sum(
                     estimator.odds_of(other) for other in before.values() if other is not estimator))
 
-        before = learning.estimators
-        learning = replace(learning, estimators={name: after(each, name) for name, each in before.items()})
+        learning = replace(learning, estimators={
+            name: after(number, each) for number, (name, each) in enumerate(before.items())})
         has_others = len(before) > 1
         # The faulty source explains what other sources were suspected of.
         if has_others and learning.shares != self.shares:

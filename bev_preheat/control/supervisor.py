@@ -190,10 +190,10 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
 
 def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
-    vehicle, temperature_c = state.inbox.vehicle, state.temperature_c
+    temperature_c = state.temperature_c
     if temperature_c is None:
         temperature_c = measurement.state.temperature_c
-    powers = state.answers.powers(vehicle, temperature_c, state.learning.shares)
+    powers = state.answers.powers(state.vehicle, temperature_c, state.learning.shares)
     knowledge, known = state.knowledge.seen(measurement, state.moment, powers)
     state = state._replace(
         knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
@@ -202,8 +202,7 @@ def learn(state: State, measurement: Measurement) -> State:
     state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, moment.mission))
     if not moment.settings.estimation:
         return state
-    state = state._replace(learning=state.learning.learned(
-        vehicle, known, moment.active_timetable, powers, moment.mission))
+    state = state._replace(learning=state.learning.learned(known, moment, powers))
     if state.estimate is None:
         return state
     learning, reports, judged = state.learning, state.learning.reports, []

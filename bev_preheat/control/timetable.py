@@ -212,11 +212,10 @@ class Timetable:
         # Not beyond the end, which counts as reached within the accuracy of a distance.
         earliest_s = places.earliest_s(furthest_m - KNOWN_TO_M)
         latest_s = places.latest_s(furthest_m + KNOWN_TO_M)
-        planned_ns = expected_ns = progress.stamp_ns - self.delay_ns
-        if (expected_ns - start_ns) / NS_PER_S < earliest_s:
-            planned_ns = start_ns + round(earliest_s * NS_PER_S)
-        elif (expected_ns - start_ns) / NS_PER_S > latest_s:
-            planned_ns = start_ns + round(latest_s * NS_PER_S)
+        planned_ns = progress.stamp_ns - self.delay_ns
+        elapsed_s = (planned_ns - start_ns) / NS_PER_S
+        if not earliest_s <= elapsed_s <= latest_s:
+            planned_ns = start_ns + round((earliest_s if elapsed_s < earliest_s else latest_s) * NS_PER_S)
         delay_ns = progress.stamp_ns - planned_ns
         stood_before_ns = self.stood_before_ns
         if track is None or not is_followed:
