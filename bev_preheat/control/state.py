@@ -101,19 +101,9 @@ class State(NamedTuple):
         return self.inbox.settings
 
     @property
-    def choices(self) -> DriverChoices:
-        """The driver's choices, which outlive the process."""
-        return self.inbox.choices
-
-    @property
     def is_enabled(self) -> bool:
         """Whether preheating is switched on."""
-        return self.choices.switched_off_ns is None
-
-    @property
-    def rivals(self) -> str:
-        """The names of other nodes that command the same heater; '' for none."""
-        return self.inbox.rivals
+        return self.inbox.is_enabled
 
     @property
     def mission(self) -> Mission | None:
