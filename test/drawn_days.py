@@ -98,7 +98,7 @@ class World:
             BatteryState(self.temperature_c, self.soc), self.clock_ns, volts, amperes)))
 
     def restart(self):
-        choices = self.planner.state.choices.after_restart(self.clock_ns)
+        choices = self.planner.state.inbox.choices.after_restart(self.clock_ns)
         self.planner = Supervisor(VEHICLE, SETTINGS, choices=choices)
 
     @property

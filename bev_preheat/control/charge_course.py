@@ -19,7 +19,6 @@ from bev_preheat.tunables import (
     CHARGE_COURSE_S,
     CHARGE_EVERY_S,
     HIGHEST_SHOWN_SOC,
-    LEAST_CHARGED,
     LEAST_TAKEN,
     LOWEST_SHOWN_SOC,
     RISES_WITHIN_S,
@@ -77,7 +76,7 @@ class ChargeCourse(NamedTuple):
             samples = (*dropwhile(lambda old: old.stamp_ns < oldest_ns, samples), sample)
         return ChargeCourse(sample, samples, steps)
 
-    def charged_since_ns(self, least: float = LEAST_CHARGED) -> int | None:
+    def charged_since_ns(self, least: float) -> int | None:
         """Return the instant [ns] since which the charge has risen by `least` that no descent gave; None: none."""
         recent = self._recent()
         if not recent or recent[-1].soc < max(sample.soc for sample in recent):

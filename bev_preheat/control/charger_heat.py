@@ -17,13 +17,12 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.heating_choice import ChargerHeating, HeatingChoice, HeatingDecision
-from bev_preheat.charging.stop import CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS, NS_PER_S, W_PER_KW
 from bev_preheat.tunables import BEGINS_BELOW_K, CHANGED_POWER, CHARGER_RAMP_S, LIMITING_SHARE, SEARCH_PERIOD_S
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
     from bev_preheat.charging.target_worth import Prices
     from bev_preheat.control.inputs import Leg, Measurement
     from bev_preheat.planning.situation import BatteryState

@@ -2,7 +2,7 @@
 """
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
-`Commander` turns a decision into a command with a lease; an obstacle (`obstacle.find_obstacle`) outranks it.
+`Commander` turns a decision into a command with a lease; an obstacle (`decision.find_obstacle`) outranks it.
 It is a value: each command makes another one.
 Nothing is planned here.
 """
@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.events import BATTERY, ROUTE
+from bev_preheat.control.decision import Command, Decision, Moment
+from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.control.heat_division import (
     at_rest,
     HeatDivision,
@@ -29,7 +29,6 @@ from bev_preheat.planning.status import LATER, Status
 from bev_preheat.tunables import LEAST_STATUS_S, ROUNDING_W
 
 if TYPE_CHECKING:
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.vehicle.description import Vehicle
 
@@ -53,12 +52,11 @@ class SteadyStatus(NamedTuple):
     def settled(self, now_ns: int, status: Status, is_on: bool) -> SteadyStatus:
         """Return the state with the status to show for a `status` of now; `is_on`: the heater is on."""
         shown = self.shown
-        if (shown is None or status is shown or is_on is not self.was_on
-                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)):
-            return SteadyStatus(status, None, is_on)
         # After a clock that was set back the time begins again.
         since_ns = now_ns if self.differs_since_ns is None else min(now_ns, self.differs_since_ns)
-        if now_ns - since_ns >= LEAST_STATUS_S * NS_PER_S:
+        if (shown is None or status is shown or is_on is not self.was_on
+                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)
+                or now_ns - since_ns >= LEAST_STATUS_S * NS_PER_S):
             return SteadyStatus(status, None, is_on)
         return SteadyStatus(shown, since_ns, is_on)
 
@@ -107,9 +105,9 @@ class Commander(NamedTuple):
             sources=at_rest(self.sources, now_ns)), Command(
                 0.0, now_ns + round(settings.command_lease_s * NS_PER_S), reason)
 
-    def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Decision]:
+    def in_words(self, moment: Moment, decision: Decision) -> tuple[Commander, Decision]:
         """
-        Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
+        Return a Decision with the status and the sentence of the command that was given for it at a Moment.
 
         They are its own unless a pause keeps the heater off, its least time keeps it on or off, or another
         status has held for a moment only. The Commander that is returned with it remembers the sentence.
@@ -117,8 +115,8 @@ class Commander(NamedTuple):
         plan = decision.commanded or decision.plan
         if plan is None or self.reason is None:
             return self, decision
-        settings, switch = inputs.settings, self.switch
-        left_s = switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        settings, switch = moment.settings, self.switch
+        left_s = switch.held_for_s(moment.now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
         own = decision.explanation
         status, words = self.reason, own
         if self.is_paused:
@@ -139,34 +137,27 @@ class Commander(NamedTuple):
             return commander, decision
         return commander, replace(decision, status=status, sentence=words)
 
-    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision, obstacle: Decision | None,
-             temperature_c: float | None) -> tuple[Commander, Command]:
-        """
-        Return the Command for a Decision without an obstacle at an instant, and the Commander after it.
-
-        `temperature_c` [deg C] is the battery's, which divides the heat between the sources; None: unknown.
-        """
-        commander = self._replace(is_paused=False)
+    def give(self, moment: Moment, decision: Decision, obstacle: Decision | None) -> tuple[Commander, Command]:
+        """Return the Command for a Decision without an obstacle, and the Commander after it."""
+        commander, now_ns = self._replace(is_paused=False), moment.now_ns
         decision = obstacle or decision
         has_departed = bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
         if decision.charger_heat_w > 0.0 and not has_departed:
-            return commander._heat_at_charger(now_ns, inputs, decision)
+            return commander._heat_at_charger(moment, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
-            return commander.off(now_ns, inputs.settings, reason, decision.explanation)
-        return commander._follow_plan(now_ns, inputs, decision, temperature_c)
+            return commander.off(now_ns, moment.settings, reason, decision.explanation)
+        return commander._follow_plan(moment, decision)
 
-    def _follow_plan(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
-                     temperature_c: float | None) -> tuple[Commander, Command]:
+    def _follow_plan(self, moment: Moment, decision: Decision) -> tuple[Commander, Command]:
         """Return the Command of a Decision with a plan that may heat or cool, and the Commander after it."""
-        settings, switch = inputs.settings, self.switch
+        settings, switch, now_ns = moment.settings, self.switch, moment.now_ns
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
         share = decision.command_share
-        sources = HeatDivision(
-            now_ns, inputs, decision, temperature_c, self.sources) if plan.source_power_w else None
-        limit_w = heater_limit_w(inputs, decision.leg, now_ns) if sources is None else sources.limit_w
+        sources = HeatDivision(moment, decision, self.sources) if plan.source_power_w else None
+        limit_w = heater_limit_w(moment, decision.leg) if sources is None else sources.limit_w
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         planned_w = plan.power_at_w(elapsed_s)
         if sources is not None and sources.held_w != 0.0:
@@ -178,11 +169,11 @@ class Commander(NamedTuple):
         if cools is not self.cools and switch.is_on:
             switch = switch.turned_off(now_ns)
         wanted_w = min(planned_w if sources is not None else _step_below_w(
-            inputs.vehicle, planned_w / share), limit_w)
+            moment.vehicle, planned_w / share), limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
-        if wanted_w == 0.0 and not may_be_held_on(inputs, plan):
+        if wanted_w == 0.0 and not may_be_held_on(moment, plan):
             switch = switch.turned_off(now_ns)
         switch = switch.asked(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
@@ -205,19 +196,18 @@ class Commander(NamedTuple):
         return self._replace(
             switch=switch, is_paused=is_paused, steady=steady, reason=steady.shown, cools=cools,
             sources=powers.switches), Command(
-                powers.hvch_w, _lease_end_ns(now_ns, inputs), steady.shown, powers.sources_w)
+                powers.hvch_w, _lease_end_ns(moment), steady.shown, powers.sources_w)
 
-    def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
-                         decision: Decision) -> tuple[Commander, Command]:
+    def _heat_at_charger(self, moment: Moment, decision: Decision) -> tuple[Commander, Command]:
         """Return the Command of a Decision that heats while the vehicle charges, and the Commander after it."""
-        settings = inputs.settings
-        wanted_w = 0.0 if is_gated(inputs, 0.0) else inputs.vehicle.heating_gates.step_below_w(
+        settings, now_ns = moment.settings, moment.now_ns
+        wanted_w = 0.0 if is_gated(moment, 0.0) else moment.vehicle.heating_gates.step_below_w(
             decision.charger_heat_w)
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
         return self._replace(
             switch=switch, cools=False, sources=at_rest(self.sources, now_ns)), Command(
-            switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
+            switch.power_w, _lease_end_ns(moment), decision.status)
 
     @staticmethod
     def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
@@ -238,19 +228,19 @@ class Commander(NamedTuple):
 def _cause_in_words(reason: Status, sentence: str) -> str:
     """Return the cause of a pause, for a sentence that continues with its age."""
     if reason is Status.INVALID_INPUT:
-        for source in (BATTERY, ROUTE):
+        for source in (BATTERY_STATE, ROUTE_PLAN):
             if sentence.startswith(f'{source} refused'):
                 return f'{source} was refused'
         return 'A signal was in doubt' if sentence.startswith('Signal in doubt') else 'The input was refused'
     return reason.meaning.cause
 
 
-def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
-    """Return the instant [ns] until which a command of now may be used."""
-    settings, measurement = inputs.settings, inputs.measurement
+def _lease_end_ns(moment: Moment) -> int:
+    """Return the instant [ns] until which a command of a Moment may be used."""
+    settings, measurement = moment.settings, moment.measurement
     assert measurement is not None
     # No lease outlives the battery state that it is based on.
-    return min(now_ns + round(settings.command_lease_s * NS_PER_S),
+    return min(moment.now_ns + round(settings.command_lease_s * NS_PER_S),
                measurement.expires_ns(settings.battery_state_timeout_s))
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.charger_heat import ChargerHeat, ChargerHeater, ChargerSituation
-from bev_preheat.control.decision import Decision
+from bev_preheat.control.decision import Decision, Moment
 from bev_preheat.control.forecast_plan import (
     believed_share,
     believed_state,
@@ -21,7 +21,7 @@ from bev_preheat.control.forecast_plan import (
     planned_as_measured,
     PlanningTask,
 )
-from bev_preheat.control.regime import Regime
+from bev_preheat.control.regime import Regime, RegimeReport
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -36,8 +36,6 @@ from bev_preheat.vehicle.variants import limited_by_coldest_cell
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.control.inputs import Leg, Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
-    from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.estimate import Estimate
@@ -45,22 +43,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-
-class Moment(NamedTuple):
-    """
-    The inputs of a decision at an instant [ns].
-
-    `regime` is the vehicle's RegimeReport, `estimate` the latest Estimate, None without estimation. `direction`: 1
-    if the vehicle heats now, -1 if it cools; it has heated the battery for `heated_s` [s] on this trip.
-    """
-
-    inputs: AdmittedInputs
-    regime: RegimeReport
-    now_ns: int
-    estimate: Estimate | None
-    direction: int
-    heated_s: float
 
 
 class DecisionMaker(NamedTuple):
@@ -82,7 +64,7 @@ class DecisionMaker(NamedTuple):
 
     def decide(self, moment: Moment) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for a Moment, and the maker after it."""
-        now_ns, timetable = moment.now_ns, moment.inputs.active_timetable
+        now_ns, timetable = moment.now_ns, moment.active_timetable
         assert timetable is not None
         mission = timetable.mission
         number = mission.leg_number(now_ns) if timetable.end is None else len(mission.legs) - 1
@@ -93,25 +75,22 @@ class DecisionMaker(NamedTuple):
             decision = leg.terms.in_words(decision)
             return maker, replace(decision, later_legs=later_legs) if later_legs else decision
         maker, heat = self._charger_heat(moment, leg, leg.charger)
-        why = f' {heat.reason}' if heat.reason else ''
-        if later_legs:
-            return maker, Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
-                                   later_legs=later_legs, charger_heat_w=heat.power_w)
-        arrived = _arrived_sentence(timetable, now_ns)
-        if heat.power_w > 0.0:
-            return maker, Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
-        return maker, Decision(Status.ARRIVED, arrived)
+        sentence = (_charging_sentence(later_legs[0], now_ns) if later_legs else
+                    _arrived_sentence(timetable, now_ns))
+        if not later_legs and heat.power_w == 0.0:
+            return maker, Decision(Status.ARRIVED, sentence)
+        return maker, Decision(Status.CHARGING, f'{sentence} {heat.reason}'.rstrip(), later_legs=later_legs,
+                               charger_heat_w=heat.power_w)
 
     def _decide_on_the_way(self, moment: Moment, leg: Leg, timetable: Timetable) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for a Moment before or on a leg of a route."""
         now_ns, regime = moment.now_ns, moment.regime
         if now_ns >= leg.start_ns and regime.regime is Regime.CHARGING:
             maker, heat = self._charger_heat(moment, leg, None)
-            why = f' {heat.reason}' if heat.reason else ''
-            return maker, Decision(Status.CHARGING, (
-                f'The vehicle is charging {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
-                f'{regime.evidence}; no heating for the route until it drives on.{why}'), leg=leg,
-                charger_heat_w=heat.power_w)
+            left = duration_text(-leg.ended_for_s(now_ns))
+            sentence = (f'The vehicle is charging {left} before its route ends: {regime.evidence}; no heating for '
+                        f'the route until it drives on. {heat.reason}').rstrip()
+            return maker, Decision(Status.CHARGING, sentence, leg=leg, charger_heat_w=heat.power_w)
         if now_ns >= leg.start_ns and regime.suspicion:
             return self, Decision(Status.WAITING, (
                 f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
@@ -132,28 +111,24 @@ class DecisionMaker(NamedTuple):
     def _charger_heat(self, moment: Moment, leg: Leg,
                       charger: Charger | None) -> tuple[DecisionMaker, ChargerHeat]:
         """Return the ChargerHeat at a charger after or on a leg; 0 W if the settings do not ask for it."""
-        measurement, settings, estimate = moment.inputs.measurement, moment.inputs.settings, moment.estimate
+        measurement, settings = moment.measurement, moment.settings
         assert measurement is not None
         if not settings.heat_while_charging or not leg.terms.is_trip:
             return self, ChargerHeat(0.0, '')
-        maker, vehicle, state = self, self.limited(moment.inputs.vehicle), measurement.state
-        if estimate is not None:
-            maker = self._replace(forecasts=self.forecasts.following(estimate))
-            vehicle = maker.forecasts.vehicle(vehicle)
-            state = believed_state(vehicle, estimate)
+        maker, vehicle, state = self._as_known(moment.vehicle, measurement, moment.estimate)
         heater, heat = self.charger_heater.heat(ChargerSituation(
             vehicle, leg, measurement, state, settings.prices, charger, moment.direction > 0))
         return maker._replace(charger_heater=heater), heat
 
     def _plan_current(self, moment: Moment, leg: Leg) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for the current leg, from the battery's current state."""
-        inputs, now_ns, estimate = moment.inputs, moment.now_ns, moment.estimate
-        settings, goal, measurement = inputs.settings, inputs.goal_of(leg), inputs.measurement
+        now_ns, estimate, measurement = moment.now_ns, moment.estimate, moment.measurement
+        settings, goal = moment.settings, moment.goal_of(leg)
         choice: TargetChoice | None = None
         assert measurement is not None
         state = measurement.state
         maker = self._limited_to_coldest_cell(measurement, settings)
-        limited = maker.limited(inputs.heating_vehicle)
+        limited = _limited(moment.heating_vehicle, maker.colder_by_k)
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
         # A stamp ahead of this clock must not delay heating that the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
@@ -164,35 +139,30 @@ class DecisionMaker(NamedTuple):
             # The vehicle stands until the start.
             ambient_c = float(route.ambient_temperature_c[0])
             state = replace(state, temperature_c=temperature_after(
-                inputs.vehicle, state.temperature_c, ambient_c, starts_in_s))
+                moment.vehicle, state.temperature_c, ambient_c, starts_in_s))
             estimate = None if estimate is None else estimate.stood_until(temperature_after(
-                inputs.vehicle, estimate.temperature_c, ambient_c, starts_in_s))
+                moment.vehicle, estimate.temperature_c, ambient_c, starts_in_s))
         if leg.terms.target is not None:
             choice = leg.terms.target
         elif leg.charging_planned:
-            is_simple = leg.charger is None and leg.prospect.probability == 1.0
-            maker, choice = (maker._without_charger(leg, settings) if is_simple else
-                             maker._choose_target(moment, leg, goal, route, estimate))
+            if leg.charger is None and leg.prospect.probability == 1.0:
+                targets, choice = maker.targets.without_charger(leg, settings)
+                maker = maker._replace(targets=targets)
+            else:
+                maker, choice = maker._choose_target(moment, leg, goal, route, estimate)
             goal = choice.goal(goal)
-        task = PlanningTask(route, goal, settings, moment.direction, starts_in_s, moment.heated_s, leg.terms,
-                            inputs.heater_refusal, ' '.join(each.sentence for each in inputs.unserved),
-                            inputs.suspected)
+        task = PlanningTask(route, goal, moment, starts_in_s, leg.terms)
         try:
             if estimate is None:
-                found = planned_as_measured(limited, state, task)
+                decision = planned_as_measured(limited, state, task)
             else:
-                forecasts, found = maker.forecasts.make(limited, task, estimate)
+                forecasts, decision = maker.forecasts.make(limited, task, estimate)
                 maker = maker._replace(forecasts=forecasts)
         except (InvalidInput, PlanningFailure) as error:
             return maker, Decision(Status.INVALID_INPUT, f'{error} {task.unserved}'.rstrip())
-        return maker, Decision(
-            *_told(found.plan, choice, now_ns), found.plan, start_ns, leg, forecast=found.forecast,
-            commanded=found.commanded, command_share=found.command_share, model_factors=found.model_factors,
-            target=choice)
-
-    def limited(self, vehicle: Vehicle) -> Vehicle:
-        """Return a Vehicle with the power limits of its coldest cell."""
-        return _limited(vehicle, self.colder_by_k)
+        if choice is not None:
+            decision = _with_reason(decision, choice, now_ns)
+        return maker, replace(decision, plan_start_ns=start_ns, leg=leg, target=choice)
 
     def _limited_to_coldest_cell(self, measurement: Measurement, settings: Settings) -> DecisionMaker:
         """Take the power limits of the coldest cell, if it is known and the settings say so."""
@@ -204,36 +174,38 @@ class DecisionMaker(NamedTuple):
             return self
         return self._replace(colder_by_k=float(round(colder_by_k)), forecasts=self.forecasts.for_other_limits())
 
-    def _without_charger(self, leg: Leg, settings: Settings) -> tuple[DecisionMaker, TargetChoice]:
-        targets, choice = self.targets.without_charger(leg, settings)
-        return self._replace(targets=targets), choice
-
     def _choose_target(self, moment: Moment, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> tuple[DecisionMaker, TargetChoice]:
         """Return the TargetChoice for the current leg; `route` is its part ahead."""
-        inputs, mission, measurement = moment.inputs, moment.inputs.mission, moment.inputs.measurement
+        mission, measurement = moment.mission, moment.measurement
         assert mission is not None and measurement is not None
-        forecasts, vehicle = self.forecasts, self.limited(inputs.heating_vehicle)
-        search_input = TargetSearchInput(
-            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, inputs.settings,
-            goal, vehicle, route, measurement.state, measurement.stamp_ns)
+        maker, vehicle, state = self._as_known(moment.heating_vehicle, measurement, estimate)
+        heater_share = 1.0
         if estimate is not None:
-            forecasts = forecasts.following(estimate)
-            vehicle = forecasts.vehicle(vehicle)
-            search_input = replace(
-                search_input, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),
-                state=believed_state(vehicle, estimate),
-                heater_share=believed_share(estimate.heater))
-        targets, choice = self.targets.choose(search_input)
-        return self._replace(forecasts=forecasts, targets=targets), choice
+            route = route.with_propulsion(estimate.propulsion_factor)
+            heater_share = believed_share(estimate.heater)
+        targets, choice = self.targets.choose(TargetSearchInput(
+            mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, moment.settings, goal, vehicle,
+            route, state, measurement.stamp_ns, heater_share))
+        return maker._replace(targets=targets), choice
 
-    def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
+    def _as_known(self, vehicle: Vehicle, measurement: Measurement,
+                  estimate: Estimate | None) -> tuple[DecisionMaker, Vehicle, BatteryState]:
+        """Return the limited Vehicle and the BatteryState as estimated, or as measured without an Estimate."""
+        vehicle = _limited(vehicle, self.colder_by_k)
+        if estimate is None:
+            return self, vehicle, measurement.state
+        maker = self._replace(forecasts=self.forecasts.following(estimate))
+        vehicle = maker.forecasts.vehicle(vehicle)
+        return maker, vehicle, believed_state(vehicle, estimate)
+
+    def decide_later(self, moment: Moment, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""
-        vehicle = self.limited(inputs.vehicle)
+        vehicle = _limited(moment.vehicle, self.colder_by_k)
         decisions = []
         for leg in decision.later_legs:
             assert leg.departure is not None
-            plan = _planned_later(vehicle, leg.route, leg.departure, inputs.goal_of(leg), inputs.settings.method)
+            plan = _planned_later(vehicle, leg.route, leg.departure, moment.goal_of(leg), moment.settings.method)
             decisions.append(Decision(Status.INVALID_INPUT, plan) if isinstance(plan, str) else Decision(
                 plan.status, None, plan, leg.start_ns, leg))
         return tuple(decisions)
@@ -241,6 +213,7 @@ class DecisionMaker(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _limited(vehicle: Vehicle, colder_by_k: float) -> Vehicle:
+    """Return a Vehicle with the power limits of its coldest cell, which is colder by [K]."""
     return limited_by_coldest_cell(vehicle, colder_by_k)
 
 
@@ -253,15 +226,16 @@ def _planned_later(vehicle: Vehicle, route: Route, departure: BatteryState, goal
         return str(error)
 
 
-def _told(plan: Plan, choice: TargetChoice | None, now_ns: int) -> tuple[Status, str | None]:
-    """Return a Plan's status and sentence, with the reason of its target; None: its own sentence."""
-    if choice is None:
-        return plan.status, None
+def _with_reason(decision: Decision, choice: TargetChoice, now_ns: int) -> Decision:
+    """Return the Decision of a plan with the reason of its target, if that matters."""
+    plan = decision.plan
+    assert plan is not None
     if choice.doubt is not None:
-        return choice.doubt.told(plan, now_ns)
+        status, sentence = choice.doubt.told(plan, now_ns)
+        return replace(decision, status=status, sentence=sentence)
     if plan.status is Status.NOT_WORTH_IT:
-        return plan.status, f'{choice.reason} {plan.explanation}'
-    return plan.status, None
+        return replace(decision, sentence=f'{choice.reason} {plan.explanation}')
+    return decision
 
 
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:

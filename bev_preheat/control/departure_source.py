@@ -12,9 +12,9 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.events import DeparturesSkipped, PreparationEnded, PreparationWanted
+from bev_preheat.control.events import DeparturesSkipped, Event, PreparationEnded, PreparationWanted
 from bev_preheat.control.expected_drive import DriveMemory, drives_between
-from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.numerics import NS_PER_S
@@ -31,8 +31,6 @@ from bev_preheat.tunables import (
 
 if TYPE_CHECKING:
     from bev_preheat.control.departures import Departures, GridPrices, Occurrence
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.state import State
 
 
@@ -111,7 +109,8 @@ class DepartureSource(NamedTuple):
 
     def events(self, state: State, now_ns: int) -> tuple[DepartureSource, tuple[Event, ...]]:
         """Return the source after an instant [ns], and its events: a goal begins or ends; mostly ()."""
-        source = self._after_clock(now_ns)._finding_next(state.choices.skipped_until_ns, now_ns)._seeing(state)
+        skipped_ns = state.inbox.choices.skipped_until_ns
+        source = self._after_clock(now_ns)._finding_next(skipped_ns, now_ns)._seeing(state)
         if source.goal is not None and state.preparation_goal is not source.goal:
             # A step failed before the goal began.
             source = source._without_goal()
@@ -149,7 +148,7 @@ class DepartureSource(NamedTuple):
 
     def skip_next(self, state: State, now_ns: int) -> tuple[DeparturesSkipped | None, str]:
         """Return the event that skips the next departure, None without one, and a sentence for the driver."""
-        skipped = self._finding_next(state.choices.skipped_until_ns, now_ns).following
+        skipped = self._finding_next(state.inbox.choices.skipped_until_ns, now_ns).following
         if skipped is None:
             return None, 'There is no departure to skip.'
         after = next(self.departures.after(skipped.instant_ns))

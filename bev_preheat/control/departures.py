@@ -13,7 +13,8 @@ from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta, tzinfo, UTC
-from functools import cached_property, partial
+from functools import partial
+from itertools import pairwise, takewhile
 from pathlib import Path
 import re
 from typing import NamedTuple, TYPE_CHECKING, TypeVar
@@ -23,12 +24,11 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import FloatArray, NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bev_preheat.numerics import FloatArray
 
 CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d)(?:\.0+)?)?'
@@ -136,10 +136,6 @@ class Departures:
     departures: tuple[Departure, ...]
     ambient_c: float | None = None
 
-    @cached_property
-    def _by_clock(self) -> tuple[Departure, ...]:
-        return tuple(sorted(self.departures, key=lambda departure: departure.clock))
-
     def after(self, instant: int) -> Iterator[Occurrence]:
         """
         Yield each Occurrence after an instant [ns], in order; it never ends, except without departures.
@@ -149,24 +145,21 @@ class Departures:
         """
         # A day early, because a local time that a clock change skips may belong to the day before.
         day, latest_ns = local(instant, self.zone).date() - timedelta(days=1), instant
-        while self.departures:
-            found = sorted(
-                (instant_ns(day, departure.clock, self.zone), number)
-                for number, departure in enumerate(self._by_clock) if day.weekday() in departure.weekdays)
-            for at_ns, number in found:
-                if at_ns > latest_ns:
-                    latest_ns = at_ns
-                    yield Occurrence(at_ns, self._by_clock[number])
+        by_clock = sorted(self.departures, key=lambda departure: departure.clock)
+        while by_clock:
+            # Sorting is stable.
+            for occurrence in sorted(
+                    [Occurrence(instant_ns(day, departure.clock, self.zone), departure)
+                     for departure in by_clock if day.weekday() in departure.weekdays],
+                    key=lambda occurrence: occurrence.instant_ns):
+                if occurrence.instant_ns > latest_ns:
+                    latest_ns = occurrence.instant_ns
+                    yield occurrence
             day += timedelta(days=1)
 
     def until(self, from_ns: int, until_ns: int) -> list[Occurrence]:
         """Return each Occurrence after one instant, up to and including another [ns]."""
-        found = []
-        for occurrence in self.after(from_ns):
-            if occurrence.instant_ns > until_ns:
-                break
-            found.append(occurrence)
-        return found
+        return list(takewhile(lambda occurrence: occurrence.instant_ns <= until_ns, self.after(from_ns)))
 
     def in_words(self, occurrence: Occurrence) -> str:
         """Return an Occurrence as its name and local time: work, Thu 2026-11-26 07:30 CET."""
@@ -210,21 +203,15 @@ class GridPrices:
             edge for period in (*daily, *self.dated) for edge in (period.from_ns, period.until_ns)
             if from_ns < edge < until_ns)})
         return tuple(PricePeriod(first, last, _price_at(self.dated, first, _price_at(daily, first, None)))
-                     for first, last in zip(edges, edges[1:]))
+                     for first, last in pairwise(edges))
 
     def _daily_periods(self, from_ns: int, until_ns: int) -> list[PricePeriod]:
-        if not self.daily:
-            return []
-        day = local(from_ns, self.zone).date() - timedelta(days=2)
-        last_day = local(until_ns, self.zone).date() + timedelta(days=2)
-        begins: dict[int, float] = {}
-        while day <= last_day:
-            for price in self.daily:
-                # At a clock change two may begin at the same instant: the later one counts.
-                begins[instant_ns(day, price.clock, self.zone)] = price.price_per_kwh
-            day += timedelta(days=1)
-        instants = sorted(begins)
-        return [PricePeriod(first, last, begins[first]) for first, last in zip(instants, instants[1:])]
+        first_day = local(from_ns, self.zone).date() - timedelta(days=2)
+        days = (local(until_ns, self.zone).date() - first_day).days + 3
+        # At a clock change two may begin at the same instant: the later one counts.
+        begins = {instant_ns(first_day + timedelta(days=day), price.clock, self.zone): price.price_per_kwh
+                  for day in range(days) for price in self.daily}
+        return [PricePeriod(first, last, begins[first]) for first, last in pairwise(sorted(begins))]
 
     def step_prices(self, start_ns: int, time_s: FloatArray) -> FloatArray:
         """
@@ -270,9 +257,8 @@ PRICES_SCHEMA = Path(__file__).with_name('grid_prices_schema.yaml')
 
 def load_departures(path: str | Path) -> Departures:
     """Return the Departures of a YAML file; raise InvalidInput naming file, key, value and allowed values."""
-    path = Path(path).expanduser()
-    contents = load_checked_yaml(path, DEPARTURES_SCHEMA)
-    reading = _Reading(path, contents)
+    reading = _Reading(path, DEPARTURES_SCHEMA)
+    contents = reading.contents
     departures = [reading.departure(index, node) for index, node in enumerate(contents['departures'])]
     reading.find_duplicates([departure for departure in departures if departure is not None])
     reading.refuse_problems()
@@ -281,9 +267,8 @@ def load_departures(path: str | Path) -> Departures:
 
 def load_grid_prices(path: str | Path) -> GridPrices:
     """Return the GridPrices of a YAML file; raise InvalidInput naming file, key, value and allowed values."""
-    path = Path(path).expanduser()
-    contents = load_checked_yaml(path, PRICES_SCHEMA)
-    reading = _Reading(path, contents)
+    reading = _Reading(path, PRICES_SCHEMA)
+    contents = reading.contents
     if 'daily' not in contents and 'dated' not in contents:
         reading.problems.append('daily: is missing, and so is dated; give daily, dated or both')
     prices = GridPrices(reading.zone, reading.daily(contents.get('daily', [])),
@@ -298,10 +283,11 @@ def _number(node: FileData, key: str) -> float | None:
 
 
 class _Reading:
-    """The problems of one file so far, as sentences without the file's name, and its time zone."""
+    """The contents of one file, its time zone, and its problems so far, as sentences without the file's name."""
 
-    def __init__(self, path: Path, contents: FileData) -> None:
-        self._path = path
+    def __init__(self, path: str | Path, schema: Path) -> None:
+        self._path = Path(path).expanduser()
+        self.contents = contents = load_checked_yaml(self._path, schema)
         self.problems: list[str] = []
         self.zone: tzinfo = self._read('', lambda: zone_of(contents['time_zone'])) or UTC
 
@@ -343,11 +329,10 @@ class _Reading:
 
     def daily(self, nodes: list[FileData]) -> tuple[DailyPrice, ...]:
         """Return the DailyPrices in the order of the day."""
-        prices = []
-        for index, node in enumerate(nodes):
-            clock = self._read(f'daily[{index}].from', partial(clock_time, node['from']))
-            if clock is not None:
-                prices.append(DailyPrice(clock, float(node['price_per_kwh'])))
+        clocks = [self._read(f'daily[{index}].from', partial(clock_time, node['from']))
+                  for index, node in enumerate(nodes)]
+        prices = [DailyPrice(clock, float(node['price_per_kwh']))
+                  for clock, node in zip(clocks, nodes) if clock is not None]
         for clock, count in Counter(price.clock for price in prices).items():
             if count > 1:
                 self.problems.append(f'daily: {count} prices from {clock:%H:%M} on; only one is allowed')

@@ -2,8 +2,7 @@
 """
 The events that a step of the planner takes, and refused inputs; a refused input keeps the heater off for a time.
 
-Plain data; `inbox.Inbox.admit` and the supervisor act on it. `source` names the input in log lines; '' if it
-cannot be refused.
+Plain data, on which `inbox.Inbox` and the supervisor act.
 
 A refused battery state says nothing about the trip; the next valid one clears it. A refused route may have
 been a cancellation or another trip: the previous route continues only if the readable part of the refused
@@ -13,7 +12,6 @@ route rules that out (docs/explanation/safety.md has the reasons).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from math import nan
 from typing import ClassVar, NamedTuple, Self, TYPE_CHECKING
 
@@ -27,17 +25,13 @@ from bev_preheat.vehicle.description import HVCH, Vehicle
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
 
-BATTERY, ROUTE, VEHICLE = 'battery_state', 'route_plan', 'vehicle'
-PROGRESS = 'route_progress'
+# Topics of the planner's inputs; an event of a message is recorded by its topic.
+BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
+    'battery_state', 'route_plan', 'route_progress', HEATER_STATUS)
+# The source of the refusal of a current route that a new vehicle or new settings do not fit.
+MISFIT = 'vehicle'
 # Sums of the same durations in other steps differ by less.
 ROUNDING_NS = 1_000_000
-
-
-class Until(Enum):
-    """The input that must arrive before the heater may be on again."""
-
-    VALID_STATE = 'the next valid battery state'
-    VALID_ROUTE = 'a valid route plan'
 
 
 @dataclass(frozen=True)
@@ -92,7 +86,7 @@ class RefusedRoute:
 class _Refusal(NamedTuple):
     source: str
     sentence: str
-    until: Until
+    until_valid_route: bool = True
     holds: bool = True
 
 
@@ -100,8 +94,8 @@ class Refusals(NamedTuple):
     """
     Refusals not yet cleared, the latest last: at most one per source; a value.
 
-    Each holds the heater off until its `Until` arrives. The refusal of a route is remembered after that, until a
-    valid route arrives.
+    Each holds the heater off until the next valid battery state, or `until_valid_route`. The refusal of a route is
+    remembered after that, until a valid route arrives.
     """
 
     in_order: tuple[_Refusal, ...] = ()
@@ -114,117 +108,116 @@ class Refusals(NamedTuple):
     @property
     def route(self) -> str | None:
         """The sentence of the refused route, until a valid one arrives; None without a refused route."""
-        return next((refusal.sentence for refusal in self.in_order if refusal.source == ROUTE), None)
+        return next((refusal.sentence for refusal in self.in_order if refusal.source == ROUTE_PLAN), None)
 
     def of_battery(self, error: InvalidInput) -> Refusals:
         """Return the Refusals with that of a battery state."""
-        return self._with(_Refusal(BATTERY, f'{BATTERY} refused: {error}', Until.VALID_STATE))
+        return self._with(_Refusal(BATTERY_STATE, f'{BATTERY_STATE} refused: {error}', until_valid_route=False))
 
     def of_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
                  now_ns: int) -> tuple[Refusals, bool]:
         """Return the Refusals with that of a route, and whether the previous route, if any, may continue."""
-        until = Until.VALID_ROUTE
-        consequence = f'The heater is off until {until.value} arrives.'
+        consequence = 'The heater is off until a valid route plan arrives.'
         objection = 'no route came before it' if mission is None else refused.objection_to(mission, now_ns)
         if not objection:
-            until = Until.VALID_STATE
-            consequence = f'The previous route holds again from {until.value} on.'
+            consequence = 'The previous route holds again from the next valid battery state on.'
         elif mission is not None:
             consequence = f'The previous route was dropped because {objection}. {consequence}'
-        return self._with(_Refusal(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)), not objection
+        return self._with(_Refusal(
+            ROUTE_PLAN, f'{ROUTE_PLAN} refused: {error}. {consequence}', objection != '')), not objection
 
     def of_misfit(self, error: InvalidInput) -> Refusals:
         """Return the Refusals with that of a current route that does not fit a new vehicle or new settings."""
-        return self._with(_Refusal(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE))
+        return self._with(_Refusal(MISFIT, f'{ROUTE_PLAN} refused: {error}'))
 
     def after_battery(self) -> Refusals:
         """Return the Refusals that a valid battery state leaves."""
-        if not self.in_order:
-            return self
-        return Refusals(tuple(refusal._replace(holds=refusal.until is Until.VALID_ROUTE)
-                              for refusal in self._without(BATTERY).in_order))
+        return Refusals(tuple(refusal._replace(holds=refusal.until_valid_route)
+                              for refusal in self._without(BATTERY_STATE)))
 
     def after_route(self) -> Refusals:
         """Return the Refusals that a valid route, or a cancellation, leaves."""
-        return self._without(ROUTE, VEHICLE)
+        return Refusals(self._without(ROUTE_PLAN, MISFIT))
 
     def after_fit(self) -> Refusals:
         """Return the Refusals without a misfit, because the route fits the vehicle."""
-        return self._without(VEHICLE)
+        return Refusals(self._without(MISFIT))
 
     def _with(self, refusal: _Refusal) -> Refusals:
-        return Refusals((*self._without(refusal.source).in_order, refusal))
+        return Refusals((*self._without(refusal.source), refusal))
 
-    def _without(self, *sources: str) -> Refusals:
-        return Refusals(tuple(refusal for refusal in self.in_order if refusal.source not in sources))
-
-
-# Topics of the planner's inputs; an event of a message is recorded by its topic.
-BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
-    'battery_state', 'route_plan', 'route_progress', 'hvch_status')
+    def _without(self, *sources: str) -> tuple[_Refusal, ...]:
+        return tuple(refusal for refusal in self.in_order if refusal.source not in sources)
 
 
 @dataclass(frozen=True)
-class BatteryStateArrived:
+class Event:
+    """An event of `Supervisor.step`; `source` names the input in log lines, '' if it cannot be refused."""
+
+    source: ClassVar[str] = ''
+
+
+@dataclass(frozen=True)
+class BatteryStateArrived(Event):
     """A battery state arrived; `hint` is added to its refusal, '' adds nothing."""
 
-    source: ClassVar[str] = BATTERY
+    source: ClassVar[str] = BATTERY_STATE
     measurement: Measurement
     hint: str = ''
 
 
 @dataclass(frozen=True)
-class BatteryStateUnreadable:
+class BatteryStateUnreadable(Event):
     """A battery state arrived that could not be read; `percentage` is the message's own, NaN: none."""
 
-    source: ClassVar[str] = BATTERY
+    source: ClassVar[str] = BATTERY_STATE
     error: InvalidInput
     percentage: float = nan
 
 
 @dataclass(frozen=True)
-class RouteArrived:
+class RouteArrived(Event):
     """A route plan arrived."""
 
-    source: ClassVar[str] = ROUTE
+    source: ClassVar[str] = ROUTE_PLAN
     mission: Mission
 
 
 @dataclass(frozen=True)
-class RouteUnreadable:
+class RouteUnreadable(Event):
     """A route plan arrived that could not be read, but for the part in `refused`."""
 
-    source: ClassVar[str] = ROUTE
+    source: ClassVar[str] = ROUTE_PLAN
     error: InvalidInput
     refused: RefusedRoute = RefusedRoute()
 
 
 @dataclass(frozen=True)
-class TripCancelled:
+class TripCancelled(Event):
     """A route plan arrived that cancels the trip."""
 
-    source: ClassVar[str] = ROUTE
+    source: ClassVar[str] = ROUTE_PLAN
 
 
 @dataclass(frozen=True)
-class ProgressArrived:
+class ProgressArrived(Event):
     """The vehicle reported its place on the route; `hint` is added to its refusal, '' adds nothing."""
 
-    source: ClassVar[str] = PROGRESS
+    source: ClassVar[str] = ROUTE_PROGRESS
     progress: Progress
     hint: str = ''
 
 
 @dataclass(frozen=True)
-class ProgressUnreadable:
+class ProgressUnreadable(Event):
     """A route progress arrived that could not be read."""
 
-    source: ClassVar[str] = PROGRESS
+    source: ClassVar[str] = ROUTE_PROGRESS
     error: InvalidInput
 
 
 @dataclass(frozen=True)
-class HeaterStatusArrived:
+class HeaterStatusArrived(Event):
     """The controller of the HVCH answered; of another heat source see below."""
 
     source: ClassVar[str] = HEATER_STATUS
@@ -233,7 +226,7 @@ class HeaterStatusArrived:
 
 
 @dataclass(frozen=True)
-class HeaterStatusUnreadable:
+class HeaterStatusUnreadable(Event):
     """An answer of the controller of the HVCH arrived that could not be read."""
 
     source: ClassVar[str] = HEATER_STATUS
@@ -256,24 +249,22 @@ class SourceStatusUnreadable(HeaterStatusUnreadable):
 
 
 @dataclass(frozen=True)
-class PreheatingSwitched:
+class PreheatingSwitched(Event):
     """The driver switched preheating on or off."""
 
-    source: ClassVar[str] = ''
     is_enabled: bool
 
 
 @dataclass(frozen=True)
-class ActivationChanged:
+class ActivationChanged(Event):
     """A lifecycle manager activated the node or deactivated it; `why_not` is the sentence on an inactive one."""
 
-    source: ClassVar[str] = ''
     is_active: bool
     why_not: str
 
 
 @dataclass(frozen=True)
-class PreparationWanted:
+class PreparationWanted(Event):
     """A goal of ~/prepare_battery arrived; it replaces the one before."""
 
     source: ClassVar[str] = 'prepare_battery'
@@ -281,33 +272,30 @@ class PreparationWanted:
 
 
 @dataclass(frozen=True)
-class PreparationEnded:
+class PreparationEnded(Event):
     """The goal of ~/prepare_battery `preparation_goal` ends; None: the current goal, whichever it is."""
 
-    source: ClassVar[str] = ''
     preparation_goal: PreparationGoal | None
     ending: PreparationEnding
     explanation: str
 
 
 @dataclass(frozen=True)
-class DeparturesSkipped:
+class DeparturesSkipped(Event):
     """The driver skips the departures up to an instant [ns]; None: none."""
 
-    source: ClassVar[str] = ''
     until_ns: int | None
 
 
 @dataclass(frozen=True)
-class RivalsChanged:
+class RivalsChanged(Event):
     """Other nodes command the same heater, by these `names`; '': no longer."""
 
-    source: ClassVar[str] = ''
     names: str
 
 
 @dataclass(frozen=True)
-class Reconfigured:
+class Reconfigured(Event):
     """
     Parameters were set.
 
@@ -316,16 +304,8 @@ class Reconfigured:
     estimation if the vehicle does not change.
     """
 
-    source: ClassVar[str] = ROUTE
+    source: ClassVar[str] = ROUTE_PLAN
     vehicle: Vehicle
     settings: Settings
     mission: Mission | InvalidInput | None = None
     learned: Learned | None = None
-
-
-# The events of Supervisor.step.
-Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
-         | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
-         | SourceStatusArrived | SourceStatusUnreadable
-         | TripCancelled | ActivationChanged | PreheatingSwitched | RivalsChanged
-         | PreparationWanted | PreparationEnded | DeparturesSkipped | Reconfigured)

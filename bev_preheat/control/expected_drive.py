@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, reduce
+from itertools import dropwhile, pairwise
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -56,7 +57,7 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
     """
     own, hvch_watts = powers.each[of], 1.0
     intervals = []
-    for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
+    for from_ns, to_ns in pairwise(edges_ns):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
         if drive is not None and len(powers.each) > 1:
             ambient_c = float(drive.ambient_temperature_c)
@@ -173,9 +174,8 @@ class DriveMemory(NamedTuple):
         samples = () if self.samples and stamp_ns < self.samples[-1][0] else self.samples
         if power_w is None or (samples and stamp_ns - samples[-1][0] < SPACED_NS):
             return self if samples is self.samples else DriveMemory(samples)
-        first = next((at for at, sample in enumerate(samples) if sample[0] >= stamp_ns - ASSUMED_FROM_NS),
-                     len(samples))
-        return DriveMemory((*samples[first:], (stamp_ns, power_w - heater_w)))
+        recent = dropwhile(lambda sample: sample[0] < stamp_ns - ASSUMED_FROM_NS, samples)
+        return DriveMemory((*recent, (stamp_ns, power_w - heater_w)))
 
     def propulsion_w(self, now_ns: int, others_w: float) -> tuple[float, float]:
         """Return (mean, rms) of the propulsion power [W] without `others_w` [W]; (0, 0) for a standing vehicle."""
@@ -202,21 +202,16 @@ def steady_drive(duration_s: float, ambient_c: float, defaults: Defaults,
 def drive_of_route(mission: Mission, from_ns: int, until_ns: int, defaults: Defaults) -> Route:
     """Return the Route between two instants [ns] of a Mission; the vehicle stands outside the legs."""
     parts, reached_ns = [], from_ns
-
-    def stand(to_ns: int, leg: Leg, segment: int) -> None:
-        nonlocal reached_ns
-        if to_ns > reached_ns:
-            parts.append(steady_drive((to_ns - reached_ns) / NS_PER_S, float(
-                leg.route.ambient_temperature_c[segment]), defaults))
-            reached_ns = to_ns
-
+    # Ends of standing, and of driving (None), with the segment whose air surrounds a vehicle that stands.
+    spans: list[tuple[int, Leg, int | None]] = []
     for leg in mission.legs:
-        stand(min(leg.start_ns, until_ns), leg, 0)
-        end_ns = min(leg.arrival_ns, until_ns)
+        spans += (leg.start_ns, leg, 0), (leg.arrival_ns, leg, None)
+    for end_ns, leg, segment in (*spans, (until_ns, mission.legs[-1], -1)):
+        end_ns = min(end_ns, until_ns)
         if end_ns > reached_ns:
-            parts.append(_part(leg, reached_ns, end_ns))
+            parts.append(_part(leg, reached_ns, end_ns) if segment is None else steady_drive(
+                (end_ns - reached_ns) / NS_PER_S, float(leg.route.ambient_temperature_c[segment]), defaults))
             reached_ns = end_ns
-    stand(until_ns, mission.legs[-1], -1)
     return reduce(Route.followed_by, parts)
 
 

@@ -15,16 +15,18 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import OF_ROUTE
-from bev_preheat.estimation.estimate import FACTORS, nominal_heat_lag_s, PROPULSION
+from bev_preheat.control.decision import Decision, Moment
+from bev_preheat.control.heater import FAULTS
+from bev_preheat.control.inputs import OF_ROUTE, Terms
+from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, PROPULSION
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.numerics import array_exp
+from bev_preheat.numerics import array_exp, FloatArray
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.heat_run import state_with_heat_under_way
-from bev_preheat.planning.methods import KeptValues
+from bev_preheat.planning.methods import Kept, KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, highest_start_c, reserve_soc, Uncertainty
@@ -40,27 +42,15 @@ from bev_preheat.tunables import (
     NOMINAL_HEAT_LAG_S,
     SUSPECT_SAID_S,
 )
-from bev_preheat.vehicle.description import HeatPath, HVCH
+from bev_preheat.vehicle.description import HeatPath, HVCH, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Terms
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.methods import Kept
     from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
 
-SENTENCES = {
-    Heater.DERATED: 'The heater delivers only {share:.0f} % of its command. ',
-    Heater.DEAD: 'The heater does not respond to its command. ',
-    Heater.STUCK_ON: 'The heater heats without a command. ',
-}
 # Words for `explain` on a plan without heating if the heater is the cause.
 UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
@@ -70,43 +60,18 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 
 
 class PlanningTask(NamedTuple):
-    """
-    A route and a goal to plan for now.
-
-    The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
-    `direction`: 1 if the vehicle heats now, -1 if it cools. `terms` are those of the goal's source.
-    `heater_refusal` is the sentence on heat that the heater refuses, `unserved` those on other heat sources that
-    do not heat; '' for none. `suspected` are the faults of heat sources that are not reported yet, by name.
-    """
+    """A route that starts in `starts_in_s` [s] and a goal, by the terms of its source, to plan for at a Moment."""
 
     route: Route
     goal: Goal
-    settings: Settings
-    direction: int
-    starts_in_s: float
-    heated_s: float
+    moment: Moment
+    starts_in_s: float = 0.0
     terms: Terms = OF_ROUTE
-    heater_refusal: str = ''
-    unserved: str = ''
-    suspected: tuple[tuple[str, SuspectedFault], ...] = ()
 
-
-class ForecastPlan(NamedTuple):
-    """
-    The expected Plan.
-
-    `commanded` is the plan that the command follows if it differs from `plan`: a heater that does not
-    respond is still commanded. `command_share` is the share of its command that the heater delivers (0:
-    other sources heat, and it is only asked on), `forecast`
-    has the uncertainty of the arrival temperature, None: unknown. `model_factors` are those of the corrected
-    vehicle; () if it is not corrected, or the heater does not obey, because they do not cover that.
-    """
-
-    plan: Plan
-    forecast: Forecast | None = None
-    commanded: Plan | None = None
-    command_share: float = 1.0
-    model_factors: tuple[float, ...] = ()
+    @property
+    def unserved(self) -> str:
+        """The sentences on other heat sources that do not heat; '' for none."""
+        return ' '.join(each.sentence for each in self.moment.unserved)
 
 
 def _others_heat(plan: Plan) -> bool:
@@ -114,40 +79,42 @@ def _others_heat(plan: Plan) -> bool:
     return bool(plan.source_power_w) and plan.heating_start_s is not None
 
 
-def _status_now(plan: Plan, starts_in_s: float) -> Status:
-    """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
-    return LATER.get(plan.status, plan.status) if starts_in_s > 0.0 else plan.status
+def _told(plan: Plan, vehicle: Vehicle, task: PlanningTask, **told: Any) -> Plan:
+    """Return a Plan with status and sentence as of now, before its time 0; `told` are arguments of `in_words`."""
+    status = LATER.get(plan.status, plan.status) if task.starts_in_s > 0.0 else plan.status
+    return plan.told(status, partial(
+        in_words, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal), starts_in_s=task.starts_in_s,
+        heated_s=task.moment.heated_s, **told))
 
 
-def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> ForecastPlan:
-    """Return the ForecastPlan from a BatteryState as measured, without an estimate; raises as plan_preheating."""
-    situation = vehicle, task.route, state, task.goal, task.settings.method
+def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTask) -> Decision:
+    """Return the Decision by a BatteryState as measured, without an estimate; raises as plan_preheating."""
+    situation = vehicle, task.route, state, task.goal, task.moment.settings.method
     plan, commanded, refusal, share = task.terms.plan(*situation), None, '', 1.0
-    start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.direction]
-    if start_s is not None and 0.0 < start_s <= task.settings.minimum_off_time_s:
+    start_s = {0: None, 1: plan.heating_start_s, -1: plan.cooling_start_s}[task.moment.direction]
+    if start_s is not None and 0.0 < start_s <= task.moment.settings.minimum_off_time_s:
         # The noise of a reading asks for a pause that would last longer: this plan knows the price of a switch-on.
-        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, task.direction))
-    if task.heater_refusal and plan.heating_start_s is not None:
-        plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.heater_refusal
+        plan = task.terms.plan(*situation, Uncertainty(LEAST_REVEALED_K, task.moment.direction))
+    if task.moment.heater_refusal and plan.heating_start_s is not None:
+        plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.moment.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
-    return ForecastPlan(plan.told(_status_now(plan, task.starts_in_s), partial(
-        in_words, refusal=refusal, unserved=task.unserved, reserve=reserve_soc(vehicle, task.goal),
-        starts_in_s=task.starts_in_s, heated_s=task.heated_s)), commanded=commanded, command_share=share)
+    plan = _told(plan, vehicle, task, refusal=refusal)
+    return Decision(plan.status, None, plan, commanded=commanded, command_share=share)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
     """Return the BatteryState of an Estimate for a Vehicle, with the heat under way."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c[0], highest_start_c(vehicle)
-    if vehicle.heat_path.is_direct:
-        return BatteryState(
-            min(max(estimate.planned_temperature_c + estimate.outside_k, lowest_c), highest_c), estimate.soc)
-    if vehicle.heat_path.is_shell:
-        excess_k = estimate.shell_excess_k
-        return BatteryState(min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
-                            coolant_excess_k=min(max(excess_k, -MOST_EXCESS_K), MOST_EXCESS_K))
-    return state_with_heat_under_way(
-        vehicle, min(max(estimate.planned_temperature_c, lowest_c), highest_c), estimate.soc,
-        estimate.outside_k)
+    path, temperature_c = vehicle.heat_path, estimate.planned_temperature_c
+    if path.is_direct:
+        temperature_c += estimate.outside_k
+    temperature_c = min(max(temperature_c, lowest_c), highest_c)
+    if path.is_direct:
+        return BatteryState(temperature_c, estimate.soc)
+    if path.is_shell:
+        excess_k = min(max(estimate.shell_excess_k, -MOST_EXCESS_K), MOST_EXCESS_K)
+        return BatteryState(temperature_c, estimate.soc, coolant_excess_k=excess_k)
+    return state_with_heat_under_way(vehicle, temperature_c, estimate.soc, estimate.outside_k)
 
 
 def believed_share(heater: HeaterReport) -> float:
@@ -172,7 +139,7 @@ def _lagging(vehicle: Vehicle, lag_log: float) -> Vehicle:
 @dataclass(frozen=True, eq=False)
 class ForecastPlanner:
     """
-    Makes ForecastPlans for one vehicle; a value.
+    Plans for one vehicle from the estimate; a value.
 
     `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
     `lag_log` is the logarithm of the lag of the plans' heat over `nominal_heat_lag_s`.
@@ -208,9 +175,9 @@ class ForecastPlanner:
             described, self.factors, self.lag_log if described.heat_path.is_shell else 0.0)
 
     def make(self, described: Vehicle, task: PlanningTask,
-             estimate: Estimate) -> tuple[ForecastPlanner, ForecastPlan]:
+             estimate: Estimate) -> tuple[ForecastPlanner, Decision]:
         """
-        Return the ForecastPlan for a PlanningTask from an Estimate's instant on, and the planner after it.
+        Return the Decision on a PlanningTask from an Estimate's instant on, and the planner after it.
 
         `described` is the Vehicle as its file describes it. Raises what plan_preheating raises.
         """
@@ -231,16 +198,12 @@ class ForecastPlanner:
             wanted = planning.wanted(forecast)
         expected, commanded, words = planning.expected(wanted, forecast)
         forecast = planning.forecast(expected)
-        return replace(planner, forecast=forecast, kept=kept.latest), ForecastPlan(
-            planning.in_words(expected, forecast, words), forecast, commanded,
-            0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
-            planner.model_factors(estimate))
-
-    def model_factors(self, estimate: Estimate) -> tuple[float, ...]:
-        """Return the factors of the corrected vehicle; () if the heater does not obey."""
-        if estimate.heater.heater is not Heater.ANSWERS:
-            return ()
-        return (*self.factors, estimate.propulsion_factor)
+        plan = planning.in_words(expected, forecast, words)
+        return replace(planner, forecast=forecast, kept=kept.latest), Decision(
+            plan.status, None, plan, forecast=forecast, commanded=commanded,
+            command_share=0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
+            model_factors=(*planner.factors, estimate.propulsion_factor)
+            if estimate.heater.heater is Heater.ANSWERS else ())
 
 
 class _Planning:
@@ -290,7 +253,7 @@ class _Planning:
     @property
     def is_hvch_silent(self) -> bool:
         """Whether the HVCH is dead or refuses heat."""
-        return self._estimate.heater.heater is Heater.DEAD or bool(self._task.heater_refusal)
+        return self._estimate.heater.heater is Heater.DEAD or bool(self._task.moment.heater_refusal)
 
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
@@ -298,24 +261,23 @@ class _Planning:
         has_steps_of_route = len(plan.command_w) == len(self._route)
         return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
                         else make_trip(self._vehicle, self._route, self.share), plan, self._estimate,
-                        self._task.suspected)
+                        self._task.moment.suspected)
 
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
         """Return the Plan with status and sentence as of now, and with the battery's own energy."""
         task = self._task
-        if task.heater_refusal:
-            words = {**words, 'refusal': task.heater_refusal}
-        return task.terms.accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
-            in_words, heater=self._estimate.heater, forecast=forecast, unserved=task.unserved,
-            suspected=task.suspected, **words,
-            reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
-            heated_s=task.heated_s)), self._estimate.soc)
+        if task.moment.heater_refusal:
+            words = {**words, 'refusal': task.moment.heater_refusal}
+        return task.terms.accounted(_told(
+            expected, self._vehicle, task, heater=self._estimate.heater, forecast=forecast,
+            suspected=task.moment.suspected, **words), self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
         task = self._task
         return plan_preheating(
-            self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
-            step_prices=self._step_prices, kept=self._kept, **{'heat_lag_s': self._lag_s, **heater_as})
+            self._vehicle, self._route, self._state, task.goal, task.moment.settings.method,
+            self._uncertainty(forecast), step_prices=self._step_prices, kept=self._kept,
+            **{'heat_lag_s': self._lag_s, **heater_as})
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
         """Return the Uncertainty that the rest of the drive adds, without that of now; None: all is known."""
@@ -325,13 +287,13 @@ class _Planning:
         revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
         later_k = estimate.later_heat_s * (
             hvch.efficiency * hvch.maximum_power_w / self._vehicle.pack_heat_capacity_j_per_k)
-        later_share = max(1.0 - self._task.heated_s / LAG_REVEALED_S, 0.0)
+        later_share = max(1.0 - self._task.moment.heated_s / LAG_REVEALED_S, 0.0)
         deviation_k = math.hypot(math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
         return Uncertainty(
             min(max(deviation_k, LEAST_REVEALED_K), MOST_REVEALED_K) if math.isfinite(deviation_k) else
             MOST_REVEALED_K,
             # Heating as soon as possible needs no reason to begin.
-            self._task.direction if self._full_power is None else 1)
+            self._task.moment.direction if self._full_power is None else 1)
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
@@ -344,8 +306,9 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
     """
     if refusal:
         told = {**UNHEATED[Heater.DEAD], **told}
-    sentence = f'{refusal} ' if refusal else '' if heater is None else SENTENCES.get(
-        heater.heater, '').format(share=100.0 * heater.share)
+    sentence = f'{refusal} ' if refusal else ''
+    if heater is not None and heater.heater in FAULTS and not refusal:
+        sentence = f'{FAULTS[heater.heater].format("heater", share=100.0 * heater.share)} '
     for name, fault in () if refusal else suspected:
         if fault.lasts_s >= SUSPECT_SAID_S:
             sentence += (f'The {"heater" if name == HVCH else name} may be {fault.heater.value} '

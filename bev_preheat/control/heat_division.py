@@ -17,15 +17,13 @@ from bev_preheat.numerics import JOULES_PER_WH, NS_PER_S
 from bev_preheat.planning.heat_mix import mix_in_segment, parts, Sources
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_SOURCE_W, ROUNDING_W
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HeatSource, HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.decision import Decision, Moment
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.vehicle.description import HeatSource
 
 # Those of the sources with least times or a price of a start, by name.
 Switches: TypeAlias = tuple[tuple[str, HeaterSwitch], ...]
@@ -46,37 +44,37 @@ class Powers(NamedTuple):
 
 class HeatDivision:
     """
-    The heat sources of AdmittedInputs at an instant [ns] of a Decision, with the battery at a temperature [deg C].
+    The heat sources at a Moment of a Decision.
 
     `limit_w` is their most heat, `most_cold_w` the most heat that they take from the battery, `held_w` the heat of
     those that must stay on, below 0 if they cool, as HVCH power [W].
     """
 
-    def __init__(self, now_ns: int, inputs: AdmittedInputs, decision: Decision, temperature_c: float | None,
-                 switches: Switches) -> None:
+    def __init__(self, moment: Moment, decision: Decision, switches: Switches) -> None:
         """Take the Switches before this instant."""
+        now_ns, temperature_c = moment.now_ns, moment.temperature_c
         plan, leg = decision.commanded or decision.plan, decision.leg
         assert temperature_c is not None and plan is not None and leg is not None
-        self._now_ns, self._vehicle, self._plan = now_ns, inputs.vehicle, plan
-        self._sources = {source.name: source for source in inputs.vehicle.heat_sources}
+        self._now_ns, self._vehicle, self._plan = now_ns, moment.vehicle, plan
+        self._sources = {source.name: source for source in moment.vehicle.heat_sources}
         self._elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-        share, hvch_w = decision.command_share, heater_limit_w(inputs, leg, now_ns)
-        mix = mix_in_segment(inputs.heating_vehicle, leg.route, segment, share * hvch_w)
+        share, hvch_w = decision.command_share, heater_limit_w(moment, leg)
+        mix = mix_in_segment(moment.heating_vehicle, leg.route, segment, share * hvch_w)
         self._merit, self._by_merit = mix.at(0, temperature_c), mix.by_merit(temperature_c)
         # Of its command that a source delivers; 0 of the HVCH: it is only asked on.
-        self._shares = {HVCH: share or 1.0, **{each.name: each.share for each in inputs.unserved}}
+        self._shares = {HVCH: share or 1.0, **{each.name: each.share for each in moment.unserved}}
         # A source that refuses is asked on: it draws nothing until it serves again.
-        whole = mix_in_segment(inputs.vehicle, leg.route, segment, hvch_w).by_merit(temperature_c)
-        refusing = {each.name for each in inputs.unserved if each.is_refused} | ({HVCH} if share == 0.0 else set())
+        whole = mix_in_segment(moment.vehicle, leg.route, segment, hvch_w).by_merit(temperature_c)
+        refusing = {each.name for each in moment.unserved if each.is_refused} | ({HVCH} if share == 0.0 else set())
         self._asked = {name: most for name, most in whole.items() if name in refusing}
-        is_closed = is_gated(inputs, float(leg.route.speed_mps[segment]))
+        is_closed = is_gated(moment, float(leg.route.speed_mps[segment]))
         self.limit_w = 0.0 if is_closed else float(self._merit.ends_w[-1])
         self.most_cold_w = -float(self._merit.cold_ends_w[-1]) if mix.cools else 0.0
         self._switches, self._held = dict(switches), dict[str, tuple[float, float]]()
-        for source in filter(lambda source: source.is_switched, inputs.vehicle.heat_sources):
+        for source in filter(lambda source: source.is_switched, moment.vehicle.heat_sources):
             self._hold(source, decision.status is Status.OUT_OF_CHARGE or (
-                not source.cools and (is_closed or not may_be_held_on(inputs, plan))))
+                not source.cools and (is_closed or not may_be_held_on(moment, plan))))
         self.held_w: float = sum(heat_w for heat_w, _ in self._held.values())
 
     def _hold(self, source: HeatSource, is_free: bool) -> None:
@@ -144,27 +142,27 @@ class HeatDivision:
                 or float(saved_w) * lasts_s > source.switch_on_wh * JOULES_PER_WH)
 
 
-def may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:
+def may_be_held_on(moment: Moment, plan: Plan) -> bool:
     """Return whether a source may heat on for its least time beyond its Plan, because the heat is harmless."""
-    assert inputs.measurement is not None
-    temperature_c = inputs.measurement.state.temperature_c
-    highest_c = inputs.vehicle.battery.temperature_range_c[1]
+    assert moment.measurement is not None
+    temperature_c = moment.measurement.state.temperature_c
+    highest_c = moment.vehicle.battery.temperature_range_c[1]
     return temperature_c <= min(plan.target_temperature_c + HELD_ABOVE_TARGET_K, highest_c - HELD_BELOW_HIGHEST_K)
 
 
-def heater_limit_w(inputs: AdmittedInputs, leg: Leg, now_ns: int) -> float:
-    """Return the power of the HVCH that the cabin and the car's gates leave [W] at an instant on a leg."""
-    vehicle = inputs.vehicle
-    segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+def heater_limit_w(moment: Moment, leg: Leg) -> float:
+    """Return the power of the HVCH that the cabin and the car's gates leave [W] on a leg."""
+    vehicle = moment.vehicle
+    segment = leg.route.segment_at((moment.now_ns - leg.start_ns) / NS_PER_S)
     cabin_w = float(leg.route.cabin_heating_power_w[segment])
-    if is_gated(inputs, float(leg.route.speed_mps[segment])):
+    if is_gated(moment, float(leg.route.speed_mps[segment])):
         return 0.0
     return vehicle.heating_gates.step_below_w(max(0.0, vehicle.hvch.maximum_power_w - cabin_w))
 
 
-def is_gated(inputs: AdmittedInputs, speed_mps: float) -> bool:
+def is_gated(moment: Moment, speed_mps: float) -> bool:
     """Return whether a gate of the car is closed for the measured battery at a speed [m/s]."""
-    gates, measurement = inputs.vehicle.heating_gates, inputs.measurement
+    gates, measurement = moment.vehicle.heating_gates, moment.measurement
     if not gates.is_any:
         return False
     assert measurement is not None

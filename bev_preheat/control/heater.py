@@ -13,10 +13,10 @@ from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
-from bev_preheat.vehicle.description import HVCH, STANDING_MPS
+from bev_preheat.vehicle.description import HeatSource, HVCH, STANDING_MPS, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
     from bev_preheat.vehicle.variants import DriveInputs
 
 # No caller asks further back.
@@ -101,6 +99,11 @@ HEATER_STATUS, SOURCE_STATUS = 'hvch_status', 'heat_source_status'
 
 # These do not depend on a command: they hold at once.
 HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
+FAULTS = {
+    Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.',
+    Heater.DEAD: 'The {} does not respond to its command.',
+    Heater.STUCK_ON: 'The {} heats without a command.',
+}
 IN_WORDS = {
     Heater.DERATED: 'battery temperature and power show less heat than it reports',
     Heater.DEAD: 'battery temperature and power show no heat',
@@ -284,11 +287,7 @@ class SourcePowers(NamedTuple):
 
     def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float,
                  limits_w: Sequence[float]) -> tuple[float, float]:
-        """
-        Return the mean electrical power [W] of all but one source between instants, and its HVCH power.
-
-        `limits_w` are the most powers of all sources [W].
-        """
+        """Return the mean power [W] of all but one source between instants, within limits, and as HVCH power."""
         drawn_w = heat_w = 0.0
         for number, each in enumerate(self.each):
             if number != of:
@@ -322,10 +321,6 @@ class Answers(NamedTuple):
     def changed(self, name: str, change: Callable[[HeaterAnswers], HeaterAnswers]) -> Answers:
         """Return the answers with a change of the source of a name, if there is one."""
         return self.each(lambda each: change(each) if each.name == name else each)
-
-    def without_heating(self, now_ns: int) -> Answers:
-        """Return the answers that count the time of heating from 0 again, because another drive begins."""
-        return self.each(lambda each: each.without_heating(now_ns))
 
     def heated_s(self, now_ns: int, vehicle: Vehicle) -> float:
         """Return for how long [s] the source that heated longest has heated since `without_heating`."""

@@ -97,9 +97,7 @@ class HeatingPause(NamedTuple):
 
 def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[int, ...]:
     """Return the instants of the last `kept_s` [s]."""
-    while instants_ns and now_ns - instants_ns[0] >= kept_s * NS_PER_S:
-        instants_ns = instants_ns[1:]
-    return instants_ns
+    return tuple(instant_ns for instant_ns in instants_ns if now_ns - instant_ns < kept_s * NS_PER_S)
 
 
 class HeaterSwitch(NamedTuple):

@@ -11,25 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from bev_preheat.control.events import (
-    BatteryStateArrived,
-    BatteryStateUnreadable,
-    DeparturesSkipped,
-    Event,
-    PreheatingSwitched,
-    PROGRESS,
-    ProgressArrived,
-    ProgressUnreadable,
-    Reconfigured,
-    Refusals,
-    RefusedRoute,
-    RivalsChanged,
-    RouteArrived,
-    RouteUnreadable,
-    TripCancelled,
-)
-from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
-from bev_preheat.control.obstacle import AdmittedInputs
+from bev_preheat.control import events
+from bev_preheat.control.decision import Decision, Moment, WITHOUT_ROUTE
+from bev_preheat.control.inputs import check_mission, Measurement, Mission, Progress
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
@@ -42,7 +26,8 @@ from bev_preheat.estimation.signal_checks import (
     STATE_OF_CHARGE,
 )
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.status import Status
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S
 from bev_preheat.vehicle.description import Vehicle
@@ -98,7 +83,7 @@ class Inbox(NamedTuple):
     scale_verdict: SignalVerdict | None = None
     is_cancelled: bool = False
     changes: InputChanges = NO_CHANGES
-    refusals: Refusals = Refusals()
+    refusals: events.Refusals = events.Refusals()
     percent_scale: PercentScale = PercentScale()
     cancelled_before: CancelledTrip | None = None
     route_id: str | None = None
@@ -127,26 +112,25 @@ class Inbox(NamedTuple):
         return self.refusals.route
 
     @property
-    def is_cancelled_before_restart(self) -> bool:
-        """Whether the latest route plan was cancelled before a restart."""
-        return self.is_cancelled and self.cancelled_before is not None
+    def without_route(self) -> Decision:
+        """The Decision as long as there is no route."""
+        before, wanted = ('', 'new route plan') if self.cancelled_before is None else (
+            ' before the planner restarted', 'route plan with another stamp')
+        return WITHOUT_ROUTE if not self.is_cancelled else Decision(
+            Status.NO_CHARGING_PLANNED,
+            f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
 
-    def goal_of(self, leg: Leg) -> Goal:
-        """Return the Goal of a leg; settings and vehicle complete it."""
-        return goal_of_leg(leg, self.vehicle, self.settings)
-
-    def admitted(self, preparation: Timetable | None = None, measurement: Measurement | None = None,
-                 doubt: str | None = None) -> AdmittedInputs:
+    def moment(self, now_ns: int, preparation: Timetable | None = None, measurement: Measurement | None = None,
+               doubt: str | None = None) -> Moment:
         """
-        Return the AdmittedInputs of now.
+        Return the Moment of an instant [ns], as far as the inputs tell it.
 
         `preparation` is the Timetable of a preparation goal; None without one. `measurement` is the latest one
         with the signals that hold, `doubt` the sentence on those that do not.
         """
-        return AdmittedInputs(
-            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle, self.is_cancelled,
-            self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
-            measurement, doubt)
+        return Moment(
+            now_ns, self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle,
+            self.without_route, self.timetable, preparation or self.timetable, measurement, doubt)
 
     def with_timetable(self, timetable: Timetable | None) -> Inbox:
         """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""
@@ -164,37 +148,37 @@ class Inbox(NamedTuple):
         """Return the Inbox after a preparation goal began or ended: another trip, as far as heating counts."""
         return self._replace(changes=replace(self.changes, has_new_mission=True, has_new_trip=True))
 
-    def taken(self, event: Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
+    def taken(self, event: events.Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
         """Return the Inbox with an event of an instant [ns], and the InvalidInput if it is refused."""
         match event:
-            case BatteryStateArrived(measurement, hint):
+            case events.BatteryStateArrived(measurement, hint):
                 return self._with_battery(measurement, hint, now_ns)
-            case BatteryStateUnreadable(error, percentage):
+            case events.BatteryStateUnreadable(error, percentage):
                 return self._with_refused_battery(error, percentage, now_ns), error
-            case RouteArrived(mission):
+            case events.RouteArrived(mission):
                 return self._with_mission(mission, now_ns)
-            case RouteUnreadable(error, refused):
+            case events.RouteUnreadable(error, refused):
                 return self._with_refused_route(error, refused), error
-            case TripCancelled():
+            case events.TripCancelled():
                 return self._cancelled(now_ns), None
-            case ProgressArrived(progress, hint):
+            case events.ProgressArrived(progress, hint):
                 return self._with_progress(progress, hint, now_ns)
-            case ProgressUnreadable(error):
+            case events.ProgressUnreadable(error):
                 return self._with_refused_progress(error), error
-            case PreheatingSwitched(is_enabled):
+            case events.PreheatingSwitched(is_enabled):
                 return self._with_choices(switched_off_ns=None if is_enabled else now_ns), None
-            case DeparturesSkipped(until_ns):
+            case events.DeparturesSkipped(until_ns):
                 return self._with_choices(skipped_until_ns=until_ns), None
-            case RivalsChanged(names):
+            case events.RivalsChanged(names):
                 return self._replace(rivals=names), None
-            case Reconfigured():
+            case events.Reconfigured():
                 return self._reconfigured(event)
         return self, None
 
     def _with_choices(self, **choices: Any) -> Inbox:
         return self._replace(choices=replace(self.choices, **choices))
 
-    def _reconfigured(self, event: Reconfigured) -> tuple[Inbox, InvalidInput | None]:
+    def _reconfigured(self, event: events.Reconfigured) -> tuple[Inbox, InvalidInput | None]:
         inbox = self._replace(vehicle=event.vehicle, settings=event.settings)
         if isinstance(event.mission, InvalidInput):
             return inbox._without_misfit(event.mission, self.latest_mission), event.mission
@@ -209,15 +193,18 @@ class Inbox(NamedTuple):
             inbox = self._with_restarted_clock(now_ns)
         inbox = inbox._replace(latest_ns=now_ns)
         try:
-            inbox._check_content(measurement, now_ns)
+            if now_ns == 0:
+                raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
+            check_situation(self.vehicle, state=measurement.state)
             if inbox._is_overtaken(measurement, now_ns):
                 return inbox._replace(overtaken_states=inbox.overtaken_states + 1), None
             inbox._check_stamp(measurement, now_ns)
+            inbox = inbox._with_scale(measurement, now_ns)
+            if inbox.scale_verdict is not None:
+                raise InvalidInput(inbox.scale_verdict.sentence)
         except InvalidInput as error:
-            return inbox._with_hinted_refusal(error, hint, measurement, now_ns)
-        inbox, scale_doubt = inbox._with_scale(measurement, now_ns)
-        if scale_doubt:
-            return inbox._with_hinted_refusal(InvalidInput(scale_doubt), hint, measurement, now_ns)
+            hinted = _with_hint(error, hint)
+            return inbox._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
         arrived = replace(measurement, arrived_ns=now_ns)
         return inbox._replace(
             measurement=arrived, refusals=inbox.refusals.after_battery(),
@@ -249,21 +236,11 @@ class Inbox(NamedTuple):
             0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
             and is_one_battery(latest.seen, measurement.seen))
 
-    def _with_hinted_refusal(self, error: InvalidInput, hint: str, measurement: Measurement,
-                             now_ns: int) -> tuple[Inbox, InvalidInput]:
-        hinted = InvalidInput([*error.problems, hint]) if hint else error
-        return self._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
-
     def _with_refused_battery(self, error: InvalidInput, percentage: float, now_ns: int) -> Inbox:
         """Return the Inbox after a refused battery state, whose message had a percentage, NaN: unknown."""
         return self._replace(
             percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
             refusals=self.refusals.of_battery(error))
-
-    def _check_content(self, measurement: Measurement, now_ns: int) -> None:
-        if now_ns == 0:
-            raise InvalidInput('use_sim_time is set and no /clock has arrived: time stands at 0')
-        check_situation(self.vehicle, state=measurement.state)
 
     def _check_stamp(self, measurement: Measurement, now_ns: int) -> None:
         age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
@@ -279,15 +256,15 @@ class Inbox(NamedTuple):
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
                                'stamps must not go back')
 
-    def _with_scale(self, measurement: Measurement, now_ns: int) -> tuple[Inbox, str]:
-        """Return the Inbox with the scale of a percentage, and the sentence on a percentage beyond 0 ... 1."""
+    def _with_scale(self, measurement: Measurement, now_ns: int) -> Inbox:
+        """Return the Inbox with the scale of a percentage, and the verdict on a percentage beyond 0 ... 1."""
         percent_scale, doubt = self.percent_scale.seen(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
         verdict = None
         if doubt:
             since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
             verdict = SignalVerdict(STATE_OF_CHARGE, doubt, since_ns)
-        return self._replace(percent_scale=percent_scale, scale_verdict=verdict), doubt
+        return self._replace(percent_scale=percent_scale, scale_verdict=verdict)
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
@@ -304,13 +281,13 @@ class Inbox(NamedTuple):
         try:
             timetable = self.timetable.at_progress(progress, now_ns, self.settings)
         except InvalidInput as error:
-            hinted = InvalidInput([*error.problems, hint]) if hint else error
+            hinted = _with_hint(error, hint)
             return self._with_refused_progress(hinted), hinted
         return self._replace(timetable=timetable, refused_progress=None), None
 
     def _with_refused_progress(self, error: InvalidInput) -> Inbox:
         """Return the Inbox after a route progress was refused: the previous one holds until it is too old."""
-        return self._replace(refused_progress=f'{PROGRESS} refused: {error}')
+        return self._replace(refused_progress=f'{events.ROUTE_PROGRESS} refused: {error}')
 
     # Routes
 
@@ -319,7 +296,7 @@ class Inbox(NamedTuple):
         try:
             self._check_mission(mission)
         except InvalidInput as error:
-            return self._with_refused_route(error, RefusedRoute.of_mission(mission)), error
+            return self._with_refused_route(error, events.RefusedRoute.of_mission(mission)), error
         before = self.cancelled_before
         if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
             return self._dropped(), None
@@ -376,7 +353,7 @@ class Inbox(NamedTuple):
         inbox = self._following(None, is_new_trip=True)
         return inbox._replace(is_cancelled=True, refusals=inbox.refusals.after_route())
 
-    def _with_refused_route(self, error: InvalidInput, refused: RefusedRoute) -> Inbox:
+    def _with_refused_route(self, error: InvalidInput, refused: events.RefusedRoute) -> Inbox:
         """Return the Inbox after a route was refused: 0 W, for a time that depends on its RefusedRoute."""
         refusals, may_continue = self.refusals.of_route(error, refused, self.mission, self.latest_ns)
         return (self if may_continue else self._following(None))._replace(refusals=refusals)
@@ -392,3 +369,7 @@ class Inbox(NamedTuple):
                 (leg.route for leg in mission.legs), self.vehicle)),
             changes=replace(self.changes, has_new_mission=True,
                             has_new_trip=self.changes.has_new_trip or is_new_trip))
+
+
+def _with_hint(error: InvalidInput, hint: str) -> InvalidInput:
+    return InvalidInput([*error.problems, hint]) if hint else error

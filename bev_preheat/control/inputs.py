@@ -12,29 +12,25 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.stop import CERTAIN, ChargingProspect
-from bev_preheat.control.departures import in_words
-from bev_preheat.control.settings import defaults_of, Settings
+from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect
+from bev_preheat.control.departures import GridPrices, in_words
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.signal_checks import SeenState
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, Uncertainty
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import LIMITS, Route
 from bev_preheat.tunables import LEAST_HELD_S, MOST_PLANNED_STEPS, WIDEST_CELL_SPREAD_K
 from bev_preheat.vehicle.variants import grid_fed
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
     from bev_preheat.control.decision import Decision
-    from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.target import TargetChoice
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices
-    from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.vehicle.description import Vehicle
 
 # Start of every sentence for a goal that is no trip.
@@ -312,19 +308,7 @@ class Mission:
 
     def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
-        number = len(self.legs) - 1
-        while number > 0 and self.legs[number].start_ns > instant_ns:
-            number -= 1
-        return number
-
-
-def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
-    """Return the Goal of a leg; settings and vehicle complete it."""
-    goal = leg.goal(defaults_of(vehicle, settings).target_battery_temperature_c)
-    if goal.minimum_arrival_soc > 0.0 and leg.terms.is_trip:
-        reserve = min(goal.minimum_arrival_soc + settings.arrival_soc_margin, 1.0)
-        goal = replace(goal, minimum_arrival_soc=reserve)
-    return goal
+        return max((number for number, leg in enumerate(self.legs) if leg.start_ns <= instant_ns), default=0)
 
 
 def in_planning_steps(route: Route, planning_step_s: float) -> Route:

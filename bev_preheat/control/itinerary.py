@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route import route_for, RouteForVehicle
+from bev_preheat.route import route_for
 from bev_preheat.route.sources.journey import RouteOptions
 
 if TYPE_CHECKING:
@@ -58,7 +58,9 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
         try:
             loaded.append(route_for(node['route'], vehicle, path.parent,
                                     RouteOptions(node.get('ambient_temperature_c'))))
-            _refuse_stops(loaded[-1])
+            if loaded[-1].stops:
+                raise InvalidInput(f'{loaded[-1].file}: has {len(loaded[-1].stops)} charging stops; a leg of an '
+                                   'itinerary has none on the way: divide the route')
         except InvalidInput as error:
             problems += [f'legs[{index}].route: {problem}' for problem in error.problems]
             continue
@@ -84,13 +86,6 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
         tuple(node['route'] for node in nodes),
         tuple(route.made_for for route in loaded), (path, *(route.file for route in loaded)),
         tuple(dict.fromkeys(route.warning for route in loaded if route.warning)))
-
-
-def _refuse_stops(loaded: RouteForVehicle) -> None:
-    """Raise InvalidInput if the route of one leg has charging stops of its own."""
-    if loaded.stops:
-        raise InvalidInput(f'{loaded.file}: has {len(loaded.stops)} charging stops; a leg of an itinerary has '
-                           'none on the way: divide the route')
 
 
 def _stop_problems(nodes: list[dict[str, FileData]]) -> list[str]:

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import driven_at, planned_around
-from bev_preheat.control.inputs import SupplyStatus
+from bev_preheat.control.inputs import Measurement, SupplyStatus
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
 from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
@@ -42,12 +42,10 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.plausibility import energy_between_kwh
 
 if TYPE_CHECKING:
+    from bev_preheat.control.decision import Moment
     from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -94,16 +92,6 @@ class Knowledge(NamedTuple):
     doubts: Doubts = Doubts()
 
     @property
-    def regime(self) -> RegimeReport:
-        """The current RegimeReport."""
-        return self.regimes.report
-
-    @property
-    def verdicts(self) -> tuple[SignalVerdict, ...]:
-        """The SignalVerdicts that hold; () while every signal does."""
-        return self.doubts.verdicts
-
-    @property
     def obstacle(self) -> str | None:
         """The sentence on signals without which nothing is heated; None if they hold."""
         sentences = [verdict.sentence for verdict in self.doubts.needed]
@@ -117,16 +105,16 @@ class Knowledge(NamedTuple):
             temperature=self.temperature.without_instants(), regimes=RegimeWatch(), charged_ns=None,
             doubts=self.doubts.without_instants())
 
-    def seen(self, measurement: Measurement, inputs: AdmittedInputs,
+    def seen(self, measurement: Measurement, moment: Moment,
              powers: SourcePowers) -> tuple[Knowledge, Known]:
-        """Return the Knowledge after a valid Measurement, and the Known on the timetables of AdmittedInputs."""
-        stamp_ns, settings, vehicle = measurement.stamp_ns, inputs.settings, inputs.vehicle
-        timetable, active = inputs.timetable, inputs.active_timetable
+        """Return the Knowledge after a valid Measurement, and the Known on the timetables of Moment."""
+        stamp_ns, settings, vehicle = measurement.stamp_ns, moment.settings, moment.vehicle
+        timetable, active = moment.timetable, moment.active_timetable
         command_w = powers.drawn_w(stamp_ns)
         feed = self.feed.seen(stamp_ns / NS_PER_S)
         knowledge, doubts, seen = self._screened(measurement, vehicle, self.doubts.noted(
             FEED, feed.doubt(settings.battery_state_timeout_s), stamp_ns))
-        planned = planned_around(active, stamp_ns, inputs.defaults)
+        planned = planned_around(active, stamp_ns, moment.defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)
         regimes = self.regimes.seen(Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,

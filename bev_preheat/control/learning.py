@@ -11,8 +11,8 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.prior import after_soak, Soak
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.prior import after_soak, Learned, Soak
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.tunables import (
@@ -27,19 +27,16 @@ from bev_preheat.tunables import (
     TOLD_FROM,
     TRIED_OFF_S,
 )
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from bev_preheat.control.decision import Moment
     from bev_preheat.control.heater import SourcePowers
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import Known
-    from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport
-    from bev_preheat.estimation.prior import Learned
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class StandReport(NamedTuple):
@@ -92,11 +89,6 @@ class StandWatch(NamedTuple):
             history = (*history, seen)
         return self._replace(history=history[-MOST_NOTED:], latest=seen)
 
-    def _parked(self, parked_ns: int) -> LastSeen | None:
-        """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
-        return next((seen for seen in reversed(self.history)
-                     if abs(seen.stamp_ns - parked_ns) <= PARKED_WITHIN_S * NS_PER_S), None)
-
     def compared(self, mission: Mission | None, measurement: Measurement,
                  vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
         """Return the watch after a Measurement, and the Soak before it, at most once a trip; None: no soak."""
@@ -112,8 +104,9 @@ class StandWatch(NamedTuple):
         if mission.standing_time_s == 0.0 or stood_s <= 0.0:
             return watch, None
         ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
-        parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
-        parked_c = None
+        parked_ns, parked_c = measurement.stamp_ns - round(stood_s * NS_PER_S), None
+        parked = next((seen for seen in reversed(self.history)
+                       if abs(seen.stamp_ns - parked_ns) <= PARKED_WITHIN_S * NS_PER_S), None)
         if parked is not None:
             stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
         standing = after_soak(vehicle, ambient_c, stood_s, parked_c)
@@ -156,26 +149,25 @@ NO_TRIAL = SourceTrial()
 @dataclass(frozen=True, eq=False)
 class Learning:
     """
-    The Estimator of a vehicle, and the watch over the first battery state of each trip; a value.
+    The Estimators of a vehicle by heat source, the HVCH first, and the watch over each trip's first battery state.
 
-    `others` are name and Estimator of the other heat sources; each takes the rest of the car as it is
-    known, and judges its own source. `trial` tells them apart. `earlier` are those of every
-    ESTIMATORS_EVERY_S, the latest last, while only the state of charge can show that the vehicle stands.
+    Each Estimator judges its own source, and takes the others and the rest of the car as they are known. `trial`
+    tells the sources apart. `earlier` are the Estimators of every ESTIMATORS_EVERY_S, the latest last, while only
+    the state of charge can show that the vehicle stands. A value.
     """
 
-    estimator: Estimator
+    estimators: Mapping[str, Estimator]
     stand_watch: StandWatch
-    others: tuple[tuple[str, Estimator], ...] = ()
     trial: SourceTrial = NO_TRIAL
-    earlier: tuple[tuple[Estimator, tuple[tuple[str, Estimator], ...]], ...] = ()
+    earlier: tuple[Mapping[str, Estimator], ...] = ()
 
     @classmethod
     def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
               last_seen: LastSeen | None = None) -> Learning:
         """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
-        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)), tuple(
-            (source.name, Estimator.of(vehicle, learned, -1 if source.cools else 1))
-            for source in vehicle.heat_sources))
+        return cls({HVCH: Estimator.of(vehicle, learned), **{
+            source.name: Estimator.of(vehicle, learned, -1 if source.cools else 1)
+            for source in vehicle.heat_sources}}, StandWatch(() if last_seen is None else (last_seen,)))
 
     @cached_property
     def estimate(self) -> Estimate | None:
@@ -185,18 +177,18 @@ class Learning:
         As far as a fault of another source, not yet reported, explains the readings better, the battery is as that
         source's Estimator knows it.
         """
-        own = self.estimator.estimate
-        if own is None:
+        own = self.estimators[HVCH]
+        if own.estimate is None:
             return None
-        suspects = [(self.estimator.odds_of(each), each.estimate) for _, each in self.others
-                    if each.estimate is not None and each.estimate.heater.heater is Heater.ANSWERS]
-        return own.mixed_with(suspects, 1.0 + self.estimator.fault_odds)
+        suspects = [(own.odds_of(each), each.estimate) for name, each in self.estimators.items()
+                    if name != HVCH and each.estimate is not None
+                    and each.estimate.heater.heater is Heater.ANSWERS]
+        return own.estimate.mixed_with(suspects, 1.0 + own.fault_odds)
 
     @property
     def reports(self) -> dict[str, HeaterReport]:
         """The reports on all heat sources by name, as far as there are any."""
-        return {name: each.estimate.heater for name, each in ((HVCH, self.estimator), *self.others)
-                if each.estimate is not None}
+        return {name: each.estimate.heater for name, each in self.estimators.items() if each.estimate is not None}
 
     @property
     def shares(self) -> dict[str, float]:
@@ -204,16 +196,13 @@ class Learning:
         return {name: inf if report.heater is Heater.STUCK_ON else report.share
                 for name, report in self.reports.items() if report.heater is not Heater.ANSWERS}
 
-    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, powers: SourcePowers,
-                trip: Mission | None) -> Learning:
-        """
-        Return the Learning after a Known measurement, on a Timetable's mission and under SourcePowers.
-
-        `trip` is the Mission of the route plan, before which the vehicle may have stood.
-        """
+    def learned(self, known: Known, moment: Moment, powers: SourcePowers) -> Learning:
+        """Return the Learning after a Known measurement, at a Moment and under SourcePowers."""
+        vehicle, timetable = moment.vehicle, moment.active_timetable
         measurement, stand_watch, standing = known.measurement, self.stand_watch, None
         if known.trusts_temperature:
-            stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
+            # The vehicle may have stood before the trip of the route plan.
+            stand_watch, standing = stand_watch.compared(moment.mission, measurement, vehicle)
         learning = replace(self._without(known.wrong_since_ns), stand_watch=stand_watch)
         if standing is not None:
             soak = standing
@@ -224,31 +213,30 @@ class Learning:
         if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
-        each = {HVCH: learning.estimator, **dict(learning.others)}
-        numbers = {HVCH: 0, **{source.name: number for number, source in enumerate(vehicle.heat_sources, 1)}}
+        before = learning.estimators
 
-        def after(estimator: Estimator, name: str) -> Estimator:
+        def after(number: int, estimator: Estimator) -> Estimator:
             if not known.is_described:
                 return estimator.held(
                     measurement, vehicle, known.heat_w, known.trusts_temperature, known.trusts_soc)
             return estimator.observed(measurement, intervals_between(
-                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, numbers[name]), vehicle, sum(
-                    estimator.odds_of(other) for other in each.values() if other is not estimator))
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, powers, number), vehicle, sum(
+                    estimator.odds_of(other) for other in before.values() if other is not estimator))
 
-        learning = replace(learning, estimator=after(learning.estimator, HVCH), others=tuple(
-            (name, after(estimator, name)) for name, estimator in learning.others))
+        learning = replace(learning, estimators={
+            name: after(number, each) for number, (name, each) in enumerate(before.items())})
+        has_others = len(before) > 1
         # The faulty source explains what other sources were suspected of.
-        if learning.others and learning.shares != self.shares:
-            faulty = next((estimator for name, estimator in ((HVCH, learning.estimator), *learning.others)
+        if has_others and learning.shares != self.shares:
+            faulty = next((each for name, each in learning.estimators.items()
                            if learning.shares.get(name) not in (None, self.shares.get(name))), None)
             learning = learning._each(lambda estimator: estimator.with_car_of(faulty))
-        if learning.others and known.is_described:
+        if has_others and known.is_described:
             is_told = bool(learning.shares)
-            each = {HVCH: learning.estimator, **dict(learning.others)}
             # Switching a source off does not show that it is stuck on.
             learning = replace(learning, trial=learning.trial.at(measurement.stamp_ns, {
-                name: estimator.weak_odds for name, estimator in each.items()}, is_told))
-            if is_told or sum(estimator.fault_odds for estimator in each.values()) < 1.0:
+                name: each.weak_odds for name, each in learning.estimators.items()}, is_told))
+            if is_told or sum(each.fault_odds for each in learning.estimators.values()) < 1.0:
                 learning = learning._each(Estimator.compared_anew)
         estimate = learning.estimate
         if estimate is None:
@@ -262,33 +250,30 @@ class Learning:
     def _kept(self, stamp_ns: int) -> Learning:
         """Return the Learning that keeps its estimators of an instant [ns], if it is time."""
         kept = self.earlier
-        if kept and 0 <= stamp_ns - (kept[-1][0].stamp_ns or 0) < ESTIMATORS_EVERY_S * NS_PER_S:
+        if kept and 0 <= stamp_ns - (kept[-1][HVCH].stamp_ns or 0) < ESTIMATORS_EVERY_S * NS_PER_S:
             return self
-        return replace(self, earlier=(*kept, (self.estimator, self.others))[-ESTIMATORS_KEPT:])
+        return replace(self, earlier=(*kept, self.estimators)[-ESTIMATORS_KEPT:])
 
     def _without(self, since_ns: int | None) -> Learning:
         """Return the Learning without the values learned since an instant [ns]; None: with all."""
         if since_ns is None:
             return self
-        before = [each for each in self.earlier if (each[0].stamp_ns or 0) <= since_ns]
-        estimator, others = before[-1] if before else (self.estimator, self.others)
-        return replace(self, estimator=self.estimator.with_learned_of(estimator), earlier=(), others=tuple(
-            (name, each.with_learned_of(then)) for (name, each), (_, then) in zip(self.others, others)))
+        then = next((each for each in reversed(self.earlier) if (each[HVCH].stamp_ns or 0) <= since_ns),
+                    self.estimators)
+        return replace(self, earlier=(), estimators={
+            name: each.with_learned_of(then[name]) for name, each in self.estimators.items()})
 
     def _each(self, change: Callable[[Estimator], Estimator]) -> Learning:
         """Return the Learning with a change of each Estimator."""
-        return replace(self, estimator=change(self.estimator), others=tuple(
-            (name, change(estimator)) for name, estimator in self.others))
+        return replace(self, estimators={name: change(each) for name, each in self.estimators.items()})
 
     def on_new_trip(self) -> Learning:
         """Return the Learning without the consumption of the route before: another trip begins."""
         return self._each(Estimator.of_another_route)
 
-    def with_acquitted_heater(self, name: str = HVCH) -> Learning:
+    def with_acquitted_heater(self, name: str) -> Learning:
         """Return the Learning of a healthy heat source: the power with which it was compared is refuted."""
-        return replace(self, estimator=self.estimator.of_healthy_heater() if name == HVCH else self.estimator,
-                       others=tuple((each, estimator.of_healthy_heater() if each == name else estimator)
-                                    for each, estimator in self.others))
+        return replace(self, estimators={**self.estimators, name: self.estimators[name].of_healthy_heater()})
 
     def without_instants(self) -> Learning:
         """Return the Learning without instants, because the clock was restarted."""

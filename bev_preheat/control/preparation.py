@@ -13,10 +13,10 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.departures import DAYS_A_WEEK
+from bev_preheat.control.decision import Decision, find_obstacle, Moment
+from bev_preheat.control.departures import DAYS_A_WEEK, Departures, GridPrices, Occurrence
 from bev_preheat.control.expected_drive import drive_of_route, DriveMemory, steady_drive
-from bev_preheat.control.inputs import in_planning_steps, Leg, Mission, Terms
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.inputs import in_planning_steps, Leg, Measurement, Mission, Terms
 from bev_preheat.control.preparation_goal import (
     conclusion,
     contradiction,
@@ -30,10 +30,10 @@ from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, located, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.plan import cost_of
+from bev_preheat.planning.plan import cost_of, Plan
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
-from bev_preheat.route.segments import LIMITS
+from bev_preheat.route.segments import LIMITS, Route
 from bev_preheat.tunables import (
     AMBIENT_KNOWN_S,
     BEGINS_S,
@@ -46,13 +46,7 @@ from bev_preheat.tunables import (
 if TYPE_CHECKING:
     from typing import Any
 
-    from bev_preheat.control.decision import Decision
-    from bev_preheat.control.departures import Departures, GridPrices, Occurrence
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.settings import Settings
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
 # The route_id of plans for a goal; no route plan typed by hand has it.
@@ -80,11 +74,11 @@ class Preparation(NamedTuple):
         """The current PreparationGoal; None without one."""
         return None if self.progress is None else self.progress.goal
 
-    def seen(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> Preparation:
+    def seen(self, measurement: Measurement, heater_w: float, mission: Mission | None) -> Preparation:
         """Remember power and ambient temperature for a drive without a route; the heater takes `heater_w` [W]."""
         memory = self.memory if self.goal is not None and self.goal.is_plugged_in else self.memory.seen(
             measurement.stamp_ns, measurement.power_w, heater_w)
-        return self._replace(memory=memory)._with_ambient(inputs.mission, measurement.stamp_ns)
+        return self._replace(memory=memory)._with_ambient(mission, measurement.stamp_ns)
 
     def _with_ambient(self, mission: Mission | None, now_ns: int) -> Preparation:
         if mission is None:
@@ -100,81 +94,74 @@ class Preparation(NamedTuple):
 
     # Beginning and end
 
-    def begun(self, goal: PreparationGoal, inputs: AdmittedInputs,
-              now_ns: int) -> tuple[Preparation, Exception | None]:
+    def begun(self, goal: PreparationGoal, moment: Moment) -> tuple[Preparation, Exception | None]:
         """Return the Preparation with this goal, or with the current one and the exception that refuses this."""
         try:
-            after = self._begun(goal, inputs, now_ns)
-        except InvalidInput as error:
-            return self._noting(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inputs), error
+            after = self._begun(goal, moment)
         except Exception as error:
-            return self._noting(goal, PreparationEnding.REFUSED, (
-                'The goal was refused: it could not be planned.'), inputs), error
+            why = error if isinstance(error, InvalidInput) else 'it could not be planned'
+            return self._noting(goal, PreparationEnding.REFUSED, f'The goal was refused: {why}.', moment), error
         before = self.progress
         return after if before is None else after._noting(
-            before.goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', inputs,
+            before.goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', moment,
             before.target_c), None
 
-    def _begun(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> Preparation:
-        target_c = inputs.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
+    def _begun(self, goal: PreparationGoal, moment: Moment) -> Preparation:
+        now_ns = moment.now_ns
+        target_c = moment.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
         problems = _problems(goal, now_ns)
         try:
-            check_situation(inputs.vehicle, goal=Goal(target_c, maximum_arrival_temperature_c=goal.most_c))
+            check_situation(moment.vehicle, goal=Goal(target_c, maximum_arrival_temperature_c=goal.most_c))
         except InvalidInput as error:
             problems += error.problems
-        lowest_c = inputs.vehicle.battery.temperature_range_c[0]
+        lowest_c = moment.vehicle.battery.temperature_range_c[0]
         if goal.ambient_c is not None and goal.ambient_c < lowest_c:
             problems.append(
                 f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be at '
                 f"least {lowest_c:g} degC: the vehicle's battery is not described below that")
         if problems:
             raise InvalidInput(problems)
-        measurement = inputs.measurement
+        measurement = moment.measurement
         progress = PreparationProgress(goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
-        after = self._replace(progress=progress, has_lost_time=False)._with_ambient(inputs.mission, now_ns)
-        needs_ambient = goal.is_plugged_in or not _has_route(inputs, now_ns)
+        after = self._replace(progress=progress, has_lost_time=False)._with_ambient(moment.mission, now_ns)
+        needs_ambient = goal.is_plugged_in or not _has_route(moment)
         if needs_ambient and after._ambient_c(goal, now_ns) is None:
             raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
                                'last 6 h; give it in the goal')
-        objection = contradiction(progress, inputs, now_ns)
+        objection = contradiction(progress, moment)
         if objection:
             raise InvalidInput(f'plugged_in: {objection}')
         # A placeholder trip: without any, find_obstacle would report a missing route.
-        placeholder = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
-        obstacle = find_obstacle(inputs._replace(active_timetable=placeholder), now_ns)
+        placeholder = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, moment.defaults)),)))
+        obstacle = find_obstacle(moment._replace(active_timetable=placeholder))
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
-        return after._replace(timetable=placeholder).revised(inputs, now_ns, 1.0)
+        return after._replace(timetable=placeholder).revised(moment._replace(estimate=None))
 
     def ended(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
-              inputs: AdmittedInputs) -> Preparation:
+              moment: Moment) -> Preparation:
         """Return the Preparation without the current goal if that is `goal` (None: any goal)."""
         if self.progress is None or goal not in (None, self.progress.goal):
             return self
-        return self._noting(
-            self.progress.goal, ending, explanation, inputs, self.progress.target_c)._replace(
-                progress=None, timetable=None)
+        after = self._noting(self.progress.goal, ending, explanation, moment, self.progress.target_c)
+        return after._replace(progress=None, timetable=None)
 
-    def concluded(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
-                  temperature_c: float | None) -> Preparation:
+    def concluded(self, moment: Moment, decision: Decision, obstacle: Decision | None) -> Preparation:
         """Return the Preparation without its goal if its time has come; arguments as of `conclusion`."""
         if self.progress is None:
             return self
-        progress, over = conclusion(self.progress, inputs, now_ns, decision, obstacle, temperature_c)
+        progress, over = conclusion(self.progress, moment, decision, obstacle)
         if self.has_lost_time:
-            progress, over = self.progress, (
-                PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
+            over = PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid."
         if over is None:
             return self._replace(progress=progress)
-        ending, explanation = over
-        return self._noting(
-            progress.goal, ending, explanation, inputs, progress.target_c, temperature_c)._replace(
-                progress=None, timetable=None)
+        after = self._noting(progress.goal, *over, moment, progress.target_c, moment.temperature_c)
+        return after._replace(progress=None, timetable=None)
 
-    def _noting(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
+    def _noting(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, moment: Moment,
                 target_c: float = math.nan, temperature_c: float | None = None) -> Preparation:
         if temperature_c is None:
-            measurement = inputs.measurement
+            measurement = moment.measurement
             temperature_c = measurement.state.temperature_c if measurement else math.nan
         return self._replace(outcomes=(*self.outcomes, PreparationOutcome(
             goal, ending, explanation, max(0.0, target_c - temperature_c, temperature_c - goal.most_c)
@@ -182,45 +169,40 @@ class Preparation(NamedTuple):
 
     # The trip that is planned for
 
-    def revised(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> Preparation:
-        """
-        Return the Preparation with the trip from the current inputs; without a goal it stays.
-
-        An assumed drive uses measured power. It is divided by the `propulsion_factor` that the estimator
-        found for routes, because planning multiplies by it.
-        """
-        progress = self.progress
+    def revised(self, moment: Moment) -> Preparation:
+        """Return the Preparation with the trip from the current inputs; without a goal it stays."""
+        progress, now_ns = self.progress, moment.now_ns
         if progress is None or self.has_lost_time:
             return self
-        until_ns = progress.goal.ready_at_ns or now_ns + \
-            round(LONGEST_SOONEST_S * NS_PER_S)
+        until_ns = progress.goal.ready_at_ns or now_ns + round(LONGEST_SOONEST_S * NS_PER_S)
         if until_ns <= now_ns:
             return self
         ambient_c = self._ambient_c(progress.goal, now_ns)
         progress = progress if ambient_c is None else replace(progress, ambient_c=ambient_c)
-        terms = terms_of(progress.goal, inputs.settings)
-        leg = Leg(self._drive(progress, inputs, now_ns, until_ns, propulsion_factor), progress.started_ns,
+        terms = terms_of(progress.goal, moment.settings)
+        leg = Leg(self._drive(progress, moment, until_ns), progress.started_ns,
                   target_temperature_c=progress.target_c, maximum_arrival_temperature_c=progress.goal.most_c,
                   minimum_arrival_soc=0.0 if terms.is_from_grid else _reserve_before(
-                      inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns),
-                  terms=terms).in_planning_steps(inputs.settings.planning_step_s)
+                      moment, progress.goal.ready_at_ns or progress.expected_ns or now_ns),
+                  terms=terms).in_planning_steps(moment.settings.planning_step_s)
         return self._replace(progress=progress, timetable=Timetable.of(Mission(ROUTE_ID, (replace(
             leg, route=terms.in_price_steps(leg.route)),))))
 
-    def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
-               propulsion_factor: float) -> Route:
-        goal, defaults = progress.goal, inputs.defaults
-        mission, from_ns = inputs.mission, progress.started_ns
-        if mission is not None and not goal.is_plugged_in and _has_route(inputs, now_ns):
+    def _drive(self, progress: PreparationProgress, moment: Moment, until_ns: int) -> Route:
+        goal, defaults = progress.goal, moment.defaults
+        mission, from_ns = moment.mission, progress.started_ns
+        if mission is not None and not goal.is_plugged_in and _has_route(moment):
             route = drive_of_route(mission, from_ns, until_ns, defaults)
             return route if goal.ambient_c is None else replace(
                 route, ambient_temperature_c=0.0 * route.duration_s + goal.ambient_c)
         # It was known when the goal began, or a route has reported it since.
         assert progress.ambient_c is not None
-        propulsion_w = (0.0, 0.0) if goal.is_plugged_in else self.memory.propulsion_w(
-            now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
+        mean_w, rms_w = (0.0, 0.0) if goal.is_plugged_in else self.memory.propulsion_w(
+            moment.now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
+        # Planning multiplies measured power by the factor that the estimator has found for routes.
+        factor = 1.0 if moment.estimate is None else moment.estimate.propulsion_factor
         return steady_drive((until_ns - from_ns) / NS_PER_S, progress.ambient_c, defaults, (
-            propulsion_w[0] / propulsion_factor, propulsion_w[1] / propulsion_factor))
+            mean_w / factor, rms_w / factor))
 
     def _ambient_c(self, goal: PreparationGoal, now_ns: int) -> float | None:
         """Return the ambient temperature [deg C] of a goal, the last known, or the assumed one; None: unknown."""
@@ -231,9 +213,9 @@ class Preparation(NamedTuple):
         return goal.assumed_ambient_c
 
 
-def _has_route(inputs: AdmittedInputs, now_ns: int) -> bool:
-    timetable = inputs.timetable
-    return timetable is not None and timetable.end is None and timetable.mission.arrival_ns > now_ns
+def _has_route(moment: Moment) -> bool:
+    timetable = moment.timetable
+    return timetable is not None and timetable.end is None and timetable.mission.arrival_ns > moment.now_ns
 
 
 def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
@@ -266,24 +248,24 @@ def terms_of(goal: PreparationGoal, settings: Settings) -> Terms:
                  goal.ready_at_ns, choice)
 
 
-def _reserve_before(inputs: AdmittedInputs, now_ns: int, until_ns: int) -> float:
+def _reserve_before(moment: Moment, until_ns: int) -> float:
     """
     Return the state of charge to leave at an instant [ns] so that the route's leg keeps its reserve.
 
     It is the reserve at the leg's end plus the charge that the drive from the instant to there takes.
     """
-    mission, measurement = inputs.mission, inputs.measurement
+    mission, measurement = moment.mission, moment.measurement
     if mission is None or measurement is None:
         return 0.0
     leg = mission.legs[mission.leg_number(until_ns)]
-    start_ns = max(now_ns, leg.start_ns)
+    start_ns = max(moment.now_ns, leg.start_ns)
     route = leg.route_ahead(start_ns)
     if route is None or not start_ns <= until_ns < leg.arrival_ns:
         return 0.0
-    goal = inputs.goal_of(leg)
-    reserve = reserve_soc(inputs.vehicle, goal)
+    goal = moment.goal_of(leg)
+    reserve = reserve_soc(moment.vehicle, goal)
     try:
-        plan = plan_unheated(inputs.vehicle, route, measurement.state, goal)
+        plan = plan_unheated(moment.vehicle, route, measurement.state, goal)
     except (InvalidInput, PlanningFailure):
         # Then the goal cannot be planned either, which is reported.
         return reserve

@@ -19,9 +19,8 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.decision import Decision, Moment
     from bev_preheat.control.departures import GridPrices
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.planning.plan import Plan
 
 
@@ -109,31 +108,27 @@ class PreparationProgress:
     held_off_ns: int | None = None
 
 
-def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, decision: Decision,
-               obstacle: Decision | None, temperature_c: float | None) -> tuple[PreparationProgress, Conclusion]:
-    """
-    Return the progress, and (PreparationEnding, sentence) if it is over at an instant [ns]; None if it continues.
-
-    `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
-    `temperature_c` the battery's temperature [deg C].
-    """
-    if not inputs.is_enabled:
+def conclusion(progress: PreparationProgress, moment: Moment, decision: Decision,
+               obstacle: Decision | None) -> tuple[PreparationProgress, Conclusion]:
+    """Return the progress, and (PreparationEnding, sentence) if it is over at a Moment; None if it continues."""
+    if not moment.is_enabled:
         return progress, (PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.')
-    if inputs.measurement is not None:
-        progress = replace(progress, highest_soc=max(progress.highest_soc, inputs.measurement.state.soc))
-    objection = contradiction(progress, inputs, now_ns)
+    if moment.measurement is not None:
+        progress = replace(progress, highest_soc=max(progress.highest_soc, moment.measurement.state.soc))
+    objection = contradiction(progress, moment)
     if objection:
         return progress, (PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.')
     if decision.plan is not None:
         progress = replace(progress, held_off_ns=None, expected_ns=decision.plan_start_ns + round(
             decision.plan.arrival_time_s * NS_PER_S))
     elif progress.held_off_ns is None:
-        progress = replace(progress, held_off_ns=now_ns)
-    return progress, _conclusion(progress, now_ns, decision, obstacle, temperature_c)
+        progress = replace(progress, held_off_ns=moment.now_ns)
+    return progress, _conclusion(progress, moment, decision, obstacle)
 
 
-def _conclusion(progress: PreparationProgress, now_ns: int, decision: Decision, obstacle: Decision | None,
-                temperature_c: float | None) -> Conclusion:
+def _conclusion(progress: PreparationProgress, moment: Moment, decision: Decision,
+                obstacle: Decision | None) -> Conclusion:
+    now_ns, temperature_c = moment.now_ns, moment.temperature_c
     is_time = 0 < progress.goal.ready_at_ns <= now_ns
     if obstacle is not None or temperature_c is None or (
             decision.plan is None and not is_time):
@@ -177,12 +172,12 @@ def _soonest_conclusion(progress: PreparationProgress, now_ns: int, plan: Plan,
     return None
 
 
-def contradiction(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int) -> str:
+def contradiction(progress: PreparationProgress, moment: Moment) -> str:
     """Return the evidence that the vehicle is not plugged in, as a sentence; '' without evidence."""
-    mission, measurement = inputs.mission, inputs.measurement
+    mission, measurement = moment.mission, moment.measurement
     if not progress.goal.is_plugged_in:
         return ''
-    if mission is not None and drives_between(mission, now_ns, progress.goal.ready_at_ns):
+    if mission is not None and drives_between(mission, moment.now_ns, progress.goal.ready_at_ns):
         return f'the route plan {mission.route_id!r} drives before the battery is to be warm'
     if measurement is None:
         return ''

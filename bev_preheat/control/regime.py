@@ -169,7 +169,9 @@ class RegimeWatch(NamedTuple):
         (charging, since_ns), suspicion = self._charging(
             evidence, CHARGING_AFTER_S, CHANGED_CHARGE if self.report.is_at_rest else LEAST_CHARGED), ''
         if not evidence.is_sign_proven:
-            suspicion = self.report.suspicion if self._may_be_reversed() else ''
+            # It stays until a current has flowed out.
+            may_be_reversed = evidence.power_w is not None and evidence.power_w < CHARGES_W
+            suspicion = self.report.suspicion if may_be_reversed else ''
             if charging and _is_mirrored(evidence):
                 suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
                              'battery_state.current may be reversed')
@@ -264,11 +266,6 @@ class RegimeWatch(NamedTuple):
         window = self._window(DRIVING_AFTER_S) or list(self.samples)
         return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
                    else sample.power_w < STANDS_ABOVE_W for sample in window)
-
-    def _may_be_reversed(self) -> bool:
-        """Whether a current that was suspected of the wrong sign has not flowed out since."""
-        power_w = self.samples[-1].power_w
-        return power_w is not None and power_w < CHARGES_W
 
     def _drives(self, evidence: Evidence) -> bool:
         """Whether the battery has given more than consumers and heater take for some seconds."""

@@ -6,40 +6,28 @@ from __future__ import annotations
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command import Commander
-from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
+from bev_preheat.control.decision import Command, Decision, Moment, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater import Answers
+from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswerReport
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.learning import Learning
-from bev_preheat.control.obstacle import Unserved
+from bev_preheat.control.learning import Learning, StandReport
 from bev_preheat.control.preparation import Preparation
-from bev_preheat.estimation.before_restart import LastSeen, NO_CHOICES
-from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.tunables import SHARE_STEPS
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 if TYPE_CHECKING:
-    from bev_preheat.control.decision import Command
-    from bev_preheat.control.heater import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.learning import StandReport
-    from bev_preheat.control.obstacle import AdmittedInputs
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import PlaceReport
-    from bev_preheat.estimation.before_restart import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import HeaterReport, SuspectedFault
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.signal_checks import SignalVerdict
     from bev_preheat.planning.status import Status
-    from bev_preheat.vehicle.description import Vehicle
-
-
-UNSERVED_BECAUSE = {Heater.DEAD: 'The {} does not respond to its command.',
-                    Heater.DERATED: 'The {} delivers only {share:.0f} % of its command.'}
 
 
 class Screened(NamedTuple):
@@ -113,19 +101,9 @@ class State(NamedTuple):
         return self.inbox.settings
 
     @property
-    def choices(self) -> DriverChoices:
-        """The driver's choices, which outlive the process."""
-        return self.inbox.choices
-
-    @property
     def is_enabled(self) -> bool:
         """Whether preheating is switched on."""
-        return self.choices.switched_off_ns is None
-
-    @property
-    def rivals(self) -> str:
-        """The names of other nodes that command the same heater; '' for none."""
-        return self.inbox.rivals
+        return self.inbox.is_enabled
 
     @property
     def mission(self) -> Mission | None:
@@ -160,32 +138,31 @@ class State(NamedTuple):
         return screened.holding if arrived is screened.as_arrived else arrived
 
     @property
-    def inputs(self) -> AdmittedInputs:
-        """The AdmittedInputs; the measurement without the signals that do not hold."""
-        return self.inbox.admitted(
-            self.preparation.timetable, self.measurement, self.screened.doubt,
-        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
-                   suspected=self._suspected)
+    def moment(self) -> Moment:
+        """The Moment of `now_ns`; its measurement is without the signals that do not hold."""
+        reports = self.learning.reports if self.settings.estimation else {}
+        suspected = tuple((name, report.suspected) for name, report in reports.items()
+                          if report.suspected is not None)
+        inputs = self.inbox.moment(self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt)
+        return inputs._replace(
+            heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
+            suspected=suspected, regime=self.regime, estimate=self.estimate, temperature_c=self.temperature_c,
+            direction=self.commander.direction, heated_s=self.answers.heated_s(self.now_ns, self.vehicle))
 
     @property
     def _all_unserved(self) -> tuple[Unserved, ...]:
         """Those that refuse, that is tried, and those that are dead or derated by the estimation."""
-        if not self.unserved and not self.learning.others:
+        if not self.unserved and len(self.learning.estimators) == 1:
             return ()
         reports, refused = self.source_reports, {each.name for each in self.unserved}
         tried = [name for name in (self.learning.trial.name,) if name in reports and name not in refused]
         return (*self.unserved, *(
             Unserved(name, f'A heat source does not heat: the {name} is switched off to tell which.', False)
             for name in tried), *(
-            Unserved(name, UNSERVED_BECAUSE[report.heater].format(name, share=100.0 * report.share), False,
+            Unserved(name, FAULTS[report.heater].format(name, share=100.0 * report.share), False,
                      round(SHARE_STEPS * report.share) / SHARE_STEPS)
-            for name, report in reports.items() if name not in refused and report.heater in UNSERVED_BECAUSE))
-
-    @property
-    def _suspected(self) -> tuple[tuple[str, SuspectedFault], ...]:
-        """The faults of heat sources that are not reported yet, by name."""
-        reports = self.learning.reports if self.settings.estimation else {}
-        return tuple((name, report.suspected) for name, report in reports.items() if report.suspected is not None)
+            for name, report in reports.items()
+            if name not in refused and report.heater in (Heater.DEAD, Heater.DERATED)))
 
     @property
     def source_answers(self) -> dict[str, HeaterAnswerReport]:
@@ -206,12 +183,12 @@ class State(NamedTuple):
     @property
     def regime(self) -> RegimeReport:
         """The RegimeReport, by evidence."""
-        return self.knowledge.regime
+        return self.knowledge.regimes.report
 
     @property
     def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
         """The SignalVerdicts; () while every signal holds."""
-        verdicts, scale = self.knowledge.verdicts, self.inbox.scale_verdict
+        verdicts, scale = self.knowledge.doubts.verdicts, self.inbox.scale_verdict
         return verdicts if scale is None else (*verdicts, scale)
 
     @property

@@ -15,7 +15,7 @@ from base64 import b64decode, b64encode
 from dataclasses import fields, is_dataclass
 from datetime import time, tzinfo
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 import json
 from typing import Any, TYPE_CHECKING
@@ -139,18 +139,12 @@ class _Writer:
         return number
 
 
+# They are asked for with each object.
+@cache
 def _field_names(kind: Any) -> tuple[str, ...]:
-    known = _NAMES.get(kind)
-    if known is not None:
-        return known
     if not kind.__dataclass_params__.frozen:
         raise TypeError(f'{kind.__module__}.{kind.__qualname__} is not frozen: it cannot be written')
-    _NAMES[kind] = tuple(field.name for field in fields(kind))
-    return _NAMES[kind]
-
-
-# Names of the fields of classes, which are asked for with each object.
-_NAMES: dict[type, tuple[str, ...]] = {}
+    return tuple(field.name for field in fields(kind))
 
 
 def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
@@ -160,31 +154,23 @@ def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
     def get(value: Any) -> Any:
         return made[value[0]] if type(value) is list else value
 
+    def function_with(function: Any, arguments: Any, keywords: Any) -> Any:
+        return partial(get(function), *get(arguments), **dict(get(keywords)))
+
+    def array_of(kind: str, shape: list[int], contents: str) -> Any:
+        array = np.frombuffer(b64decode(contents), dtype=np.dtype(kind)).reshape(shape)
+        return array if shape else array[()]
+
+    makers: dict[Any, Callable[..., Any]] = {
+        TUPLE: lambda *values: tuple(map(get, values)), DICTIONARY: lambda items: dict(get(items)),
+        ARRAY: array_of, PARTIAL: function_with, FUNCTION: SENTENCES.__getitem__, ZONE: zone_of,
+        CLOCK: time.fromisoformat}
     for first, *rest in objects:
-        if first == TUPLE:
-            made.append(tuple(map(get, rest)))
-        elif first == ARRAY:
-            array = np.frombuffer(b64decode(rest[2]), dtype=np.dtype(rest[0])).reshape(rest[1])
-            made.append(array if rest[1] else array[()])
-        elif first == DICTIONARY:
-            made.append(dict(get(rest[0])))
-        elif first == PARTIAL:
-            function, arguments, keywords = map(get, rest)
-            if not callable(function):
-                raise TypeError('a sentence is made by no function')
-            made.append(partial(function, *arguments, **dict(keywords)))
-        elif first == FUNCTION:
-            made.append(SENTENCES[rest[0]])
-        elif first == ZONE:
-            made.append(zone_of(rest[0]))
-        elif first == CLOCK:
-            made.append(time.fromisoformat(rest[0]))
-        else:
-            made.append(_instance(kinds[first], rest, get))
+        made.append(makers[first](*rest) if first in makers else _instance(kinds[first], rest, get))
     return get(root)
 
 
-def _instance(kind: type, values: list[Any], get: Callable[[Any], Any]) -> Any:
+def _instance(kind: Any, values: list[Any], get: Callable[[Any], Any]) -> Any:
     if issubclass(kind, Enum):
         return kind[values[0]]
     if issubclass(kind, tuple):

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.decision_maker import DecisionMaker, Moment
+from bev_preheat.control.decision import Command, Decision, find_obstacle, Unserved
+from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.events import (
     ActivationChanged,
     Event,
@@ -28,10 +28,9 @@ from bev_preheat.control.heater import Answers, HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning
-from bev_preheat.control.obstacle import find_obstacle, Unserved
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
-from bev_preheat.estimation.before_restart import NO_CHOICES
+from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle.description import Vehicle
 
@@ -136,10 +134,10 @@ def admit(state: State, event: Event) -> tuple[State, Exception | None]:
     error: Exception | None = None
     match event:
         case PreparationWanted(goal):
-            preparation, error = preparation.begun(goal, state.inputs, now_ns)
+            preparation, error = preparation.begun(goal, state.moment)
             inbox = inbox if error is not None else inbox.with_other_goal()
         case PreparationEnded(goal, ending, explanation):
-            preparation = preparation.ended(goal, ending, explanation, state.inputs)
+            preparation = preparation.ended(goal, ending, explanation, state.moment)
             inbox = inbox if preparation is state.preparation else inbox.with_other_goal()
         case HeaterStatusArrived(status, name):
             try:
@@ -187,37 +185,31 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
             answers=state.answers.each(lambda each: each.on_new_trip(state.now_ns)))
     for measurement in changes.measurements:
         state = learn(state, measurement)
-    if state.preparation.goal is None:
-        return state
-    estimate = state.estimate
-    return state._replace(preparation=state.preparation.revised(
-        state.inputs, state.now_ns, 1.0 if estimate is None else estimate.propulsion_factor))
+    return state._replace(preparation=state.preparation.revised(state.moment))
 
 
 def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
-    vehicle, temperature_c = state.inbox.vehicle, state.temperature_c
+    temperature_c = state.temperature_c
     if temperature_c is None:
         temperature_c = measurement.state.temperature_c
-    powers = state.answers.powers(vehicle, temperature_c, state.learning.shares)
-    knowledge, known = state.knowledge.seen(measurement, state.inputs, powers)
+    powers = state.answers.powers(state.vehicle, temperature_c, state.learning.shares)
+    knowledge, known = state.knowledge.seen(measurement, state.moment, powers)
     state = state._replace(
         knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
         screened=Screened(measurement, known.measurement, knowledge.obstacle))
-    inputs = state.inputs
-    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
-    if not inputs.settings.estimation:
+    moment = state.moment
+    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, moment.mission))
+    if not moment.settings.estimation:
         return state
-    state = state._replace(learning=state.learning.learned(
-        vehicle, known, inputs.active_timetable, powers, inputs.mission))
-    estimate = state.estimate
-    if estimate is None:
+    state = state._replace(learning=state.learning.learned(known, moment, powers))
+    if state.estimate is None:
         return state
     learning, reports, judged = state.learning, state.learning.reports, []
     for answers in (state.answers.hvch, *state.answers.others):
         report, is_refuted = reports.get(answers.name), False
         if report is not None:
-            answers, is_refuted = answers.judged(report, state.now_ns, inputs.settings)
+            answers, is_refuted = answers.judged(report, state.now_ns, state.settings)
         judged.append(answers)
         if is_refuted:
             learning = learning.with_acquitted_heater(answers.name)
@@ -240,22 +232,20 @@ def pass_time(state: State) -> State:
 
 def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     """Return the State with its Decision, another if it `is_due`, and the obstacle to heating, if any."""
-    inputs, now_ns = state.inputs, state.now_ns
-    obstacle = find_obstacle(inputs, now_ns)
+    moment = state.moment
+    obstacle = find_obstacle(moment)
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
             state = state._replace(knowledge=state.knowledge._replace(feed=state.knowledge.feed.expired()))
         return state._replace(intended=obstacle), obstacle
     if not is_due:
         return state, None
-    maker, decision = state.decision_maker.decide(Moment(
-        inputs, state.knowledge.regime, now_ns, state.estimate, state.commander.direction,
-        state.answers.heated_s(now_ns, state.vehicle)))
+    maker, decision = state.decision_maker.decide(moment)
     # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
     decision.read()
     answers = state.answers
     if decision.status in (Status.CHARGING, Status.ARRIVED):
-        answers = answers.without_heating(now_ns)
+        answers = answers.each(lambda each: each.without_heating(moment.now_ns))
     return state._replace(decision_maker=maker, intended=decision, answers=answers), None
 
 
@@ -263,23 +253,22 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
     """Return the State without a preparation goal whose time has come, with another Decision, and the obstacle."""
     if state.preparation.goal is None:
         return state, obstacle
-    state = state._replace(preparation=state.preparation.concluded(
-        state.inputs, state.now_ns, state.intended, obstacle, state.temperature_c))
+    state = state._replace(preparation=state.preparation.concluded(state.moment, state.intended, obstacle))
     if state.preparation.goal is not None:
         return state, obstacle
     return decide(state._replace(
         decision_maker=state.decision_maker.for_new_mission(), commander=state.commander.free_to_switch(),
-        answers=state.answers.without_heating(state.now_ns)), is_due=True)
+        answers=state.answers.each(lambda each: each.without_heating(state.now_ns))), is_due=True)
 
 
 def give_command(state: State, obstacle: Decision | None) -> State:
     """Return the State with the command of its instant, and the Decision as it is shown with it."""
-    inputs, now_ns = state.inputs, state.now_ns
-    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle, state.temperature_c)
-    commander, decision = commander.in_words(now_ns, inputs, state.intended)
+    moment = state.moment
+    commander, command = state.commander.give(moment, state.intended, obstacle)
+    commander, decision = commander.in_words(moment, state.intended)
     return state._replace(
         commander=commander, latest_command=command, decision=decision,
-        answers=state.answers.with_command(now_ns, command, inputs.settings))
+        answers=state.answers.with_command(state.now_ns, command, state.settings))
 
 
 def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
@@ -343,12 +332,8 @@ class Supervisor:
         return self._keep(*stop(self._state, now_ns))
 
     def later_decisions(self) -> tuple[Decision, ...]:
-        """
-        Return a Decision for each later leg of the current one; raises what planning raises.
-
-        They are planned when they are asked for, so that the command does not wait for them.
-        """
-        return self._state.decision_maker.decide_later(self._state.inputs, self._state.decision)
+        """Return a Decision for each later leg, planned only now: no command waits. Raises as planning does."""
+        return self._state.decision_maker.decide_later(self._state.moment, self._state.decision)
 
     @property
     def state(self) -> State:

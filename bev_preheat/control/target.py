@@ -16,8 +16,8 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.stop import chance_text, Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.target_worth import pays_from_probability
+from bev_preheat.charging.stop import chance_text, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.target_worth import pays_from_probability, Prices, TargetWorth
 from bev_preheat.charging.worth_search import goal_of, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.charging.target_worth import Prices, TargetWorth
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
@@ -52,30 +51,17 @@ class ChargingDoubt(NamedTuple):
     starts_by_ns: int | None = None
 
     def told(self, plan: Plan, now_ns: int) -> tuple[Status, str]:
-        """Return status and sentence of a Plan at an instant [ns]."""
-        waits = self.waiting_sentence(now_ns) if plan.status is Status.NOT_WORTH_IT else ''
-        if waits:
-            return Status.WAITING, f'{waits} {plan.explanation}'
-        return plan.status, f'{plan.explanation} Planned for {chance_text(self.probability)} chance of charging.'
-
-    def waiting_sentence(self, now_ns: int) -> str:
-        """Return the sentence on a heater that waits at an instant [ns]; '' if heating would never pay."""
-        if self.starts_by_ns is None or self.pays_from > 1.0:
-            return ''
-        start = 'at once' if self.starts_by_ns <= now_ns else f'by {clock_text(self.starts_by_ns)}'
+        """Return status and sentence of a Plan at an instant [ns]: the heater waits unless heating never pays."""
+        if plan.status is not Status.NOT_WORTH_IT or self.starts_by_ns is None or self.pays_from > 1.0:
+            return plan.status, (
+                f'{plan.explanation} Planned for {chance_text(self.probability)} chance of charging.')
+        # The local time of day, as 14:32.
+        start = 'at once' if self.starts_by_ns <= now_ns else (
+            f'by {datetime.fromtimestamp(self.starts_by_ns // NS_PER_S):%H:%M}')
         enough = f' to {chance_text(self.pays_from)}' if self.pays_from > self.probability else ''
-        return (f'Heating waits: {chance_text(self.probability)} chance of charging; it starts {start} if that '
-                f'rises{enough}.')
-
-
-def clock_text(instant_ns: int) -> str:
-    """Return the local time of day of an instant [ns], as 14:32."""
-    return datetime.fromtimestamp(instant_ns // NS_PER_S).strftime('%H:%M')
-
-
-def assumed_charger(vehicle: Vehicle) -> Charger:
-    """Return the Charger of a stop whose charger is unknown: all that the inlet takes, to the usual departure."""
-    return Charger(min(charging_of(vehicle).maximum_inlet_power_w, CHARGER_RANGE_W[1]), USUAL_DEPARTURE_SOC)
+        return Status.WAITING, (
+            f'Heating waits: {chance_text(self.probability)} chance of charging; it starts {start} if that '
+            f'rises{enough}. {plan.explanation}')
 
 
 def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
@@ -84,13 +70,14 @@ def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, 
     """
     Return the least probability of charging from which on heating to the target of a Goal pays; above 1: never.
 
-    `plan_to` returns the Plan for a target [deg C]. The charger is the `assumed_charger`. USUAL_PAYS_FROM if the
-    session is unknown: the vehicle file does not describe it, or the battery arrives with enough charge.
+    `plan_to` returns the Plan for a target [deg C]. The charger is unknown: it gives all that the inlet takes, to
+    the usual departure. USUAL_PAYS_FROM if the session is unknown: the vehicle file does not describe it, or the
+    battery arrives with enough charge.
     """
     try:
-        charger = assumed_charger(vehicle)
+        charger_power_w = min(charging_of(vehicle).maximum_inlet_power_w, CHARGER_RANGE_W[1])
         unheated = plan_unheated(vehicle, route, state, goal)
-        stop = stop_after(route, charger.power_w, charger.departure_soc or USUAL_DEPARTURE_SOC)
+        stop = stop_after(route, charger_power_w, USUAL_DEPARTURE_SOC)
         if unheated.arrival_soc >= stop.departure_soc:
             return USUAL_PAYS_FROM
         search = WorthSearch(vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, Expectation(

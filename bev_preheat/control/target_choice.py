@@ -24,7 +24,7 @@ from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.stop import CERTAIN, held_prospect, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.worth_search import goal_of, least_cooled, targets_between, WorthSearch
+from bev_preheat.charging.worth_search import Evaluated, goal_of, least_cooled, targets_between, WorthSearch
 from bev_preheat.control.target import (
     ChargingDoubt,
     given_target,
@@ -51,7 +51,6 @@ from bev_preheat.vehicle.charging import charging_of
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger, ChargingProspect, ChargingStop
     from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.charging.worth_search import Evaluated
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
@@ -89,11 +88,6 @@ class TargetSearchInput:
         return given_target(self.leg, self.settings)
 
     @property
-    def remaining_s(self) -> float:
-        """Time until the arrival [s]."""
-        return self.route.total_duration_s
-
-    @property
     def heats_until_arrival(self) -> bool:
         """Whether plans for a chosen target heat until arrival; a given target holds on arrival."""
         is_chosen = not self.given and self.leg.charger is not None and not _obstacle(self)
@@ -124,9 +118,9 @@ class TargetSearch:
 
     def worker(self) -> WorthSearch:
         """Return the WorthSearch that goes on from here; raises what `session.charge` raises."""
-        return _WORKERS.pop(self, None) or self._made_worker()
-
-    def _made_worker(self) -> WorthSearch:
+        worker = _WORKERS.pop(self, None)
+        if worker is not None:
+            return worker
         begun, prices = self.begun, self.begun.settings.prices
         return WorthSearch(
             begun.vehicle, self.stop, self.unheated, begun.goal.target_temperature_c, prices,
@@ -181,11 +175,7 @@ class TargetChooser:
         return TargetChooser(self.is_outdated), unchosen(leg, settings, NO_CHARGER)
 
     def choose(self, now: TargetSearchInput) -> tuple[TargetChooser, TargetChoice]:
-        """
-        Return the TargetChoice for a TargetSearchInput, and the chooser after it.
-
-        A search is started or continued if one is due.
-        """
+        """Return the TargetChoice for a TargetSearchInput, and the chooser, whose search goes on if it is due."""
         charger = now.leg.charger
         obstacle = _obstacle(now)
         if charger is None or obstacle:
@@ -195,9 +185,11 @@ class TargetChooser:
         chooser = self
         if key != self.key:
             # Another route plan to the same destination: the target moves from the present one, as in an update.
-            before = self.choice if key[1:] == self.key[1:] and self._is_same_arrival(now) else None
+            is_same = key[1:] == self.key[1:] and self.searched is not None and not now.given and (
+                abs(now.leg.arrival_ns - self.searched.leg.arrival_ns) <= SAME_ARRIVAL_S * NS_PER_S)
+            before = self.choice if is_same else None
             chooser = TargetChooser(self.is_outdated, key, before, is_searched=before is not None)
-        held = held_prospect(chooser.held, now.leg.prospect.seen_from(now.remaining_s))
+        held = held_prospect(chooser.held, now.leg.prospect.seen_from(now.route.total_duration_s))
         is_revised, chooser = held is not chooser.held, replace(chooser, held=held)
         try:
             if is_revised and chooser.choice is not None:
@@ -213,7 +205,7 @@ class TargetChooser:
         """Return the TargetChoice of a leg whose session is unknown, for the reason `why`."""
         key, prospect = (now.route_id, now.legs_after, now.goal, why), now.leg.prospect
         chooser = self if key == self.key else TargetChooser(self.is_outdated, key)
-        held, choice = held_prospect(chooser.held, prospect.seen_from(now.remaining_s)), chooser.choice
+        held, choice = held_prospect(chooser.held, prospect.seen_from(now.route.total_duration_s)), chooser.choice
         if prospect.probability == 1.0:
             choice = unchosen(now.leg, now.settings, why)
         elif choice is None or held is not chooser.held or chooser._is_due(now):
@@ -259,23 +251,20 @@ class TargetChooser:
         wanted_soc = charger.departure_soc
         departure_soc = USUAL_DEPARTURE_SOC if wanted_soc is None else wanted_soc
         if unheated.arrival_soc >= departure_soc:
-            return replace(chooser, weighed=None, choice=chooser._by_usual_share(
-                now, _nothing_to_charge(now, unheated.arrival_soc, wanted_soc)))
+            return replace(chooser, weighed=None, choice=chooser._nothing_to_charge(
+                now, unheated.arrival_soc, wanted_soc))
         search = TargetSearch(now, stop_after(now.route, charger.power_w, departure_soc), unheated, self.held)
         worker = search.worker()
         if now.given:
             return chooser._weighing(search, worker, now)
         if not is_first:
             return replace(chooser, search=search.after(worker))
-        for target_c in _first_look_c(worker, now.goal):
-            worker.look_at(target_c)
+        least_c = worker.without.target_c
+        for target_c in targets_between(least_c, max(now.goal.target_temperature_c, least_c) + FIRST_LOOK_K):
+            if target_c % FIRST_LOOK_K == 0.0:
+                worker.look_at(target_c)
         chooser = chooser._weighing(search, worker, now)
         return replace(chooser, search=chooser.weighed)
-
-    def _is_same_arrival(self, now: TargetSearchInput) -> bool:
-        before = self.searched
-        return before is not None and not now.given and (
-            abs(now.leg.arrival_ns - before.leg.arrival_ns) <= SAME_ARRIVAL_S * NS_PER_S)
 
     def _is_due(self, now: TargetSearchInput) -> bool:
         before = self.searched
@@ -287,21 +276,34 @@ class TargetChooser:
 
     def _weighing(self, search: TargetSearch, worker: WorthSearch, now: TargetSearchInput) -> TargetChooser:
         """Return the chooser with the TargetChoice by the targets that a search's worker has found so far."""
-        chooser, choice = (self, _given_one(worker, now)) if now.given else self.best_of(worker, now)
-        probability = self.held.probability
+        probability, given_c = self.held.probability, now.goal.target_temperature_c
+        if now.given:
+            chooser, choice = self, with_figures(
+                TargetChoice(TargetSource.GIVEN, now.given), worker.look_at(
+                    given_c, math.isfinite(now.goal.maximum_arrival_temperature_c)), worker.without)
+        else:
+            chooser, choice = self.best_of(worker, now)
         if probability < 1.0:
-            if now.given:
-                target_c = now.goal.target_temperature_c
-                pays_from = worker.pays_from_probability(target_c)
-                choice = replace(choice, heating_pays=self._goes_on() or probability >= pays_from)
-            else:
-                target_c, pays_from = worker.best_if_charged().target_c, worker.pays_from_probability()
+            target_c, pays_from = (given_c, worker.pays_from_probability(given_c)) if now.given else (
+                worker.best_if_charged().target_c, worker.pays_from_probability())
             choice = replace(choice, doubt=ChargingDoubt(
                 probability, pays_from, self._starts_by_ns(now, target_c)))
+            if now.given:
+                choice = replace(choice, heating_pays=self._goes_on() or probability >= pays_from)
         return replace(chooser, weighed=search.after(worker), choice=choice)
 
-    def _by_usual_share(self, now: TargetSearchInput, choice: TargetChoice) -> TargetChoice:
-        """Return a TargetChoice without a session; in doubt it is heated for from the usual probability on."""
+    def _nothing_to_charge(self, now: TargetSearchInput, arrival_soc: float,
+                           wanted_soc: float | None) -> TargetChoice:
+        """Return the TargetChoice without a session; in doubt it is heated for from the usual probability on."""
+        arrives = f'the battery arrives with {100.0 * arrival_soc:.1f} %, and'
+        if wanted_soc is None:
+            choice = unchosen(now.leg, now.settings, f'{arrives} the state of charge for departure is unknown')
+        else:
+            choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
+                TargetSource.CHOSEN, f'Not worth it: {arrives} departure with {100.0 * wanted_soc:.1f} % needs no '
+                'charging.', heating_pays=False)
+            choice = replace(choice, charging_time_s=0.0, unheated_charging_time_s=0.0, bought_energy_wh=0.0,
+                             unheated_bought_energy_wh=0.0)
         probability = self.held.probability
         if probability == 1.0 or not choice.heating_pays:
             return choice
@@ -349,13 +351,6 @@ class TargetChooser:
             cools=kept.arrival_temperature_c < without.arrival_temperature_c), kept, without)
 
 
-def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
-    return with_figures(
-        TargetChoice(TargetSource.GIVEN, now.given), search.look_at(
-            now.goal.target_temperature_c, math.isfinite(now.goal.maximum_arrival_temperature_c)),
-        search.without)
-
-
 def _obstacle(now: TargetSearchInput) -> str:
     """Return why no target can be chosen; '' if one can."""
     try:
@@ -363,24 +358,6 @@ def _obstacle(now: TargetSearchInput) -> str:
     except InvalidInput as error:
         return str(error)
     return ''
-
-
-def _nothing_to_charge(now: TargetSearchInput, arrival_soc: float, wanted_soc: float | None) -> TargetChoice:
-    if wanted_soc is None:
-        return unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
-                        'the state of charge for departure is unknown')
-    choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
-        TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and departure '
-        f'with {100.0 * wanted_soc:.1f} % needs no charging.', heating_pays=False)
-    return replace(choice, charging_time_s=0.0, unheated_charging_time_s=0.0, bought_energy_wh=0.0,
-                   unheated_bought_energy_wh=0.0)
-
-
-def _first_look_c(search: WorthSearch, goal: Goal) -> list[float]:
-    """Return the targets [deg C] of the first look."""
-    low_c = search.without.target_c
-    return [target_c for target_c in targets_between(
-        low_c, max(goal.target_temperature_c, low_c) + FIRST_LOOK_K) if target_c % FIRST_LOOK_K == 0.0]
 
 
 def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from itertools import dropwhile
 from typing import NamedTuple, Self, TYPE_CHECKING
 
 from bev_preheat.control.heater import KEPT_NS
@@ -184,11 +185,8 @@ class Timetable:
 
     def without_instants(self) -> Timetable:
         """Return the Timetable by the Mission's own stamp, because the clock was restarted."""
-        end = self.end
-        return replace(
-            self, mission=self.planned, known_ns=None, end=None if end is None else end._replace(at_ns=None),
-            stood_ns=0, track=None, held_at_ns=None, fixes=(), goes_on_ns=0, delay_before_charge_ns=None,
-            stood_before_ns=0)
+        end = None if self.end is None else self.end._replace(at_ns=None)
+        return replace(Timetable.of(self.planned), begun_ns=self.begun_ns, end=end)
 
     # Positions
 
@@ -199,9 +197,13 @@ class Timetable:
         The delay changes by the least amount that explains the reported position; it does not change while the
         route plans to stand. After the end of the trip no position counts.
         """
-        if self.end is not None or self._is_of_route_before(progress):
+        # It may be from before this route plan replaced another with its route_id.
+        is_of_route_before = (self.known_ns is not None and progress.route_start_ns is None
+                              and progress.stamp_ns < self.known_ns)
+        if self.end is not None or is_of_route_before:
             return self
-        is_followed = self._is_followed(progress, settings)
+        # Recent enough for a pace between the latest position and this one.
+        is_followed = self.has_position(progress.stamp_ns, settings)
         problems = self._problems(progress, now_ns, settings, is_followed)
         if problems:
             raise InvalidInput(problems)
@@ -210,11 +212,10 @@ class Timetable:
         # Not beyond the end, which counts as reached within the accuracy of a distance.
         earliest_s = places.earliest_s(furthest_m - KNOWN_TO_M)
         latest_s = places.latest_s(furthest_m + KNOWN_TO_M)
-        planned_ns = expected_ns = progress.stamp_ns - self.delay_ns
-        if (expected_ns - start_ns) / NS_PER_S < earliest_s:
-            planned_ns = start_ns + round(earliest_s * NS_PER_S)
-        elif (expected_ns - start_ns) / NS_PER_S > latest_s:
-            planned_ns = start_ns + round(latest_s * NS_PER_S)
+        planned_ns = progress.stamp_ns - self.delay_ns
+        elapsed_s = (planned_ns - start_ns) / NS_PER_S
+        if not earliest_s <= elapsed_s <= latest_s:
+            planned_ns = start_ns + round((earliest_s if elapsed_s < earliest_s else latest_s) * NS_PER_S)
         delay_ns = progress.stamp_ns - planned_ns
         stood_before_ns = self.stood_before_ns
         if track is None or not is_followed:
@@ -233,7 +234,7 @@ class Timetable:
             stood_ns=stood_before_ns + delay_ns - track.stands_from_ns)
 
     def has_position(self, now_ns: int, settings: Settings) -> bool:
-        """Return whether the vehicle's position is known: the latest Progress is recent."""
+        """Return whether the vehicle's position is known at an instant [ns]: the latest Progress is recent."""
         return self.track is not None and (
             now_ns - self.track.latest.stamp_ns <= settings.route_progress_timeout_s * NS_PER_S)
 
@@ -255,7 +256,7 @@ class Timetable:
 
     # Standing and charging, by other evidence
 
-    def standing(self, since_ns: int, recognised_ns: int, now_ns: int, is_charged: bool = False) -> Timetable:
+    def standing(self, since_ns: int, recognised_ns: int, now_ns: int, is_charged: bool) -> Timetable:
         """
         Return the Timetable of a vehicle that stands or `is_charged`: it stays at its place, and the delay grows.
 
@@ -285,7 +286,7 @@ class Timetable:
         """Return the Timetable of a vehicle that drives on from its place."""
         return replace(self, held_at_ns=None, stood_ns=0, stood_before_ns=0, delay_before_charge_ns=None)
 
-    def released(self, until_ns: int | None = None) -> Timetable:
+    def released(self, until_ns: int | None) -> Timetable:
         """Return the Timetable of a vehicle that stood until an instant [ns]; None: until now, or did not."""
         if self.held_at_ns is None:
             return self
@@ -328,20 +329,16 @@ class Timetable:
 
     # Checks of a Progress
 
-    def _is_of_route_before(self, progress: Progress) -> bool:
-        """Return whether a Progress may be from before this route plan replaced another with its route_id."""
-        return (self.known_ns is not None and progress.route_start_ns is None
-                and progress.stamp_ns < self.known_ns)
-
-    def _is_followed(self, progress: Progress, settings: Settings) -> bool:
-        """Return whether the latest Progress is recent enough for a pace between it and this one."""
-        return self.track is not None and (
-            progress.stamp_ns - self.track.latest.stamp_ns
-            <= settings.route_progress_timeout_s * NS_PER_S)
-
     def _problems(self, progress: Progress, now_ns: int, settings: Settings,
                   is_followed: bool) -> list[str]:
-        problems = self._problems_with_route(progress)
+        planned, problems = self.planned, []
+        if progress.route_id != planned.route_id:
+            problems.append(f'route_id: {quoted(progress.route_id)} is not the current route, '
+                            f'{quoted(planned.route_id)}')
+        elif progress.route_start_ns not in (None, planned.start_ns):
+            apart_s = (progress.route_start_ns - planned.start_ns) / NS_PER_S
+            problems.append(f'route_stamp: is not that of the latest route plan, but {abs(apart_s):.3f} s '
+                            f'{"after" if apart_s > 0.0 else "before"} it')
         age_s = (now_ns - progress.stamp_ns) / NS_PER_S
         oldest_s, ahead_s = settings.route_progress_timeout_s, settings.clock_tolerance_s
         if not -ahead_s <= age_s <= oldest_s:
@@ -349,7 +346,7 @@ class Timetable:
         if problems:
             # A distance along another route cannot be checked.
             return problems
-        length_m, distance_m = self.planned.places.length_m, progress.distance_m
+        length_m, distance_m = planned.places.length_m, progress.distance_m
         if length_m == 0.0:
             return ['distance: has no meaning on a route whose speed is 0 in each segment']
         most_m = length_m + max(END_KNOWN_TO * length_m, CORRECTED_BY_M)
@@ -374,17 +371,6 @@ class Timetable:
                     f'of {since_s:.1f} s before; it must be at most {most_m:.0f} m beyond']
         return []
 
-    def _problems_with_route(self, progress: Progress) -> list[str]:
-        planned = self.planned
-        if progress.route_id != planned.route_id:
-            return [f'route_id: {quoted(progress.route_id)} is not the current route, '
-                    f'{quoted(planned.route_id)}']
-        if progress.route_start_ns not in (None, planned.start_ns):
-            apart_s = (progress.route_start_ns - planned.start_ns) / NS_PER_S
-            return [f'route_stamp: is not that of the latest route plan, but {abs(apart_s):.3f} s '
-                    f'{"after" if apart_s > 0.0 else "before"} it']
-        return []
-
 
 def _noted(fixes: tuple[_Fix, ...], fix: _Fix) -> tuple[_Fix, ...]:
     """Return fixes and a later one, without those that are too old or too close."""
@@ -393,10 +379,7 @@ def _noted(fixes: tuple[_Fix, ...], fix: _Fix) -> tuple[_Fix, ...]:
     if (len(fixes) > 1 and fix.stamp_ns - fixes[-2].stamp_ns < SPACED_NS) or (
             fixes and fixes[-1].stamp_ns == fix.stamp_ns):
         fixes = fixes[:-1]
-    oldest_ns, first = fix.stamp_ns - KEPT_NS, 0
-    while first < len(fixes) and fixes[first].stamp_ns < oldest_ns:
-        first += 1
-    return (*fixes[first:], fix)
+    return (*dropwhile(lambda old: old.stamp_ns < fix.stamp_ns - KEPT_NS, fixes), fix)
 
 
 def _part_ns(span_ns: int, before: _Fix, after: _Fix) -> int:

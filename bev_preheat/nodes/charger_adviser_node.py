@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.chargers import rank_chargers
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.decision import find_obstacle
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of, write_ranking
 from bev_preheat.nodes.inbox_node import DEFAULTS, InboxNode, INPUT_PARAMETERS, VEHICLE
@@ -63,11 +63,11 @@ class ChargerAdviserNode(InboxNode):
         return response
 
     def _ranked(self, request: RankChargers.Request) -> Sequence[CandidateWorth]:
-        now_ns, inputs = self.now_ns(), self.inbox.admitted(measurement=self.inbox.measurement)
-        obstacle = find_obstacle(inputs, now_ns)
+        moment = self.inbox.moment(self.now_ns(), measurement=self.inbox.measurement)
+        obstacle = find_obstacle(moment)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation)
-        mission, measurement = inputs.mission, inputs.measurement
+        now_ns, mission, measurement = moment.now_ns, moment.mission, moment.measurement
         assert mission is not None and measurement is not None
         leg = mission.legs[-1]
         if now_ns < leg.start_ns and len(mission.legs) > 1:
@@ -76,9 +76,9 @@ class ChargerAdviserNode(InboxNode):
         if ahead is None:
             raise InvalidInput(f'the route ended {leg.ended_for_s(now_ns):.0f} s ago')
         driven_m = sum(other.route.distance_m for other in mission.legs) - ahead.distance_m
-        goal = replace(inputs.goal_of(leg), charging_planned=True)
+        goal = replace(moment.goal_of(leg), charging_planned=True)
         return rank_chargers(
-            inputs.vehicle, ahead, measurement.state, goal,
+            moment.vehicle, ahead, measurement.state, goal,
             candidates_of(request, ahead, driven_m, self.values['energy_price']), request.end_soc,
             self.values['value_of_time'])
 

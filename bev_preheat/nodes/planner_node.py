@@ -261,7 +261,7 @@ class PlannerNode(ProgramNode):
     def _on_rival(self) -> None:
         """Switch the heater off while another node commands it."""
         rivals = self._command_publisher.rivals(self.now_ns())
-        if rivals == self._supervisor.state.rivals:
+        if rivals == self._supervisor.state.inbox.rivals:
             return
         if rivals:
             self.get_logger().error(f'{rivals} also commands heat: the heater is off.')

@@ -191,7 +191,7 @@ class StateKeeper:
 
     def save(self, state: State) -> None:
         """Write a Supervisor's knowledge of the car and the driver's choices, if they have changed."""
-        kept = _Kept(state.estimate, state.last_seen, state.choices)
+        kept = _Kept(state.estimate, state.last_seen, state.inbox.choices)
         if not self._path or (kept.estimate is self._written.estimate and kept[1:] == self._written[1:]):
             return
         self._tried_choices = kept.choices
@@ -213,7 +213,7 @@ class StateKeeper:
 
     def save_choices(self, state: State) -> None:
         """Write new choices of the driver at once: a process may be killed at any time."""
-        if state.choices != self._tried_choices:
+        if state.inbox.choices != self._tried_choices:
             self.save(state)
 
     def running(self, settings: Settings, now_ns: int) -> Running | None:

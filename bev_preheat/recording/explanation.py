@@ -85,8 +85,8 @@ def _inputs(state: State, now_ns: int) -> Rows:
                           ('refused route_progress', state.inbox.refused_progress)):
         if refused is not None:
             rows.append((name, refused))
-    if state.rivals:
-        rows.append(('other nodes that command heat', state.rivals))
+    if state.inbox.rivals:
+        rows.append(('other nodes that command heat', state.inbox.rivals))
     return rows
 
 

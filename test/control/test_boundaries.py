@@ -90,7 +90,8 @@ def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     planner.accept_mission(Mission('home', (steady_leg(),)))
     planner.accept_battery(measured(), NOW_NS)
     state = planner.state
-    heats, changed = (state.commander.give(at(1.0), state.inputs, decision, None, -7.0)[1] for decision in (
+    moment = state.moment._replace(now_ns=at(1.0))
+    heats, changed = (state.commander.give(moment, decision, None)[1] for decision in (
         state.decision, replace(state.decision, **changes)))
     assert heats.battery_heating_power_w == pytest.approx(5500.0)
     assert (changed.battery_heating_power_w, changed.reason) == (0.0, changes.get('status', heats.reason))
@@ -124,7 +125,7 @@ def test_a_power_that_rounds_to_less_than_a_step_is_the_step(share):
     state = planner.state
     plan = replace(state.decision.plan, hvch_battery_power_w=np.full(40, share * 4000.0))
     _, command = state.commander.give(
-        NOW_NS, state.inputs, replace(state.decision, plan=plan, command_share=share), None, -7.0)
+        state.moment, replace(state.decision, plan=plan, command_share=share), None)
     assert command.battery_heating_power_w == 4000.0
 
 

@@ -88,7 +88,7 @@ def test_what_cooled_on_the_way_heats_at_the_charger():
     supervisor = supervisor_at(AT_STOP_S)
     assert outcome(supervisor, measured(-3.0, FAST_W)) == CHARGING
     state = supervisor.state
-    commander, command = Commander(cools=True).give(NOW_NS, state.inputs, state.decision, None, -3.0)
+    commander, command = Commander(cools=True).give(state.moment, state.decision, None)
     assert (command.battery_heating_power_w, commander.direction) == (HEAT_W, 1)
 
 

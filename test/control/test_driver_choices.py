@@ -42,11 +42,11 @@ HEATS, OFF, CANCELLED = ((True, Status.TARGET_UNREACHABLE), (False, Status.DISAB
 def test_an_opt_out_survives_a_restart_until_the_driver_takes_it_back():
     planner = start()
     planner.enabled = False
-    assert planner.state.choices == DriverChoices(NOW_NS)
-    again = start(planner.state.choices)
+    assert planner.state.inbox.choices == DriverChoices(NOW_NS)
+    again = start(planner.state.inbox.choices)
     assert answer(again) == OFF
     again.enabled = True
-    assert (answer(again), again.state.choices) == (HEATS, NO_CHOICES)
+    assert (answer(again), again.state.inbox.choices) == (HEATS, NO_CHOICES)
 
 
 @pytest.mark.parametrize('age_ns, is_off', [
@@ -62,7 +62,7 @@ def test_an_opt_out_counts_for_a_day(age_ns, is_off):
 def cancelled_choices():
     planner = start()
     planner.cancel()
-    return planner.state.choices
+    return planner.state.inbox.choices
 
 
 def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
@@ -72,7 +72,7 @@ def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
         'The trip was cancelled before the planner restarted: no heating until a route plan with '
         'another stamp arrives.')
     # It is also remembered for the next restart.
-    assert planner.state.choices == cancelled_choices()
+    assert planner.state.inbox.choices == cancelled_choices()
 
 
 @pytest.mark.parametrize('mission', [
@@ -80,7 +80,7 @@ def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
 def test_any_other_route_heats_after_a_restart(mission):
     now_ns = NOW_NS + 60 * NS_PER_S
     planner = start(cancelled_choices(), now_ns, mission)
-    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
+    assert (answer(planner), planner.state.inbox.choices) == (HEATS, NO_CHOICES)
     # Then the first route may be driven after all.
     planner.accept_mission(make_mission())
     assert answer(planner) == HEATS
@@ -119,4 +119,4 @@ def test_a_second_cancellation_says_nothing_of_another_trip():
     planner = start()
     planner.cancel()
     planner.cancel()
-    assert planner.state.choices == cancelled_choices()
+    assert planner.state.inbox.choices == cancelled_choices()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask
+from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import (
     Estimate,
@@ -80,9 +81,13 @@ def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False,
 
 def make_after(maker, estimate, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0,
                heated_s=0.0):
-    """Return the planner after a ForecastPlan, and the ForecastPlan."""
-    return maker.make(VEHICLE, PlanningTask(
-        route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
+    """Return the planner after a Decision, and the Decision."""
+    return maker.make(VEHICLE, task_of(goal, settings, is_heating, route, starts_in_s, heated_s), estimate)
+
+
+def task_of(goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0, heated_s=0.0):
+    return PlanningTask(route, goal, Inbox(VEHICLE, settings).moment(0)._replace(
+        direction=int(is_heating), heated_s=heated_s), starts_in_s)
 
 
 # Uncertainty
@@ -155,8 +160,7 @@ def test_plans_of_heat_sources_start_with_all_heat_and_those_of_a_described_shel
         asked, name, temperature_c, start_c, lag_s):
     vehicle = load_vehicle(name)
     estimate = make_estimate(temperature_c, under_way=0.2, heat_lag=math.log(4.0))
-    ForecastPlanner().make(vehicle, PlanningTask(ROUTE, GOAL, Settings(), 0, 0.0, 0.0),
-                           replace(estimate, path=vehicle.heat_path))
+    ForecastPlanner().make(vehicle, task_of(), replace(estimate, path=vehicle.heat_path))
     assert (asked[-1].state.temperature_c, asked[-1].heat_lag_s) == pytest.approx((start_c, lag_s))
 
 
@@ -164,7 +168,7 @@ def test_plans_follow_the_lag_of_a_described_shell_by_its_conductance(asked):
     vehicle, maker = load_vehicle('shell_and_core'), ForecastPlanner()
     for factor in (1.0, 2.0, 4.0):
         estimate = replace(make_estimate(heat_lag=math.log(factor)), path=vehicle.heat_path)
-        maker, _ = maker.make(vehicle, PlanningTask(ROUTE, GOAL, Settings(), 0, 0.0, 0.0), estimate)
+        maker, _ = maker.make(vehicle, task_of(), estimate)
         assert asked[-1].vehicle.heat_path.coolant_conductance_w_per_k == pytest.approx(400.0 / factor)
 
 
@@ -195,8 +199,8 @@ def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_tim
 @pytest.mark.parametrize('share', [1.0, 0.5, 0.0])
 def test_heat_sources_heat_until_arrival_at_a_target_that_is_too_far(asked, share):
     heater = ANSWERS if share == 1.0 else HeaterReport(Heater.DERATED if share else Heater.DEAD, 1.0, share)
-    _, found = ForecastPlanner().make(load_vehicle('heat_pump_car'), PlanningTask(
-        ROUTE, Goal(50.0), Settings(), False, 0.0, 0.0), make_estimate(-10.0, heater=heater))
+    _, found = ForecastPlanner().make(load_vehicle('heat_pump_car'), task_of(Goal(50.0)), make_estimate(
+        -10.0, heater=heater))
     assert found.plan.status is Status.TARGET_UNREACHABLE and found.command_share == share
     # Cabin heating leaves the HVCH 5 kW; the last minute counts, too.
     assert found.commanded.source_power_w['hvch'][-1] == pytest.approx(share * 5000.0)

@@ -12,12 +12,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from bev_preheat.control.decision import Unserved
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
 from bev_preheat.control.heat_division import HeatDivision
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.learning import NO_TRIAL
-from bev_preheat.control.obstacle import AdmittedInputs, Unserved
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor
@@ -153,10 +153,9 @@ def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
     assert trial.at(700 * 10**9, odds, is_told=True).name == ''
 
 
-def inputs_without(state, vehicle, *unserved):
-    """Return the AdmittedInputs of a State with another vehicle and other unserved heat sources."""
-    # The fields after the vehicle, up to `unserved`.
-    return AdmittedInputs(vehicle, *state.inputs[1:13], unserved)
+def moment_without(state, vehicle, *unserved):
+    """Return the Moment of a State with another vehicle and other unserved heat sources, at -10 degC."""
+    return state.moment._replace(vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
 
 
 # In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the
@@ -172,8 +171,8 @@ def inputs_without(state, vehicle, *unserved):
 def test_the_others_make_up_for_what_a_source_lacks(hvch_share, pump, limit_w, heat_w, hvch_w, pump_w):
     _, _, supervisor, _ = deque(driven(2.0), maxlen=1)[0]
     state, unserved = supervisor.state, () if pump is None else (Unserved('heat_pump', '', *pump),)
-    division = HeatDivision(state.now_ns, inputs_without(state, CAR, *unserved), replace(
-        state.decision, command_share=hvch_share), -10.0, ())
+    division = HeatDivision(
+        moment_without(state, CAR, *unserved), replace(state.decision, command_share=hvch_share), ())
     assert division.limit_w == pytest.approx(limit_w)
     powers = division.divided(heat_w)
     assert (powers.hvch_w, dict(powers.sources_w).get('heat_pump', 0.0)) == pytest.approx((hvch_w, pump_w))
@@ -275,9 +274,8 @@ def test_a_derated_source_that_must_run_keeps_its_least_step(heat_w, pump_w):
     _, _, supervisor, _ = deque(driven(2.0), maxlen=1)[0]
     state = supervisor.state
     running = HeaterSwitch().asked(state.now_ns, 2500.0, 2500.0, 300.0, 180.0)
-    division = HeatDivision(state.now_ns, inputs_without(
-        state, car_with(**PUMP), Unserved('heat_pump', '', False, 0.6)), state.decision, -10.0, (
-            ('heat_pump', running),))
+    division = HeatDivision(moment_without(
+        state, car_with(**PUMP), Unserved('heat_pump', '', False, 0.6)), state.decision, (('heat_pump', running),))
     assert division.held_w == pytest.approx(1500.0)
     assert division.divided(heat_w)[:2] == (0.0, (('heat_pump', pump_w),))
 
