@@ -198,14 +198,14 @@ class Estimator(NamedTuple):
         if others_odds > 0.0:
             share = min((stamp_ns - self.stamp_ns) / NS_PER_S / ERROR_LASTS_S, 1.0)
             advanced = advanced._replace(evidence=advanced.evidence + share * belief.evidence(
-                state.temperature_c - self.offset_k, readings.temperature_resolution_k))
+                state.temperature_c - self.offset_k, readings.temperature_steps.step))
         if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
             return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
         if verdict is Verdict.LASTING:
             belief = belief.of_free_local_rise()
         belief, expected = belief.with_battery(
-            state.temperature_c - self.offset_k, readings.temperature_resolution_k, state.soc,
-            readings.soc_resolution)
+            state.temperature_c - self.offset_k, readings.temperature_steps.step, state.soc,
+            readings.soc_steps.step)
         if advanced.unheated_s > UNHEATED_S:
             # A heater without a command shows only whether it is stuck on.
             belief = belief.with_odds_of(self.belief)
@@ -264,9 +264,9 @@ class Estimator(NamedTuple):
             is_believed = verdict in (Verdict.BELIEVED, Verdict.LASTING)
         belief = self.belief.held(
             vehicle, elapsed_s, command_w,
-            interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_resolution_k)
+            interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_steps.step)
             if is_believed and trusts_temperature else None,
-            interval_of(state.soc, seen.readings.soc_resolution) if is_believed and trusts_soc else None)
+            interval_of(state.soc, seen.readings.soc_steps.step) if is_believed and trusts_soc else None)
         return seen._concluded(measurement, vehicle, belief, belief.expected(), is_held=True)
 
     def _expected_readings(self) -> tuple[Expected, Expected]:
@@ -289,12 +289,12 @@ class Estimator(NamedTuple):
     def _placed(self, measurement: MeasuredState, vehicle: Vehicle) -> Estimator:
         """Return the Estimator with temperature and charge of a reading alone."""
         state, readings = measurement.state, self.readings
-        variance = readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
+        variance = readings.temperature_steps.step**2 / 12.0 + READING_NOISE_K**2
         offset_k = self.offset_k if self.standing is None else (
             expected_offset_k(self.standing, state.temperature_c, variance))
         belief = self.belief.placed(
             state.temperature_c - offset_k, variance, state.soc,
-            readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2,
+            readings.soc_steps.step**2 / 12.0 + READING_NOISE_SOC**2,
             0.0 if self.stamp_ns is None else (measurement.stamp_ns - self.stamp_ns) / NS_PER_S)
         return self._replace(
             standing=None, offset_k=offset_k, power=self.power.of_step(_plausible_power_w(measurement, vehicle)),
@@ -377,7 +377,7 @@ class Estimator(NamedTuple):
                 self.response.support if self.knows_power else None)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
-            stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
+            stamp_ns, *expected, report, readings.temperature_steps.step, self.resets, self.reset_reason,
             self.reset_at_ns, self.offset_k, readings.ignored_share, belief.path))
 
 
