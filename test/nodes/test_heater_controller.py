@@ -70,10 +70,10 @@ class Controlled:
         self.lease_end_ns = nanoseconds(message.valid_until)
         self.commands.publish(message)
 
-    def heats(self, power_w=2500.0, lease_s=1.0):
+    def heats(self, lease_s=1.0):
         self.statuses.clear()
-        with self.bench.repeating(lambda: self.give(power_w, lease_s=lease_s), PERIOD_S):
-            self.statuses.wait_for(lambda status: status.active_power == power_w, 'heat')
+        with self.bench.repeating(lambda: self.give(2500.0, lease_s=lease_s), PERIOD_S):
+            self.statuses.wait_for(lambda status: status.active_power == 2500.0, 'heat')
 
     def refused(self, refusal):
         """Return the next status with a refusal, and see that its entry in the diagnostics names it."""
