@@ -32,12 +32,11 @@ START_NS = 1000 * NS_PER_S
 class Ride:
     """A car and the supervisor that heats its battery, every PERIOD_S."""
 
-    def __init__(self, temperature_c=10.0, settings=Settings(), seed=3, learned=None,
-                 **imperfections):
+    def __init__(self, temperature_c=10.0, heater_faults=()):
         self.car = ImperfectCar(
             VEHICLE, DrivePhase(ROUTE, GOAL), BatteryState(temperature_c, 0.8),
-            Imperfections(**{'sensors': COARSE, **imperfections}), seed)
-        self.supervisor = Stepwise(VEHICLE, settings, learned)
+            Imperfections(sensors=COARSE, heater_faults=heater_faults), seed=3)
+        self.supervisor = Stepwise(VEHICLE, Settings())
         mission = self.car.mission(START_NS)
         leg, = mission.legs
         self.supervisor.accept_mission(Mission(mission.route_id, (
