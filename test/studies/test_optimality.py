@@ -75,8 +75,8 @@ def test_the_deficit_of_the_program_is_the_outcome(free_trips, monkeypatch, defi
     assert (result.outcome, result.detail.count('missed')) == (outcome, len(deficit))
 
 
-def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, optimal_c=12.0, violation=0.0):
-    return GapResult(number, outcome, '', 1800.0 + number, 17.0, 5000.0, optimal_c, {
+def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, violation=0.0):
+    return GapResult(number, outcome, '', 1800.0 + number, 17.0, 5000.0, 12.0, {
         'one': MethodResult(status, arrival_c, gap_wh, violation, violation == 0.0)})
 
 
