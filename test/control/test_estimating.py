@@ -69,14 +69,9 @@ def limit_w(ride):
     return VEHICLE.hvch.maximum_power_w - cabin_w
 
 
-@pytest.fixture(scope='module')
-def healthy():
-    ride = Ride()
-    ride.until(1490.0)
-    return ride
-
-
-def test_the_plan_aims_at_the_target_and_no_further(healthy):
+def test_the_plan_aims_at_the_target_and_no_further():
+    healthy = Ride()
+    healthy.until(1490.0)
     # While it heats, and can still stop in time.
     aimed_k = [decision.plan.arrival_temperature_c - 25.0 for at_s, decision, _ in healthy.seen
                if 600.0 < at_s < 1300.0 and decision.status is Status.HEATING]
