@@ -17,7 +17,7 @@ ON_S, OFF_S = 20.0, 120.0
 
 
 def asked(switch, now_s, wanted_w, limit_w=LIMIT_W):
-    """Return the HeaterSwitch after a wish [W] at an instant [s], with the times of this test."""
+    """Return the HeaterSwitch after a request [W] at an instant [s], with the times of this test."""
     return switch.asked(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)
 
 
