@@ -259,9 +259,8 @@ class _Planning:
         """Return the Forecast of a Plan."""
         # The steps of a trip differ from its route only if long segments were divided.
         has_steps_of_route = len(plan.command_w) == len(self._route)
-        return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
-                        else make_trip(self._vehicle, self._route, self.share), plan, self._estimate,
-                        self._task.moment.suspected)
+        route = self._route if has_steps_of_route else make_trip(self._vehicle, self._route, self.share).route
+        return Forecast(DrivenRoute(self._vehicle, route), plan, self._estimate, self._task.moment.suspected)
 
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
         """Return the Plan with status and sentence as of now, and with the battery's own energy."""

@@ -2,11 +2,11 @@
 """
 What outlasts the planner's process: the battery's last state, the driver's choices, the trip's end.
 
-Also their form in the state file.
+Also how they are read from the state file.
 """
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
@@ -31,11 +31,6 @@ class LastSeen:
     temperature_c: float
     soc: float
     stamp_ns: int
-
-
-def last_seen_entry(last_seen: LastSeen) -> FileData:
-    """Return a LastSeen as plain values for JSON."""
-    return asdict(last_seen)
 
 
 def last_seen_from(entry: FileData) -> LastSeen:
@@ -141,11 +136,6 @@ class DriverChoices:
 
 
 NO_CHOICES = DriverChoices()
-
-
-def choices_entry(choices: DriverChoices) -> FileData:
-    """Return DriverChoices as plain values for JSON."""
-    return asdict(choices)
 
 
 def choices_from(entry: FileData) -> DriverChoices:

@@ -209,14 +209,13 @@ class Belief:
             self.weights + prior_weights(self.weights.sum(axis=0)))
         unknown_k = 0.0 if self.has_stood else UNKNOWN_K
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[..., MOVING] = temperature_c, soc, 0.0, temperature_c, 0.0
-        # A reading is the sum of sensor and local rise, so their errors have opposite signs.
         sensor_variance = temperature_variance + unknown_k**2
-        for index, variance in ((TEMPERATURE, sensor_variance + unknown_k**2),
-                                (SOC, soc_variance), (UNDER_WAY, unknown_k**2),
-                                (SENSOR, sensor_variance), (LOCAL, unknown_k**2)):
-            covariance[..., index, :] = covariance[..., :, index] = 0.0
-            covariance[..., index, index] = variance
+        for index, value, variance in (
+                (TEMPERATURE, temperature_c, sensor_variance + unknown_k**2), (SOC, soc, soc_variance),
+                (UNDER_WAY, 0.0, unknown_k**2), (SENSOR, temperature_c, sensor_variance),
+                (LOCAL, 0.0, unknown_k**2)):
+            _reset(mean, covariance, index, value, variance)
+        # A reading is the sum of sensor and local rise, so their errors have opposite signs.
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
@@ -243,17 +242,13 @@ class Belief:
         """Return the Belief of a healthy heater with the car that the Belief of another, faulty source knows."""
         belief, own = faulty.of_healthy_heater(), self.of_healthy_heater()
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
-        mean[..., HEATER] = own.mean[..., HEATER]
-        covariance[..., HEATER, :] = covariance[..., :, HEATER] = 0.0
-        covariance[..., HEATER, HEATER] = own.covariance[..., HEATER, HEATER]
+        _reset(mean, covariance, HEATER, own.mean[..., HEATER], own.covariance[..., HEATER, HEATER])
         return replace(belief, mean=mean, covariance=covariance)
 
     def of_another_route(self) -> Belief:
         """Return the Belief with the prior of the propulsion power's factor, which belongs to a route."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[..., PROPULSION] = 0.0
-        covariance[..., PROPULSION, :] = covariance[..., :, PROPULSION] = 0.0
-        covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
+        _reset(mean, covariance, PROPULSION, 0.0, FACTOR_DEVIATIONS[PROPULSION]**2)
         return replace(self, mean=mean, covariance=covariance)._with_lost_places_afresh()
 
     def _with_lost_places_afresh(self) -> Belief:
@@ -275,10 +270,9 @@ class Belief:
         for place in np.flatnonzero(lost).tolist():
             own, spread = mean[:, place], covariance[:, place]
             own[:], spread[:] = mean[:, likeliest], covariance[:, likeliest]
-            for index in (*LAGS, *PLACING):
-                spread[:, index, :] = spread[:, :, index] = 0.0
-            own[:, LAGS], own[:, PLACING] = logs[place], placing[place]
-            spread[:, LAGS, LAGS], spread[:, PLACING, PLACING] = variances[place], placing_variances[place]
+            for index, value, variance in (*zip(LAGS, logs[place], variances[place]),
+                                           *zip(PLACING, placing[place], placing_variances[place])):
+                _reset(own, spread, index, value, variance)
         return replace(self, mean=mean, covariance=covariance)
 
     def of_stood_car(self) -> Belief:
@@ -550,22 +544,26 @@ class Belief:
     def _found_again(self, mean: FloatArray, covariance: FloatArray,
                      places: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Reset the lags and places of lost filters (lost, SIZE), (lost, SIZE, SIZE), and return both."""
-        mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
         placing, placing_variances = described_placing(self.path)
-        mean[:, LAGS], mean[:, PLACING] = self.lags.logs, placing[places]
-        for index in (TEMPERATURE, *LAGS, *PLACING, UNDER_WAY):
-            covariance[:, index, :] = covariance[:, :, index] = 0.0
-        covariance[:, LAGS, LAGS] = self.lags.variances
-        covariance[:, PLACING, PLACING] = placing_variances[places]
-        covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_K**2
-        covariance[:, TEMPERATURE, TEMPERATURE] = (
-            covariance[:, SENSOR, SENSOR] + UNKNOWN_K**2)
+        for index, value, variance in (
+                (TEMPERATURE, mean[:, SENSOR], covariance[:, SENSOR, SENSOR] + UNKNOWN_K**2),
+                (UNDER_WAY, 0.0, UNKNOWN_K**2), *zip(LAGS, self.lags.logs, self.lags.variances),
+                *zip(PLACING, placing[places].T, placing_variances[places].T)):
+            _reset(mean, covariance, index, value, variance)
         return mean, covariance
 
 
 def _car(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle whose coolant, which warms with the battery, counts as battery; its delay is a lag."""
     return with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant else vehicle
+
+
+def _reset(mean: FloatArray, covariance: FloatArray, index: int, value: float | FloatArray,
+           variance: float | FloatArray) -> None:
+    """Set an element in means (…, SIZE), and its variance; it is correlated with no other element any more."""
+    mean[..., index] = value
+    covariance[..., index, :] = covariance[..., :, index] = 0.0
+    covariance[..., index, index] = variance
 
 
 def _unchanged() -> FloatArray:

@@ -66,31 +66,15 @@ class DrivenInterval(NamedTuple):
     hvch_watts: float = 1.0
 
 
-class _Suspect(NamedTuple):
-    """
-    A heater that has been suspect since an instant [ns], at a temperature reading [deg C].
-
-    `commanded_k` is the heat commanded since then, `uncommanded_k` the uncommanded heat that the heater could have
-    given, `explained_k` the warming of a battery whose heater answers, `others_k` that by other heat sources [K].
-    """
-
-    since_ns: int
-    from_c: float
-    commanded_k: float = 0.0
-    uncommanded_k: float = 0.0
-    explained_k: float = 0.0
-    others_k: float = 0.0
-
-
 class Estimator(NamedTuple):
     """
     The belief, and the `estimate` after the latest measurement, None before the first.
 
     `stamp_ns` [ns] is the instant of the latest measurement; None: the temperature is taken from the next reading
     alone. `standing` is the Soak before the next reading, and `offset_k` is subtracted from readings [K].
-    `knows_power`: the battery's power of the latest step was measured. `suspect` is the heater, None while it is
-    not suspect. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of resets,
-    with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a chiller.
+    `knows_power`: the battery's power of the latest step was measured. `suspect` is the Suspicion of the heater,
+    None without one. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of
+    resets, with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a chiller.
     `evidence` is the log-likelihood of the measurements since any source is suspect, up to a constant [nats].
     """
 
@@ -102,7 +86,7 @@ class Estimator(NamedTuple):
     stamp_ns: int | None = None
     standing: Soak | None = None
     offset_k: float = 0.0
-    suspect: _Suspect | None = None
+    suspect: Suspicion | None = None
     unheated_s: float = 0.0
     estimate: Estimate | None = None
     resets: int = 0
@@ -198,14 +182,14 @@ class Estimator(NamedTuple):
         if others_odds > 0.0:
             share = min((stamp_ns - self.stamp_ns) / NS_PER_S / ERROR_LASTS_S, 1.0)
             advanced = advanced._replace(evidence=advanced.evidence + share * belief.evidence(
-                state.temperature_c - self.offset_k, readings.temperature_resolution_k))
+                state.temperature_c - self.offset_k, readings.temperature_steps.step))
         if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
             return advanced._concluded(measurement, vehicle, belief, belief.expected(), others_odds=others_odds)
         if verdict is Verdict.LASTING:
             belief = belief.of_free_local_rise()
         belief, expected = belief.with_battery(
-            state.temperature_c - self.offset_k, readings.temperature_resolution_k, state.soc,
-            readings.soc_resolution)
+            state.temperature_c - self.offset_k, readings.temperature_steps.step, state.soc,
+            readings.soc_steps.step)
         if advanced.unheated_s > UNHEATED_S:
             # A heater without a command shows only whether it is stuck on.
             belief = belief.with_odds_of(self.belief)
@@ -264,9 +248,9 @@ class Estimator(NamedTuple):
             is_believed = verdict in (Verdict.BELIEVED, Verdict.LASTING)
         belief = self.belief.held(
             vehicle, elapsed_s, command_w,
-            interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_resolution_k)
+            interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_steps.step)
             if is_believed and trusts_temperature else None,
-            interval_of(state.soc, seen.readings.soc_resolution) if is_believed and trusts_soc else None)
+            interval_of(state.soc, seen.readings.soc_steps.step) if is_believed and trusts_soc else None)
         return seen._concluded(measurement, vehicle, belief, belief.expected(), is_held=True)
 
     def _expected_readings(self) -> tuple[Expected, Expected]:
@@ -289,12 +273,12 @@ class Estimator(NamedTuple):
     def _placed(self, measurement: MeasuredState, vehicle: Vehicle) -> Estimator:
         """Return the Estimator with temperature and charge of a reading alone."""
         state, readings = measurement.state, self.readings
-        variance = readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
+        variance = readings.temperature_steps.step**2 / 12.0 + READING_NOISE_K**2
         offset_k = self.offset_k if self.standing is None else (
             expected_offset_k(self.standing, state.temperature_c, variance))
         belief = self.belief.placed(
             state.temperature_c - offset_k, variance, state.soc,
-            readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2,
+            readings.soc_steps.step**2 / 12.0 + READING_NOISE_SOC**2,
             0.0 if self.stamp_ns is None else (measurement.stamp_ns - self.stamp_ns) / NS_PER_S)
         return self._replace(
             standing=None, offset_k=offset_k, power=self.power.of_step(_plausible_power_w(measurement, vehicle)),
@@ -304,7 +288,6 @@ class Estimator(NamedTuple):
         """Return the Estimator after DrivenIntervals, before the reading at their end."""
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
         unheated_s, evidence = self.unheated_s, self.evidence
-        k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
         seen_w, variance_w2 = power.step() or (None, 0.0)
         # Heat leaks from the shell, as it would from the core in colder air.
         shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
@@ -313,39 +296,49 @@ class Estimator(NamedTuple):
             unheated_s = 0.0 if command_w > 0.0 else unheated_s + duration_s
             if drive is not None and shell_k != 0.0:
                 drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
-            if suspect is not None:
-                suspect = suspect._replace(
-                    commanded_k=suspect.commanded_k + k_per_j * duration_s * abs(heat_w),
-                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(
-                        0.0, abs(most_heat_w) - abs(heat_w)),
-                    others_k=suspect.others_k + (
-                        0.0 if drive is None else k_per_j * duration_s * drive.heater_power_w))
+            propulsion_w = 0.0
             if drive is None or seen_w is None:
                 response = response.paused()
-                suspect = _explained(suspect, belief, vehicle, duration_s, drive, heat_w)
-                belief = (belief.after_unknown(duration_s) if drive is None else
-                          belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w))
-                continue
-            response, logs = response.seen(
-                duration_s,
-                seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
-                - drive.heater_power_w, command_w, limit_w)
-            if logs is not None:
-                weights = belief.weights.sum(axis=1)
-                evidence += math.log(float(weights @ array_exp(logs)))
-                belief = belief.weighed(logs.tolist())
-            power, hidden_w2 = power.hidden_w2(drive.power_variance_w2, duration_s)
-            heater_w = command_w if self.estimate is None else (
-                min(self.estimate.heater.share * command_w, limit_w))
-            power, propulsion_w = power.mean_propulsion_w(
-                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w - drive.heater_power_w,
-                drive.propulsion_power_w, duration_s)
-            drive = replace(
-                drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2)
-            suspect = _explained(suspect, belief, vehicle, duration_s, drive, heat_w)
-            belief = belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w, propulsion_w)
+            else:
+                response, logs = response.seen(
+                    duration_s,
+                    seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
+                    - drive.heater_power_w, command_w, limit_w)
+                if logs is not None:
+                    weights = belief.weights.sum(axis=1)
+                    evidence += math.log(float(weights @ array_exp(logs)))
+                    belief = belief.weighed(logs.tolist())
+                power, hidden_w2 = power.hidden_w2(drive.power_variance_w2, duration_s)
+                heater_w = command_w if self.estimate is None else (
+                    min(self.estimate.heater.share * command_w, limit_w))
+                power, propulsion_w = power.mean_propulsion_w(
+                    seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
+                    - drive.heater_power_w, drive.propulsion_power_w, duration_s)
+                drive = replace(
+                    drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2)
+            suspect = self._suspected(suspect, belief, vehicle, duration_s, drive, heat_w, most_heat_w)
+            belief = (belief.after_unknown(duration_s) if drive is None else
+                      belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w, propulsion_w))
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
                              unheated_s=unheated_s, evidence=evidence, knows_power=seen_w is not None)
+
+    def _suspected(self, suspect: Suspicion | None, belief: Belief, vehicle: Vehicle, duration_s: float,
+                   drive: DriveInputs | None, heat_w: float, most_heat_w: float) -> Suspicion | None:
+        """Return the Suspicion after a step [s] under the heater's heat, of at most `most_heat_w` [W]."""
+        if suspect is None:
+            return None
+        step_k_per_w = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k * duration_s
+        suspect = suspect._replace(
+            commanded_k=suspect.commanded_k + step_k_per_w * abs(heat_w),
+            uncommanded_k=suspect.uncommanded_k + step_k_per_w * max(0.0, abs(most_heat_w) - abs(heat_w)))
+        if drive is None:
+            return suspect
+        # The warming of a battery whose heater answers.
+        rate_k_per_s = belief.answering_k_per_s(vehicle, replace(
+            drive, heater_power_w=drive.heater_power_w + heat_w))
+        return suspect._replace(
+            explained_k=suspect.explained_k + self.direction * duration_s * rate_k_per_s,
+            others_k=suspect.others_k + self.direction * step_k_per_w * drive.heater_power_w)
 
     def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
                    expected: tuple[FloatArray, FloatArray], is_held: bool = False,
@@ -364,29 +357,22 @@ class Estimator(NamedTuple):
             report = before
         else:
             weights: list[float] = [*map(sum, belief.weights.tolist())]
-            suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
+            if not is_suspect(weights):
+                suspect = None
+            else:
+                suspect = suspect or Suspicion(since_ns=stamp_ns, from_c=reading_c)
+                suspect = suspect._replace(lasts_s=(stamp_ns - suspect.since_ns) / NS_PER_S,
+                                           rise_k=self.direction * (reading_c - suspect.from_c))
             if others_odds > 0.0:
                 total = 1.0 + weights[HEALTHY] * others_odds
                 weights = [weight / total for weight in weights]
                 weights[HEALTHY] = 1.0 - sum(weights[HEALTHY + 1:])
-            report = judge(
-                weights, before, Suspicion() if suspect is None else Suspicion(
-                    (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
-                    self.direction * (reading_c - suspect.from_c), self.direction * suspect.explained_k,
-                    self.direction * suspect.others_k),
-                self.response.support if self.knows_power else None)
+            report = judge(weights, before, suspect or Suspicion(),
+                           self.response.support if self.knows_power else None)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
-            stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
+            stamp_ns, *expected, report, readings.temperature_steps.step, self.resets, self.reset_reason,
             self.reset_at_ns, self.offset_k, readings.ignored_share, belief.path))
-
-
-def _explained(suspect: _Suspect | None, belief: Belief, vehicle: Vehicle, duration_s: float,
-               drive: DriveInputs | None, heat_w: float) -> _Suspect | None:
-    """Return the suspect heater with the warming of a step [s] under its heat [W] that needs no fault."""
-    return None if suspect is None else suspect if drive is None else suspect._replace(
-        explained_k=suspect.explained_k + duration_s * belief.answering_k_per_s(vehicle, replace(
-            drive, heater_power_w=drive.heater_power_w + heat_w)))
 
 
 def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | None:

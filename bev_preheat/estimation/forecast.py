@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import NamedTuple, Protocol, TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -49,16 +49,11 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-class Driven(Protocol):
-    """A driven route with its vehicle: a planning.trip.Trip, or a DrivenRoute."""
+class DrivenRoute(NamedTuple):
+    """A vehicle, and a route whose segments are the steps of its plan."""
 
-    @property
-    def vehicle(self) -> Vehicle:
-        """The vehicle."""
-
-    @property
-    def route(self) -> Route:
-        """The route, whose segments are the steps of the plan."""
+    vehicle: Vehicle
+    route: Route
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +66,7 @@ class Forecast:
     and the faults `suspected` of heat sources, by name: the plan is that of healthy ones.
     """
 
-    trip: Driven
+    trip: DrivenRoute
     plan: Plan
     estimate: Estimate
     suspected: tuple[tuple[str, SuspectedFault], ...] = ()
@@ -89,14 +84,7 @@ class Forecast:
             self.trip, self.plan, self.suspected, self.estimate.under_way_k))
 
 
-class DrivenRoute(NamedTuple):
-    """A vehicle and a route that need no division into steps; cheaper to build than a Trip."""
-
-    vehicle: Vehicle
-    route: Route
-
-
-def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatArray]:
+def arrival_sensitivities(trip: DrivenRoute, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """
     Change of the arrival temperature [K] with each element of the state at the plan's start, (SIZE,).
 
@@ -124,7 +112,7 @@ def arrival_sensitivities(trip: Driven, plan: Plan) -> tuple[FloatArray, FloatAr
     return total, by_step[:, PROPULSION]
 
 
-def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+def arrival_deviation_k(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation [K] of the temperature on arrival if the plan is executed unchanged.
 
@@ -138,13 +126,13 @@ def _k_per_j(car: Vehicle) -> float:
     return car.hvch.efficiency / car.pack_heat_capacity_j_per_k
 
 
-def _unseen_k(trip: Driven, plan: Plan) -> float:
+def _unseen_k(trip: DrivenRoute, plan: Plan) -> float:
     """Return the standard deviation [K] of heat that the sensor may show on arrival before the core has it."""
     left = array_exp((trip.route.time_s - trip.route.total_duration_s) / UNSEEN_LAG_S)
     return UNSEEN_SHARE * UNSEEN_LAG_S * _k_per_j(trip.vehicle) * float(plan.command_w @ np.diff(left))
 
 
-def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+def _lag_variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     """Return the variance [K^2] of the temperature on arrival by the lag of the heat that a Plan sends."""
     car, lag_s = trip.vehicle, estimate.outside_lag_s
     ages = (trip.route.total_duration_s - trip.route.time_s) / lag_s
@@ -154,14 +142,14 @@ def _lag_variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     return slope_k**2 * max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0)
 
 
-def _variance_in_core_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+def _variance_in_core_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     car = _of_one_mass(trip.vehicle)
     return native_variance(
         vehicle_in_core(car), terms_of(car.heat_path), car.battery.leakage, trip.route.block,
         plan.command_w, plan.battery_temperature_c, plan.soc, _arriving_covariance(trip, estimate))
 
 
-def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+def _variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     """Return the variance [K^2] of the temperature on arrival by the elements of the state, and by traffic."""
     route = trip.route
     sensitivities, by_step = arrival_sensitivities(trip, plan)
@@ -182,7 +170,7 @@ def _of_one_mass(vehicle: Vehicle) -> Vehicle:
     return with_coolant_in_battery(vehicle) if vehicle.heat_path.is_shell else vehicle
 
 
-def _arriving_covariance(trip: Driven, estimate: Estimate) -> FloatArray:
+def _arriving_covariance(trip: DrivenRoute, estimate: Estimate) -> FloatArray:
     """Return the covariance of an Estimate, with the heat under way as far as it arrives in time."""
     share = np.ones(SIZE)
     share[UNDER_WAY] = 1.0 - (1.0 - estimate.share_in_battery) * math.exp(
@@ -196,7 +184,7 @@ def wandered_k2(duration_s: float) -> float:
     return float(WANDERED_IN_AN_HOUR[TEMPERATURE]) * duration_s / 3600.0
 
 
-def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimate: Estimate) -> float:
+def replanned_deviation_k(as_planned_k: float, trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     """
     Return the standard deviation of the temperature on arrival [K] with re-planning on the way.
 
@@ -219,7 +207,7 @@ def replanned_deviation_k(as_planned_k: float, trip: Driven, plan: Plan, estimat
     return math.hypot(min(as_planned_k, math.sqrt(kept_k2 + beyond_k2)), unmodelled_k)
 
 
-def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
+def _heat_ahead(trip: DrivenRoute, plan: Plan) -> tuple[float, float, float]:
     """Return the heat that a Plan can add and save [K], and the end of the latest heating [s]."""
     car, route = trip.vehicle, trip.route
     heated = np.flatnonzero(plan.command_w > 0.0)
@@ -233,7 +221,7 @@ def _heat_ahead(trip: Driven, plan: Plan) -> tuple[float, float, float]:
     return k_per_j * added_j, k_per_j * saved_j, end_s
 
 
-def _suspected_k(trip: Driven, plan: Plan, suspected: Sequence[tuple[str, SuspectedFault]],
+def _suspected_k(trip: DrivenRoute, plan: Plan, suspected: Sequence[tuple[str, SuspectedFault]],
                  under_way_k: float) -> float:
     """
     Return the root mean square [K] by which suspected faults change the arrival, beyond what heat can make up.

@@ -120,7 +120,8 @@ class Suspicion(NamedTuple):
 
     `commanded_k` is the heat that was commanded, `uncommanded_k` the heat that the heater could have delivered
     without a command, `explained_k` all heat of a battery whose heater answers, `others_k` that of other heat
-    sources, each as a temperature rise [K].
+    sources, each as a temperature rise [K]. Of a chiller the last three count cooling. The suspicion began at an
+    instant [ns], at a reading [deg C].
     """
 
     lasts_s: float = 0.0
@@ -129,9 +130,8 @@ class Suspicion(NamedTuple):
     rise_k: float = 0.0
     explained_k: float = 0.0
     others_k: float = 0.0
-
-
-UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
+    since_ns: int = 0
+    from_c: float = 0.0
 
 
 def is_suspect(weights: Sequence[float]) -> bool:
@@ -139,8 +139,8 @@ def is_suspect(weights: Sequence[float]) -> bool:
     return 1.0 - weights[HEALTHY] >= SUSPECT_FROM
 
 
-def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion = UNLIMITED,
-          support: Callable[[Heater], float] | None = None) -> HeaterReport:
+def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion,
+          support: Callable[[Heater], float] | None) -> HeaterReport:
     """
     Return the HeaterReport for the weights (heaters,); `before` is the previous report.
 

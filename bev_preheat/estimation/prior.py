@@ -107,18 +107,13 @@ class Lags:
         frozen(self.variances)
 
 
-def unknown_lags() -> Lags:
-    """Return the Lags of an unknown car."""
-    return Lags(np.zeros(2), np.full(2, LAG_DEVIATION**2))
-
-
 def described_lags(path: HeatPath) -> Lags:
     """
     Return the Lags described by a HeatPath: heater plus coolant or shell, and sensor.
 
     Missing parts are unknown.
     """
-    logs, variances = np.zeros(2), unknown_lags().variances.copy()
+    logs, variances = np.zeros(2), np.full(2, LAG_DEVIATION**2)
     nominal_s = nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S
     for at, lag_s in enumerate((path.heat_lag_s, path.sensor_lag_s)):
         if lag_s > 0.0:

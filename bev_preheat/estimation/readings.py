@@ -113,16 +113,6 @@ class ReadingCheck(NamedTuple):
         """Share of the latest readings that were ignored, 0 ... 1."""
         return sum(self.ignored) / len(self.ignored) if self.ignored else 0.0
 
-    @property
-    def temperature_resolution_k(self) -> float:
-        """Steps in which the temperature is reported [K]; 0: continuous."""
-        return self.temperature_steps.step
-
-    @property
-    def soc_resolution(self) -> float:
-        """Steps in which the state of charge is reported; 0: continuous."""
-        return self.soc_steps.step
-
     def seen(self, state: BatteryState) -> ReadingCheck:
         """Return the check with the steps after a reading; call it for every reading, before `judged`."""
         temperature_steps = self.temperature_steps.seen(state.temperature_c)

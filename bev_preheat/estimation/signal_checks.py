@@ -54,59 +54,53 @@ NEEDED = frozenset((TEMPERATURE, STATE_OF_CHARGE, SOURCE, FEED))
 
 
 class SignalVerdict(NamedTuple):
-    """A signal in doubt (see SIGNALS), the evidence in a sentence, and since when [ns]."""
+    """
+    A signal in doubt (see SIGNALS), the evidence in a sentence, and since when [ns].
+
+    It is shown until an instant [ns]; None: until the signal holds.
+    """
 
     signal: str
     sentence: str
     since_ns: int
-
-
-class _Doubt(NamedTuple):
-    """A verdict, and the instant until which it is shown [ns]; None: until its signal holds."""
-
-    verdict: SignalVerdict
     shown_until_ns: int | None = None
 
 
 @dataclass(frozen=True)
 class Doubts:
-    """The doubts about signals, one each."""
+    """The doubts about signals: a SignalVerdict each, () while every signal holds."""
 
-    held: tuple[_Doubt, ...] = ()
-
-    @property
-    def verdicts(self) -> tuple[SignalVerdict, ...]:
-        """The SignalVerdicts; () while every signal holds."""
-        return tuple([doubt.verdict for doubt in self.held])
+    verdicts: tuple[SignalVerdict, ...] = ()
 
     @property
     def needed(self) -> tuple[SignalVerdict, ...]:
         """The SignalVerdicts on signals without which nothing is heated."""
-        return tuple([doubt.verdict for doubt in self.held if doubt.verdict.signal in NEEDED])
+        return tuple([verdict for verdict in self.verdicts if verdict.signal in NEEDED])
 
     def __contains__(self, signal: str) -> bool:
         """Return whether a signal is in doubt."""
-        return any(doubt.verdict.signal == signal for doubt in self.held)
+        return any(verdict.signal == signal for verdict in self.verdicts)
 
     def noted(self, signal: str, sentence: str, now_ns: int, shown_until_ns: int | None = None) -> Doubts:
         """Return the Doubts with the sentence on a signal at an instant [ns]; '' ends its doubt."""
-        before = next((doubt for doubt in self.held if doubt.verdict.signal == signal), None)
+        before = next((verdict for verdict in self.verdicts if verdict.signal == signal), None)
         if not sentence:
-            return self if before is None else Doubts(tuple([doubt for doubt in self.held if doubt is not before]))
-        since_ns = now_ns if before is None else before.verdict.since_ns
-        noted = _Doubt(SignalVerdict(signal, sentence, since_ns), shown_until_ns)
-        return Doubts((*self.held, noted) if before is None else tuple([
-            noted if doubt is before else doubt for doubt in self.held]))
+            return self if before is None else Doubts(
+                tuple([verdict for verdict in self.verdicts if verdict is not before]))
+        if before is None:
+            return Doubts((*self.verdicts, SignalVerdict(signal, sentence, now_ns, shown_until_ns)))
+        noted = before._replace(sentence=sentence, shown_until_ns=shown_until_ns)
+        return Doubts(tuple([noted if verdict is before else verdict for verdict in self.verdicts]))
 
     def at(self, now_ns: int) -> Doubts:
         """Return the Doubts without those that were shown until an instant [ns]."""
-        return Doubts(tuple([doubt for doubt in self.held if doubt.shown_until_ns is None
-                             or now_ns < doubt.shown_until_ns])) if self.held else self
+        return Doubts(tuple([verdict for verdict in self.verdicts if verdict.shown_until_ns is None
+                             or now_ns < verdict.shown_until_ns])) if self.verdicts else self
 
     def without_instants(self) -> Doubts:
         """Return the Doubts none of which is shown for longer."""
-        return Doubts(tuple([doubt if doubt.shown_until_ns is None else doubt._replace(shown_until_ns=0)
-                             for doubt in self.held]))
+        return Doubts(tuple([verdict if verdict.shown_until_ns is None else verdict._replace(shown_until_ns=0)
+                             for verdict in self.verdicts]))
 
 
 class SeenState(NamedTuple):

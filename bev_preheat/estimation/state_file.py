@@ -10,6 +10,7 @@ A damaged state file is moved to a free name before a new one is written. Entrie
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import asdict
 from itertools import count
 import json
 import math
@@ -20,13 +21,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.before_restart import (
-    choices_entry,
-    choices_from,
-    last_seen_entry,
-    last_seen_from,
-    NO_CHOICES,
-)
+from bev_preheat.estimation.before_restart import choices_from, last_seen_from, NO_CHOICES
 from bev_preheat.estimation.estimate import FACTOR_NAMES, FACTORS, PROPULSION
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, Lags, Learned, prior_factor_covariance
@@ -207,10 +202,10 @@ def save_state(path: AnyPath, fingerprint: str, learned: Learned | None,
     if learned is not None:
         entry = {**as_entry(learned), **entry}
     if last_seen is not None:
-        entry[LAST_SEEN] = last_seen_entry(last_seen)
+        entry[LAST_SEEN] = asdict(last_seen)
     contents = {FORMAT_KEY: STATE_FILE_FORMAT,
                 'cars': {**dict(others[-(MOST_CARS - 1):]), **({fingerprint: entry} if entry else {})},
-                DRIVER: choices_entry(found.choices if choices is None else choices)}
+                DRIVER: asdict(found.choices if choices is None else choices)}
     target = target_of(path)
     aside = _move_aside(path, target) if found.damage else None
     try:
@@ -311,16 +306,15 @@ def _move_aside(path: AnyPath, target: str) -> str:
         try:
             # Reserves the name, because a plain rename would overwrite another file.
             os.close(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+            try:
+                os.replace(target, aside)
+            except OSError:
+                with suppress(OSError):
+                    os.unlink(aside)
+                raise
         except FileExistsError:
             continue
         except OSError as error:
-            raise InvalidInput(f'{path}: is damaged and cannot be moved to {aside}: '
-                               f'{error.strerror}') from error
-        try:
-            os.replace(target, aside)
-        except OSError as error:
-            with suppress(OSError):
-                os.unlink(aside)
             raise InvalidInput(f'{path}: is damaged and cannot be moved to {aside}: '
                                f'{error.strerror}') from error
         return aside

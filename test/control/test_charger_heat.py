@@ -11,7 +11,6 @@ from bev_preheat.control.charger_heat import ChargerHeater, ChargerSituation
 from bev_preheat.control.command import Commander
 from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
-from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 
@@ -130,32 +129,3 @@ def test_it_heats_at_the_charger_at_the_end_of_the_route(charged_with_w, chargin
     supervisor.accept_mission(Mission('to a charger', (make_leg(
         start_ns=NOW_NS - ns(DRIVE_S + 1.0), charging_planned=charging_planned),)))
     assert outcome(supervisor, measured(-3.0, charged_with_w)) == expected
-
-
-@pytest.mark.deep
-@pytest.mark.costly
-def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
-    """An independent plant: the charger supplies the battery's power, so the heater has no effect on it."""
-    supervisor = supervisor_at(0.0, replace(ASKED, estimation=True))
-    temperature_c, soc, switchings, power_w = 18.0, 0.5, 0, 0.0
-    for second in range(int(DRIVE_S) - 200, int(DRIVE_S + STOP_S) + 100):
-        now_ns = NOW_NS + ns(second)
-        at_stop = DRIVE_S <= second < DRIVE_S + STOP_S
-        battery_w = -60e3 if at_stop else 18e3 + CABIN_W + 400.0 + power_w
-        # Losses of battery and drivetrain, and leakage to the air, by hand.
-        losses_w = 4.31 / (temperature_c + 45.0) * (battery_w / VOLTAGE_V)**2
-        drivetrain_w, leakage_w_per_k = (0.0, 34.9) if at_stop else (0.1 * 0.8 * 18e3, 45.5)
-        heat_w = 0.87 * power_w + losses_w + drivetrain_w - leakage_w_per_k * (temperature_c + 5.0)
-        temperature_c += heat_w / 377e3
-        soc -= battery_w / (VOLTAGE_V * 200.0 * 3600.0)
-        commanded_w, reason = outcome(
-            supervisor, measured(temperature_c, -battery_w, now_ns, soc), now_ns)
-        if at_stop:
-            assert reason is Status.CHARGING
-            switchings += (commanded_w > 0.0) is not (power_w > 0.0)
-            assert commanded_w == 0.0 or temperature_c < LIMIT_C + 0.2
-        power_w = commanded_w
-        assert supervisor.state.estimate.heater.heater is Heater.ANSWERS
-    # On at the beginning, or on from the drive; off at the limit.
-    assert switchings <= 2
-    assert temperature_c > 15.0

@@ -74,13 +74,6 @@ def test_it_waits_cools_and_arrives_at_the_chosen_temperature(minimum_on_s):
     assert car.plant.sources.energy_wh['chiller'] > 100.0
 
 
-def test_any_doubt_stops_it():
-    sensors = Sensors(period_s=4.0, drop_outs=((640.0, 1e9),))
-    commands = [command for _, command, _, _ in driven(700.0, sensors=sensors)]
-    assert any(command.total_w > 0.0 for command in commands)
-    assert (commands[-1].reason, commands[-1].total_w) == (Status.STALE_INPUT, 0.0)
-
-
 def test_gates_of_heating_do_not_stop_it():
     gated = replace(CAR, heating_gates=replace(CAR.heating_gates, maximum_temperature_c=20.0))
     *_, car = deque(driven(car=gated), maxlen=1)[0]

@@ -9,7 +9,7 @@ import pytest
 from steady_drives import measured, NOW_NS, ns, outcome, steady_leg, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.events import BatteryStateArrived, RouteArrived
+from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, Reconfigured, RouteArrived
 from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -97,17 +97,11 @@ def make_mission(start_ns=NOW_NS, **second):
     return Mission('over two stops', with_stops(legs, STOPS_S))
 
 
-def feed(supervisor, now_ns=NOW_NS, state=COLD, stamp_ns=None):
-    supervisor.accept_battery(
-        Measurement(state, now_ns if stamp_ns is None else stamp_ns), now_ns)
-    return supervisor.replan(now_ns)
-
-
 def supervisor_at(elapsed_s, settings=MEASURED, **mission):
     """Return a supervisor that has planned at NOW_NS, some time after the start of the trip."""
     supervisor = Stepwise(VEHICLE, settings)
     supervisor.accept_mission(make_mission(NOW_NS - ns(elapsed_s), **mission))
-    feed(supervisor)
+    supervisor.accept_battery(Measurement(COLD, NOW_NS), NOW_NS)
     return supervisor
 
 
@@ -171,35 +165,17 @@ def test_the_command_does_not_wait_for_later_legs(planned_states):
     assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND]
 
 
-def set_vehicle(supervisor):
-    supervisor.vehicle = load_vehicle('reference')
-
-
-def set_settings(supervisor):
-    supervisor.settings = replace(MEASURED, target_battery_temperature_c=12.0)
-
-
-def set_equal_settings(supervisor):
-    supervisor.settings = replace(MEASURED)
-
-
-def set_route(supervisor):
-    supervisor.accept_mission(make_mission())
-
-
-def switch_off_and_on(supervisor):
-    supervisor.enabled = False
-    supervisor.enabled = True
-
-
 # The second leg has a target of its own, which another target in the settings leaves.
-@pytest.mark.parametrize('change, planned_again', [
-    (set_vehicle, [AFTER_FIRST, AFTER_SECOND]), (set_settings, [AFTER_SECOND]),
-    (set_route, [AFTER_FIRST, AFTER_SECOND]), (switch_off_and_on, []), (set_equal_settings, [])])
-def test_later_legs_are_planned_again_where_they_must(planned_states, change, planned_again):
+@pytest.mark.parametrize('events, planned_again', [
+    ([Reconfigured(load_vehicle('reference'), MEASURED)], [AFTER_FIRST, AFTER_SECOND]),
+    ([Reconfigured(VEHICLE, replace(MEASURED, target_battery_temperature_c=12.0))], [AFTER_SECOND]),
+    ([RouteArrived(make_mission())], [AFTER_FIRST, AFTER_SECOND]),
+    ([PreheatingSwitched(False), PreheatingSwitched(True)], []), ([Reconfigured(VEHICLE, replace(MEASURED))], [])],
+    ids=['vehicle', 'settings', 'route', 'off and on', 'equal settings'])
+def test_later_legs_are_planned_again_where_they_must(planned_states, events, planned_again):
     supervisor = supervisor_at(0.0)
     planned_states.clear()
-    change(supervisor)
+    supervisor.run(NOW_NS, *events)
     assert planned_states == [COLD, *planned_again]
 
 

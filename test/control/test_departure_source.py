@@ -6,6 +6,7 @@ from math import exp, log
 from zoneinfo import ZoneInfo
 
 import pytest
+from steady_drives import steady_leg, VEHICLE
 
 from bev_preheat.control.departure_source import DepartureSource, DepartureState
 from bev_preheat.control.departures import DailyPrice, Departure, Departures, GridPrices
@@ -17,20 +18,16 @@ from bev_preheat.control.events import (
     RouteArrived,
     TripCancelled,
 )
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
 ZONE = ZoneInfo('Europe/Berlin')
 AMBIENT_C, START_C, TARGET_C = -6.0, -2.0, 17.0
 FULL_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
-WORKDAYS = frozenset(range(5))
 MINUTE, HOUR = 60.0, 3600.0
 VOLTAGE_V = 400.0
 STEP_S = 60.0
@@ -45,8 +42,8 @@ NIGHT = 2026, 11, 25
 READY_NS = ns(*NIGHT, 7, 30)
 
 
-def work(is_plugged_in=True, clock=time(7, 30), weekdays=WORKDAYS, name='work', target_c=TARGET_C, most_c=None):
-    return Departure(name, weekdays, clock, target_c, is_plugged_in, most_c)
+def work(target_c=TARGET_C, most_c=None):
+    return Departure('work', frozenset(range(5)), time(7, 30), target_c, True, most_c)
 
 
 def week(*departures, ambient_c=AMBIENT_C):
@@ -103,10 +100,9 @@ class Car:
         return self.supervisor.state.preparation_goal
 
 
-def mission(start_ns, minutes=30.0, route_id='to the charger'):
-    route = make_route({'duration_s': [30.0] * round(2 * minutes), 'speed_mps': [20.0],
-                        'propulsion_power_w': [20e3], 'ambient_temperature_c': [-3.0]}, VEHICLE.defaults)
-    return Mission(route_id, (Leg(route, start_ns, True, 24.0),))
+def mission(start_ns):
+    return Mission('to the charger', (steady_leg(1800.0, start_ns=start_ns, ambient_temperature_c=[-3.0],
+                                                 target_temperature_c=24.0),))
 
 
 def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough():

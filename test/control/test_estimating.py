@@ -32,12 +32,11 @@ START_NS = 1000 * NS_PER_S
 class Ride:
     """A car and the supervisor that heats its battery, every PERIOD_S."""
 
-    def __init__(self, temperature_c=10.0, settings=Settings(), seed=3, learned=None,
-                 **imperfections):
+    def __init__(self, temperature_c=10.0, heater_faults=()):
         self.car = ImperfectCar(
             VEHICLE, DrivePhase(ROUTE, GOAL), BatteryState(temperature_c, 0.8),
-            Imperfections(**{'sensors': COARSE, **imperfections}), seed)
-        self.supervisor = Stepwise(VEHICLE, settings, learned)
+            Imperfections(sensors=COARSE, heater_faults=heater_faults), seed=3)
+        self.supervisor = Stepwise(VEHICLE, Settings())
         mission = self.car.mission(START_NS)
         leg, = mission.legs
         self.supervisor.accept_mission(Mission(mission.route_id, (
@@ -70,14 +69,9 @@ def limit_w(ride):
     return VEHICLE.hvch.maximum_power_w - cabin_w
 
 
-@pytest.fixture(scope='module')
-def healthy():
-    ride = Ride()
-    ride.until(1490.0)
-    return ride
-
-
-def test_the_plan_aims_at_the_target_and_no_further(healthy):
+def test_the_plan_aims_at_the_target_and_no_further():
+    healthy = Ride()
+    healthy.until(1490.0)
     # While it heats, and can still stop in time.
     aimed_k = [decision.plan.arrival_temperature_c - 25.0 for at_s, decision, _ in healthy.seen
                if 600.0 < at_s < 1300.0 and decision.status is Status.HEATING]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from steady_drives import steady_leg, VEHICLE
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask
 from bev_preheat.control.inbox import Inbox
@@ -26,24 +27,14 @@ from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import MOST_REVEALED_K
 from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
 GOAL = Goal(25.0)
 ANSWERS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 
 
-def make_a_route(*last_powers_w):
-    powers_w = [20e3] * (20 - len(last_powers_w)) + list(last_powers_w)
-    return make_route({
-        'duration_s': [60.0] * 20, 'speed_mps': [20.0], 'propulsion_power_w': powers_w,
-        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
-        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
-
-
-ROUTE = make_a_route()
+ROUTE = steady_leg(step_s=60.0).route
 
 
 def make_estimate(temperature_c=20.0, deviations=None, heater=ANSWERS, **mean):
@@ -73,21 +64,13 @@ def asked(monkeypatch):
     return questions
 
 
-def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE,
-         starts_in_s=0.0, heated_s=0.0):
-    return make_after(
-        maker or ForecastPlanner(), estimate, goal, settings, is_heating, route, starts_in_s, heated_s)[1]
-
-
-def make_after(maker, estimate, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0,
-               heated_s=0.0):
+def make_after(maker, estimate, goal=GOAL, settings=Settings(), vehicle=VEHICLE):
     """Return the planner after a Decision, and the Decision."""
-    return maker.make(VEHICLE, task_of(goal, settings, is_heating, route, starts_in_s, heated_s), estimate)
+    return maker.make(vehicle, PlanningTask(ROUTE, goal, Inbox(vehicle, settings).moment(0), 0.0), estimate)
 
 
-def task_of(goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0, heated_s=0.0):
-    return PlanningTask(route, goal, Inbox(VEHICLE, settings).moment(0)._replace(
-        direction=int(is_heating), heated_s=heated_s), starts_in_s)
+def make(estimate, **task):
+    return make_after(ForecastPlanner(), estimate, **task)[1]
 
 
 # Uncertainty
@@ -97,7 +80,7 @@ def test_a_share_of_what_the_arrival_may_deviate_beyond_the_temperature_now_beco
     maker, before = make_after(maker, estimate)
     # The arrival's uncertainty is unknown before the first plan, so two plans are made.
     assert [len(asked), asked[0].uncertainty] == [2, None]
-    make(estimate, maker)
+    make_after(maker, estimate)
     assert len(asked) == 3
     revealed_k = math.sqrt(before.forecast.as_planned_k**2 - 0.2**2)
     assert asked[2].uncertainty.deviation_k == pytest.approx(revealed_k)
@@ -114,7 +97,7 @@ def test_heat_that_may_come_later_than_believed_is_part_of_it(asked, lag_s, outs
     maker, estimate = ForecastPlanner(), make_estimate(
         deviations={HEAT_LAG: 0.5}, heat_lag=math.log(lag_s / 40.0))
     maker, before = make_after(maker, estimate)
-    make(estimate, maker)
+    make_after(maker, estimate)
     later_k = outside_s * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
     assert asked[-1].uncertainty.deviation_k == pytest.approx(
         math.hypot(before.forecast.as_planned_k, later_k))
@@ -160,7 +143,7 @@ def test_plans_of_heat_sources_start_with_all_heat_and_those_of_a_described_shel
         asked, name, temperature_c, start_c, lag_s):
     vehicle = load_vehicle(name)
     estimate = make_estimate(temperature_c, under_way=0.2, heat_lag=math.log(4.0))
-    ForecastPlanner().make(vehicle, task_of(), replace(estimate, path=vehicle.heat_path))
+    make(replace(estimate, path=vehicle.heat_path), vehicle=vehicle)
     assert (asked[-1].state.temperature_c, asked[-1].heat_lag_s) == pytest.approx((start_c, lag_s))
 
 
@@ -168,7 +151,7 @@ def test_plans_follow_the_lag_of_a_described_shell_by_its_conductance(asked):
     vehicle, maker = load_vehicle('shell_and_core'), ForecastPlanner()
     for factor in (1.0, 2.0, 4.0):
         estimate = replace(make_estimate(heat_lag=math.log(factor)), path=vehicle.heat_path)
-        maker, _ = maker.make(vehicle, task_of(), estimate)
+        maker, _ = make_after(maker, estimate, vehicle=vehicle)
         assert asked[-1].vehicle.heat_path.coolant_conductance_w_per_k == pytest.approx(400.0 / factor)
 
 
@@ -199,8 +182,7 @@ def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_tim
 @pytest.mark.parametrize('share', [1.0, 0.5, 0.0])
 def test_heat_sources_heat_until_arrival_at_a_target_that_is_too_far(asked, share):
     heater = ANSWERS if share == 1.0 else HeaterReport(Heater.DERATED if share else Heater.DEAD, 1.0, share)
-    _, found = ForecastPlanner().make(load_vehicle('heat_pump_car'), task_of(Goal(50.0)), make_estimate(
-        -10.0, heater=heater))
+    found = make(make_estimate(-10.0, heater=heater), goal=Goal(50.0), vehicle=load_vehicle('heat_pump_car'))
     assert found.plan.status is Status.TARGET_UNREACHABLE and found.command_share == share
     # Cabin heating leaves the HVCH 5 kW; the last minute counts, too.
     assert found.commanded.source_power_w['hvch'][-1] == pytest.approx(share * 5000.0)

@@ -16,29 +16,12 @@ FULL_W, LIMIT_W = 5000.0, 5300.0
 ON_S, OFF_S = 20.0, 120.0
 
 
-@pytest.fixture
-def heating():
-    switch = Watched()
-    assert switch.at(1000.0, FULL_W) == FULL_W
-    return switch
+def asked(switch, now_s, wanted_w, limit_w=LIMIT_W):
+    """Return the HeaterSwitch after a request [W] at an instant [s], with the times of this test."""
+    return switch.asked(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)
 
 
-class Watched:
-    """A HeaterSwitch with the times of this test."""
-
-    def __init__(self):
-        self.switch = HeaterSwitch()
-
-    @property
-    def is_on(self):
-        return self.switch.is_on
-
-    def at(self, now_s, wanted_w, limit_w=LIMIT_W):
-        self.switch = self.switch.asked(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)
-        return self.switch.power_w
-
-    def become(self, change, *given):
-        self.switch = getattr(self.switch, change)(*given)
+HEATING = asked(HeaterSwitch(), 1000.0, FULL_W)
 
 
 WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, FULL_W]),
@@ -48,33 +31,29 @@ WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, F
 @pytest.mark.costly
 @given(preparation_goals=WISHES)
 def test_requested_switchings_are_never_closer_than_allowed(preparation_goals):
-    switch, now_s, was_on, since_s = Watched(), 0.0, False, None
+    switch, now_s, was_on, since_s = HeaterSwitch(), 0.0, False, None
     for later_s, wanted_w, kind in preparation_goals:
         now_s += later_s
         if kind == 'force':
-            switch.become('forced_off')
+            switch = switch.forced_off()
             was_on, since_s = False, None
         elif kind == 'allow':
-            switch.become('allowed')
+            switch = switch.allowed()
             since_s = None
-        power_w = switch.at(now_s, wanted_w)
-        assert 0.0 <= power_w <= LIMIT_W
+        switch = asked(switch, now_s, wanted_w)
+        assert 0.0 <= switch.power_w <= LIMIT_W
         if switch.is_on != was_on:
             least_s = ON_S if was_on else OFF_S
             assert since_s is None or now_s - since_s >= least_s - 1e-6
             assert (wanted_w > 0.0) == switch.is_on
             was_on, since_s = switch.is_on, now_s
-        assert (power_w > 0.0) == switch.is_on
-
-
-FULL_W = 5000.0
-MINIMUM_OFF_S = 120.0
+        assert (switch.power_w > 0.0) == switch.is_on
 
 
 class Driven:
     """A HeaterSwitch that always wants heat, asked ten times a second unless something is wrong."""
 
-    def __init__(self, minimum_off_s=MINIMUM_OFF_S):
+    def __init__(self, minimum_off_s=OFF_S):
         self.switch, self.tenths, self.minimum_off_s = HeaterSwitch(), 10_000, minimum_off_s
         self.switch_ons_s = []
 
@@ -232,26 +211,19 @@ def test_no_status_of_a_plan_is_shown_for_less_than_ten_seconds_while_the_heater
 @pytest.mark.parametrize('back_s', [0.5, 30.0, 1e6])
 def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
     begin_ns = round((2_000_004 - back_s) * S)
-    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, MINIMUM_OFF_S).at(2_000_004 * S)
+    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, OFF_S).at(2_000_004 * S)
     pause = pause.at(begin_ns)
     assert pause.left_s == pytest.approx(6.0)
     assert pause.at(begin_ns + 6 * S).left_s == 0.0
 
 
-def test_on_waits_for_the_least_time_off(heating):
-    heating.at(1030.0, 0.0)
-    assert heating.at(1149.999, FULL_W) == 0.0
-    assert heating.at(1150.0, FULL_W) == FULL_W
+def test_what_is_held_on_keeps_its_power_within_what_there_is():
+    held = asked(HEATING, 1005.0, 0.0, limit_w=3000.0)
+    assert (HEATING.power_w, held.power_w) == (FULL_W, 3000.0)
+    assert asked(held, 1006.0, 0.0).power_w == 3000.0
+    assert asked(held, 1007.0, 0.0, limit_w=0.0).power_w == 0.0
 
 
-def test_what_is_held_on_keeps_its_power_within_what_there_is(heating):
-    assert heating.at(1005.0, 0.0, limit_w=3000.0) == 3000.0
-    assert heating.at(1006.0, 0.0) == 3000.0
-    assert heating.at(1007.0, 0.0, limit_w=0.0) == 0.0
-
-
-def test_an_off_by_plan_starts_the_least_time_off(heating):
-    heating.become('turned_off', 1005 * S)
-    heating.become('turned_off', 1006 * S)
-    assert heating.at(1124.999, FULL_W) == 0.0
-    assert heating.at(1125.0, FULL_W) == FULL_W
+def test_an_off_by_plan_starts_the_least_time_off():
+    off = HEATING.turned_off(1005 * S).turned_off(1006 * S)
+    assert [asked(off, now_s, FULL_W).power_w for now_s in (1124.999, 1125.0)] == [0.0, FULL_W]

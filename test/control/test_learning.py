@@ -24,8 +24,8 @@ ROUTE = make_route({
     'auxiliary_power_w': [400.0]}, None)
 
 
-def trip(route_id='morning', standing_time_s=NIGHT_S, start_ns=NOW_NS):
-    return Mission(route_id, (Leg(ROUTE, start_ns, True, 20.0),), standing_time_s)
+def trip(standing_time_s=NIGHT_S):
+    return Mission('morning', (Leg(ROUTE, NOW_NS, True, 20.0),), standing_time_s)
 
 
 def measured(temperature_c=-5.0, after_start_s=0.0):
@@ -33,27 +33,23 @@ def measured(temperature_c=-5.0, after_start_s=0.0):
                        NOW_NS + round(after_start_s * NS_PER_S))
 
 
-def compared(*pairs, watch=StandWatch()):
-    """Return the StandWatch after Missions and Measurements, and the Soak before each."""
+def compared(*measurements, watch=StandWatch()):
+    """Return the StandWatch after Measurements on a trip, and the Soak before each."""
     standing = []
-    for mission, measurement in pairs:
-        watch, soak = watch.compared(mission, measurement, VEHICLE)
+    for measurement in measurements:
+        watch, soak = watch.compared(trip(), measurement, VEHICLE)
         standing.append(soak)
     return watch, standing
 
 
-def soak(mission, measurement, watch=StandWatch()):
-    return compared((mission, measurement), watch=watch)[1][0]
-
-
 def test_the_first_state_of_a_trip_is_of_a_battery_that_stood_where_the_route_begins():
-    assert soak(trip(), measured()) == after_soak(VEHICLE, -7.0, NIGHT_S)
+    assert compared(measured())[1] == [after_soak(VEHICLE, -7.0, NIGHT_S)]
 
 
 @pytest.mark.parametrize('after_s, is_first', [
     (LONGEST_GAP_S, True), (LONGEST_GAP_S + 0.1, False)])
 def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_first):
-    _, (first, second) = compared(*[(trip(), measured(after_start_s=after_s))] * 2)
+    _, (first, second) = compared(*[measured(after_start_s=after_s)] * 2)
     assert bool(first) is is_first
     assert second is None
 
@@ -63,7 +59,7 @@ def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_fir
     (-3.0, '-3.0 degC after 10:00:00 h of standing at -7.0 degC: 3.6 K warmer than the -6.6 degC'),
     (-11.0, '4.4 K colder than the -6.6 degC expected')])
 def test_a_sensor_that_contradicts_by_more_than_2_k_is_named(temperature_c, words):
-    sentence = compared((trip(), measured(temperature_c)))[0].report.contradiction
+    sentence = compared(measured(temperature_c))[0].report.contradiction
     assert words in sentence
     assert bool(sentence) is bool(words)
 
@@ -103,21 +99,11 @@ def cooled_c(warmer_k, stood_s):
     return -7.0 + warmer_k * exp(-battery.leakage.gamma_0_w_per_k * stood_s / battery.heat_capacity_j_per_k)
 
 
-def noted(*seen):
-    """Return the StandWatch after LastSeens."""
-    watch = StandWatch()
-    for each in seen:
-        watch = watch.noted(each)
-    return watch
-
-
 def test_the_stand_starts_from_the_last_temperature_before_a_silence():
     # The battery wakes before the route arrives.
-    watch = noted(*[seen(36.0, NIGHT_S + 60.0 - before_s) for before_s in range(60)],
-                  seen(-5.1, 2.0), seen(-5.0, 1.0))
-    assert soak(trip(), measured(), watch).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
-
-
-def test_a_restart_remembers_it():
-    standing = soak(trip(), measured(), StandWatch((seen(36.0, NIGHT_S),)))
-    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S))
+    watch = StandWatch()
+    driven = (seen(36.0, NIGHT_S + 60.0 - before_s) for before_s in range(60))
+    for each in (*driven, seen(-5.1, 2.0), seen(-5.0, 1.0)):
+        watch = watch.noted(each)
+    _, (standing,) = compared(measured(), watch=watch)
+    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)

@@ -19,20 +19,19 @@ from bev_preheat.route.segments import make_route
 CONSUMERS_W, DRIVE_W = 2478.0, 15e3
 
 
-def leg(minutes=40, charging_planned=True, departure=None):
+def leg(minutes=40, departure=None):
     return Leg(make_route({
         'duration_s': [60.0] * minutes, 'speed_mps': [25.0], 'propulsion_power_w': [DRIVE_W],
-        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), NOW_NS, charging_planned, departure=departure)
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), NOW_NS, departure=departure)
 
 
 class Car:
-    """The reference battery; for a minute or more, one state every `every_s`. The heater obeys at once."""
+    """The reference battery; for a minute or more, one state every two seconds. The heater obeys at once."""
 
-    def __init__(self, legs=None, settings=Settings(), reports_power=True, temperature_c=5.0, soc=0.8,
-                 every_s=2):
-        self.planner = Supervisor(VEHICLE, settings)
+    def __init__(self, legs=None, reports_power=True, temperature_c=5.0, soc=0.8):
+        self.planner = Supervisor(VEHICLE, Settings())
         self.at_s, self.temperature_c, self.soc, self.reports_power = 0, temperature_c, soc, reports_power
-        self.command_w, self.commands, self.every_s = 0.0, [], every_s
+        self.command_w, self.commands = 0.0, []
         # The sign of the current is known before the route arrives.
         for _ in range(60):
             self.go(1, 0.0, CONSUMERS_W)
@@ -47,7 +46,7 @@ class Car:
 
     def go(self, seconds, propulsion_w, consumers_w=CONSUMERS_W, charged_w=0.0, **measured):
         """Let time pass at a propulsion power, or a charging power [W] at the battery's terminals."""
-        step_s = self.every_s if seconds >= 60 and seconds % self.every_s == 0 else 1
+        step_s = 2 if seconds >= 60 and seconds % 2 == 0 else 1
         for _ in range(seconds // step_s):
             self.at_s += step_s
             power_w = -charged_w if charged_w else propulsion_w + consumers_w + self.command_w
@@ -60,6 +59,10 @@ class Car:
                 BatteryState(self.temperature_c, self.soc), NOW_NS + self.at_s * NS_PER_S,
                 *((volts, power_w / volts) if self.reports_power else (None, None)), **measured)))
             self.commands.append((self.at_s, step_s, self.command_w))
+
+    def tell(self, distance_m):
+        """Report the place on the trip."""
+        self.planner_step(ProgressArrived(Progress(distance_m, NOW_NS + self.at_s * NS_PER_S, 'trip')))
 
     def heated_s(self, from_s):
         return sum(step_s for at_s, step_s, power_w in self.commands if at_s >= from_s and power_w > 0.0)
@@ -134,8 +137,7 @@ def test_a_position_that_moves_outranks_the_power():
     car = Car((leg(60),))
     for second in range(300):
         car.go(1, 0.0, charged_w=18e3)
-        car.planner_step(ProgressArrived(Progress(
-            25.0 * second, NOW_NS + car.at_s * NS_PER_S, 'trip')))
+        car.tell(25.0 * second)
     assert (car.planner.state.regime.regime, abs(car.delay_s) < 3.0) == (Regime.DRIVING, True)
 
 
@@ -158,8 +160,7 @@ def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_th
         for second in range(1, seconds + 1):
             car.go(1, **power)
             if has_position:
-                car.planner_step(ProgressArrived(Progress(
-                    from_m + (place_m - from_m) * second / seconds, NOW_NS + car.at_s * NS_PER_S, 'trip')))
+                car.tell(from_m + (place_m - from_m) * second / seconds)
 
     # The charger is 70 m before the place to which the navigation leads.
     go_to(7430.0, 0.0, 240, propulsion_w=DRIVE_W)
@@ -176,15 +177,11 @@ def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_th
 
 def test_a_position_corrects_an_arrival_that_charging_told():
     car = Car(with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,)), soc=0.6)
-
-    def tell(distance_m):
-        car.planner_step(ProgressArrived(Progress(distance_m, NOW_NS + car.at_s * NS_PER_S, 'trip')))
-
-    tell(0.0)
+    car.tell(0.0)
     car.go(240, DRIVE_W)
     car.go(180, 0.0, charged_w=50e3)
     assert car.delay_s == pytest.approx(-60.0, abs=5.0)
-    tell(5000.0)
+    car.tell(5000.0)
     # Planned after 200 s, it was there after 420 s.
     assert car.delay_s == pytest.approx(220.0, abs=5.0)
 

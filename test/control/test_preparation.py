@@ -52,8 +52,8 @@ def cooled_c(start_c, seconds, towards_c=AMBIENT_C):
     return towards_c + (start_c - towards_c) * exp(-seconds / TAU_S)
 
 
-def warm_after_s(start_c, target_c):
-    return TAU_S * log((HEATED_C - start_c) / (HEATED_C - target_c))
+def warm_after_s(target_c):
+    return TAU_S * log((HEATED_C - START_C) / (HEATED_C - target_c))
 
 
 class Car:
@@ -97,18 +97,18 @@ class Car:
     def plan(self):
         return self.supervisor.state.decision.plan
 
-    def ended(self, preparation_goal):
-        """Return the only outcome of a goal."""
+    def expect_end(self, preparation_goal, ending, words=''):
+        """See that a goal ended once, so and with these words; return its outcome."""
         [outcome] = [outcome for outcome in self.outcomes if outcome.preparation_goal is preparation_goal]
+        assert outcome.ending is ending and words in outcome.explanation, outcome
         return outcome
 
 
-def mission(start_s=0.0, minutes=40.0, target_c=25.0, route_id='home', reserve=0.0, **columns):
+def mission(start_s=0.0, minutes=40.0, target_c=25.0, reserve=0.0):
     """Return a trip of half-minutes at 20 kW, -3 degC."""
     route = make_route({'duration_s': [30.0] * round(2 * minutes), 'speed_mps': [20.0],
-                        'propulsion_power_w': [20e3], 'ambient_temperature_c': [-3.0], **columns},
-                       VEHICLE.defaults)
-    return Mission(route_id, (Leg(route, at(start_s), True, target_c, reserve),))
+                        'propulsion_power_w': [20e3], 'ambient_temperature_c': [-3.0]}, VEHICLE.defaults)
+    return Mission('home', (Leg(route, at(start_s), True, target_c, reserve),))
 
 
 # Plans
@@ -141,16 +141,15 @@ def test_a_plugged_in_battery_is_cooled_for_the_instant_from_the_grid():
     car.state(1790.0, temperature_c=34.4)
     assert car.commands[-1].power_w('chiller') > 1000.0
     car.state(1801.0, temperature_c=34.1)
-    outcome = car.ended(preparation_goal)
-    assert (outcome.ending, outcome.shortfall_k) == (PreparationEnding.REACHED, pytest.approx(0.1))
+    assert car.expect_end(preparation_goal, PreparationEnding.REACHED).shortfall_k == pytest.approx(0.1)
 
 
 def test_a_battery_that_is_too_warm_at_the_instant_is_said():
     car = Car(temperature_c=38.0, vehicle=HOT_CAR)
     preparation_goal = car.want(1800.0, **HOT, maximum_arrival_temperature_c=34.0)
     car.state(1801.0, temperature_c=36.5)
-    outcome = car.ended(preparation_goal)
-    assert (outcome.ending, outcome.shortfall_k) == (PreparationEnding.MISSED, pytest.approx(2.5))
+    outcome = car.expect_end(preparation_goal, PreparationEnding.MISSED)
+    assert outcome.shortfall_k == pytest.approx(2.5)
     assert outcome.explanation == 'The battery is at 36.5 degC, 2.5 K above the 34.0 degC allowed.'
 
 
@@ -161,8 +160,7 @@ def test_a_battery_that_is_too_warm_at_the_instant_is_said():
      'maximum_arrival_temperature: is not allowed without ready_at')])
 def test_a_highest_temperature_that_makes_no_sense_is_refused(wanted, problem):
     car = Car(temperature_c=38.0, vehicle=HOT_CAR)
-    outcome = car.ended(car.want(1800.0, **HOT, **wanted))
-    assert outcome.ending is PreparationEnding.REFUSED and problem in outcome.explanation
+    car.expect_end(car.want(1800.0, **HOT, **wanted), PreparationEnding.REFUSED, problem)
 
 
 def test_the_grid_takes_the_heater_s_power_from_the_battery_s_account():
@@ -183,11 +181,11 @@ def test_as_soon_as_possible_heats_from_now_until_it_is_warm_and_not_longer():
     car = Car()
     preparation_goal = car.want(is_plugged_in=True)
     # 0.05 K below the target, see full_power.AIMS_BELOW_K.
-    warm_s = warm_after_s(START_C, TARGET_C - 0.05)
+    warm_s = warm_after_s(TARGET_C - 0.05)
     assert car.command == (FULL_W, Status.HEATING)
     assert car.plan.arrival_time_s == pytest.approx(warm_s, abs=0.2)
     assert (car.plan.hvch_battery_power_w == FULL_W).all()
-    needed_s = warm_after_s(START_C, TARGET_C - 0.1)
+    needed_s = warm_after_s(TARGET_C - 0.1)
     for now_s in np.arange(40.0, needed_s, 40.0).tolist():
         car.state(now_s, temperature_c=cooled_c(START_C, now_s, HEATED_C))
         assert car.command == (pytest.approx(FULL_W), Status.HEATING), now_s
@@ -197,8 +195,7 @@ def test_as_soon_as_possible_heats_from_now_until_it_is_warm_and_not_longer():
     car.commands.clear()
     car.state(needed_s + 0.1, temperature_c=cooled_c(START_C, needed_s + 0.1, HEATED_C))
     assert {command.battery_heating_power_w for command in car.commands[-1:]} == {0.0}
-    assert car.ended(preparation_goal).ending is PreparationEnding.REACHED
-    assert car.ended(preparation_goal).shortfall_k == pytest.approx(0.1, abs=0.01)
+    assert car.expect_end(preparation_goal, PreparationEnding.REACHED).shortfall_k == pytest.approx(0.1, abs=0.01)
     assert car.supervisor.state.preparation_goal is None
 
 
@@ -251,8 +248,7 @@ def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
         estimate = car.supervisor.state.estimate
         assert car.command[0] == 0.0 or (estimate is not None and estimate.soc > lowest + 1e-4)
     assert car.command[0] == 0.0
-    assert car.ended(preparation_goal).ending is PreparationEnding.MISSED and '5.0 %' in car.ended(
-        preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.MISSED, '5.0 %')
 
 
 # The drive until the instant
@@ -373,8 +369,8 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car.step(PreparationEnded(None, PreparationEnding.CANCELED, 'enough'))
     car.state(601.0 + 6 * 3600.0)
     preparation_goal = car.want(1200.0, ambient_c=None)
-    assert 'ambient_temperature: is not given, and no route has reported one' in car.ended(
-        preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.REFUSED,
+                   'ambient_temperature: is not given, and no route has reported one')
 
 
 # Goals that are refused
@@ -395,8 +391,7 @@ def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence)
     before = car.want(900.0)
     command, plan = car.command, car.plan
     refused = car.want(**preparation_goal)
-    outcome = car.ended(refused)
-    assert outcome.ending is PreparationEnding.REFUSED and sentence in outcome.explanation
+    car.expect_end(refused, PreparationEnding.REFUSED, sentence)
     assert sentence in car.refusals[-1]
     assert car.supervisor.state.preparation_goal is before and car.command == command
     assert car.plan.heating_start_s == plan.heating_start_s
@@ -410,8 +405,7 @@ def test_what_keeps_the_heater_off_refuses_goals(event, sentence):
     car = Car()
     car.step(event)
     preparation_goal = car.want()
-    assert car.ended(preparation_goal).ending is PreparationEnding.REFUSED and sentence in car.ended(
-        preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.REFUSED, sentence)
     assert car.command[0] == 0.0
 
 
@@ -422,7 +416,7 @@ def test_without_a_fresh_battery_state_goals_are_refused():
     assert 'No valid battery state' in last.outcomes[0].explanation and isnan(last.outcomes[0].temperature_c)
     car = Car()
     car.now_s = 6.0
-    assert 'battery_state is 6.000 s old' in car.ended(car.want()).explanation
+    car.expect_end(car.want(), PreparationEnding.REFUSED, 'battery_state is 6.000 s old')
 
 
 # Endings of goals
@@ -435,16 +429,15 @@ def test_at_the_instant_it_says_by_how_much_the_target_is_missed():
     car.state(599.0, temperature_c=9.0)
     assert not car.outcomes
     car.state(600.0, temperature_c=9.25)
-    outcome = car.ended(preparation_goal)
-    assert (outcome.ending, outcome.shortfall_k, outcome.temperature_c) == (PreparationEnding.MISSED, 15.75, 9.25)
-    assert '15.8 K below the target of 25.0 degC' in outcome.explanation
+    outcome = car.expect_end(preparation_goal, PreparationEnding.MISSED, '15.8 K below the target of 25.0 degC')
+    assert (outcome.shortfall_k, outcome.temperature_c) == (15.75, 9.25)
     assert car.command == (0.0, Status.NO_ROUTE)
 
 
 def test_what_is_warm_already_needs_no_heat():
     car = Car(temperature_c=20.0)
     preparation_goal = car.want()
-    assert car.ended(preparation_goal).ending is PreparationEnding.REACHED
+    car.expect_end(preparation_goal, PreparationEnding.REACHED)
     later = car.want(600.0)
     assert car.command == (0.0, Status.NOT_NEEDED) and car.supervisor.state.preparation_goal is later
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
@@ -455,8 +448,7 @@ def test_what_no_power_reaches_ends_without_any():
     leaky = replace(VEHICLE.battery, leakage=replace(VEHICLE.battery.leakage, gamma_0_w_per_k=110.0))
     car = Car(temperature_c=-20.0, vehicle=replace(VEHICLE, battery=leaky))
     preparation_goal = car.want(target_c=5.0, ambient_c=-39.0)
-    assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
-    assert 'does not reach the target' in car.ended(preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.MISSED, 'does not reach the target')
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
 
 
@@ -467,7 +459,7 @@ def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
     car.now_s = 1.0
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
     assert car.command == (0.0, Status.NO_ROUTE)
-    assert car.ended(preparation_goal).ending is PreparationEnding.CANCELED
+    car.expect_end(preparation_goal, PreparationEnding.CANCELED)
     assert car.supervisor.state.preparation_goal is None
     # Cancelling it again does not affect the next goal.
     later = car.want()
@@ -480,7 +472,7 @@ def test_switching_preheating_off_ends_the_goal():
     preparation_goal = car.want()
     car.step(PreheatingSwitched(False))
     assert car.command == (0.0, Status.DISABLED)
-    assert car.ended(preparation_goal).ending is PreparationEnding.DISABLED
+    car.expect_end(preparation_goal, PreparationEnding.DISABLED)
     car.step(PreheatingSwitched(True))
     assert car.command == (0.0, Status.NO_ROUTE)
 
@@ -499,8 +491,7 @@ def test_a_goal_outlasts_a_minute_without_battery_states_and_no_more():
         assert car.command == (0.0, Status.STALE_INPUT) and not car.outcomes
     car.now_s = 125.0
     car.step()
-    assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST
-    assert 'off for 1:00 min: battery_state is' in car.ended(preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.INPUT_LOST, 'off for 1:00 min: battery_state is')
 
 
 def test_an_instant_at_which_nothing_is_known_is_no_success():
@@ -510,9 +501,8 @@ def test_an_instant_at_which_nothing_is_known_is_no_success():
     car.step()
     car.now_s = 30.0
     car.step()
-    assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST
-    assert 'The heater was off at the requested time: battery_state is 30.000 s old' in car.ended(
-        preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.INPUT_LOST,
+                   'The heater was off at the requested time: battery_state is 30.000 s old')
 
 
 @pytest.mark.parametrize('soc, goes_on', [(0.585, True), (0.575, False)])
@@ -522,8 +512,8 @@ def test_a_charge_that_falls_is_not_plugged_in(soc, goes_on):
     car.state(1.0, soc=soc)
     assert (car.supervisor.state.preparation_goal is preparation_goal) is goes_on
     if not goes_on:
-        assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED and car.command[0] == 0.0
-        assert 'has fallen from 60.0 % to 57.5 %' in car.ended(preparation_goal).explanation
+        car.expect_end(preparation_goal, PreparationEnding.UNPLUGGED, 'has fallen from 60.0 % to 57.5 %')
+        assert car.command[0] == 0.0
 
 
 def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
@@ -532,24 +522,22 @@ def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
     car.step(RouteArrived(mission(start_s=1800.0)))
     assert car.supervisor.state.preparation_goal is preparation_goal
     car.step(RouteArrived(mission(start_s=1700.0)))
-    assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED
-    assert "the route plan 'home' drives before" in car.ended(preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.UNPLUGGED, "the route plan 'home' drives before")
     again = car.want(1800.0, is_plugged_in=True)
-    assert car.ended(again).ending is PreparationEnding.REFUSED and 'plugged_in: ' in car.ended(again).explanation
+    car.expect_end(again, PreparationEnding.REFUSED, 'plugged_in: ')
     soonest = car.want(is_plugged_in=True, target_c=30.0)
     assert car.command[0] == FULL_W
     for now_s in range(1, 1700, 100):
         car.state(float(now_s))
     car.state(1700.1)
-    assert car.ended(soonest).ending is PreparationEnding.UNPLUGGED
+    car.expect_end(soonest, PreparationEnding.UNPLUGGED)
 
 
 def test_a_clock_that_is_set_back_ends_the_goal():
     car = Car()
     preparation_goal = car.want(900.0)
     car.state(-100.0)
-    assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST and 'set back' in car.ended(
-        preparation_goal).explanation
+    car.expect_end(preparation_goal, PreparationEnding.INPUT_LOST, 'set back')
 
 
 def test_another_vehicle_that_the_goal_does_not_fit_keeps_the_heater_off():
@@ -566,7 +554,7 @@ def test_a_goal_that_takes_hours_is_given_up_after_six():
     for hour in range(1, 7):
         assert not car.outcomes
         car.state(hour * 3600.0)
-    assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
+    car.expect_end(preparation_goal, PreparationEnding.MISSED)
 
 
 @pytest.mark.parametrize('below_k, ending', [(0.19, PreparationEnding.REACHED), (0.21, PreparationEnding.MISSED)])
@@ -574,4 +562,4 @@ def test_a_battery_a_fifth_of_a_kelvin_below_the_target_is_warm(below_k, ending)
     car = Car()
     preparation_goal = car.want(600.0)
     car.state(600.0, temperature_c=TARGET_C - below_k)
-    assert car.ended(preparation_goal).ending is ending
+    car.expect_end(preparation_goal, ending)

@@ -30,17 +30,13 @@ def a_leg(duration_s=600.0, **fields):
     return steady_leg(duration_s, propulsion_power_w=[18e3], ambient_temperature_c=[-5.0], **fields)
 
 
-def a_mission(start_ns=START_NS, **fields):
-    return Mission('home', (a_leg(start_ns=start_ns, **fields),))
-
-
 class Drive:
     """A Stepwise supervisor at seconds after the start of its route."""
 
     def __init__(self, mission=None, settings=MEASURED):
         self.supervisor = Stepwise(VEHICLE, settings)
         self.supervisor.run(START_NS)
-        self.supervisor.accept_mission(mission or a_mission())
+        self.supervisor.accept_mission(mission or Mission('home', (a_leg(start_ns=START_NS),)))
 
     def tell(self, at_s, distance_m, **fields):
         """Take in a position; return the output."""
@@ -48,11 +44,11 @@ class Drive:
             'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s), 'route_id': 'home', **fields})))
         return self.supervisor.output
 
-    def feed(self, at_s, temperature_c=-7.0, soc=0.8):
+    def feed(self, at_s, temperature_c=-7.0):
         """Take in a battery state; return (command [W], reason) and how long the plan still lasts [s]."""
         now_ns = START_NS + ns(at_s)
         self.supervisor.accept_battery(
-            Measurement(BatteryState(temperature_c, soc), now_ns), now_ns)
+            Measurement(BatteryState(temperature_c, 0.8), now_ns), now_ns)
         command, plan = self.supervisor.state.latest_command, self.supervisor.state.decision.plan
         return (pytest.approx(command.battery_heating_power_w), command.reason,
                 None if plan is None else pytest.approx(plan.arrival_time_s))
@@ -142,15 +138,15 @@ def test_a_place_that_is_too_old_is_driven_on_from_by_time():
 
 # Standing
 
-def stood(drive, until_s, distance_m=6010.0, temperature_c=-7.0):
+def stood(drive, until_s):
     """
     Let the vehicle stand from 100 s on, and return the command at the end.
 
     It is early, and its place is accurate to 10 m, so it counts as driving for the first second.
     """
     for at_s in range(100, until_s, 5):
-        drive.tell(float(at_s), distance_m)
-    return drive.feed(until_s - 5.0, temperature_c)
+        drive.tell(float(at_s), 6010.0)
+    return drive.feed(until_s - 5.0)
 
 
 @pytest.mark.parametrize('until_s, expected', [

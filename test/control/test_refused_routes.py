@@ -25,10 +25,9 @@ def make_mission(route_id='home', **leg):
     return Mission(route_id, (steady_leg(**leg),))
 
 
-def make_trip_with_stop(first_s=DURATION_S, stop_s=600.0, second_s=900.0, start_ns=NOW_NS):
-    departure = BatteryState(30.0, 0.8)
+def make_trip_with_stop(start_ns=NOW_NS):
     return Mission('home', with_stops(
-        (steady_leg(first_s, start_ns=start_ns), steady_leg(second_s, departure=departure)), (stop_s,)))
+        (steady_leg(start_ns=start_ns), steady_leg(900.0, departure=BatteryState(30.0, 0.8))), (600.0,)))
 
 
 def feed(supervisor, now_ns):
@@ -38,11 +37,12 @@ def feed(supervisor, now_ns):
     return outcome(supervisor, now_ns)
 
 
-def feed_on(supervisor, from_s):
-    """Give valid states from a second [s] on, past the pause after doubt; return the last answer."""
+def feed_on(supervisor):
+    """Give valid states from the next second on, past the pause after doubt; return the last answer."""
     # Input must be valid for 10 s.
-    assert feed(supervisor, NOW_NS + ns(from_s)) == OFF
-    return [feed(supervisor, NOW_NS + ns(from_s + second)) for second in range(1, 12)][-1]
+    first, *_, last = (feed(supervisor, NOW_NS + ns(1.0 + second)) for second in range(12))
+    assert first == OFF
+    return last
 
 
 def heating_supervisor(mission):
@@ -68,7 +68,7 @@ def test_after_an_update_that_arrives_no_earlier_the_old_route_goes_on(refused):
     supervisor = heating_supervisor(make_mission())
     supervisor.refuse_route(ERROR, refused)
     assert outcome(supervisor, NOW_NS) == OFF
-    power_w, status = feed_on(supervisor, 1.0)
+    power_w, status = feed_on(supervisor)
     assert (power_w > 0.0, status) == (True, Status.TARGET_UNREACHABLE)
 
 
@@ -146,7 +146,7 @@ def test_stops_ahead_must_not_be_called_off_either(arrivals_s, goes_on):
     supervisor = heating_supervisor(make_trip_with_stop())
     supervisor.refuse_route(ERROR, replace(
         SAME, arrivals_ns=tuple(NOW_NS + ns(second) for second in arrivals_s)))
-    assert (feed_on(supervisor, 1.0) != OFF) is goes_on
+    assert (feed_on(supervisor) != OFF) is goes_on
 
 
 def test_stops_behind_may_be_left_out():
@@ -155,7 +155,7 @@ def test_stops_behind_may_be_left_out():
     supervisor.accept_mission(make_trip_with_stop(start_ns=NOW_NS - ns(1900.0)))
     assert feed(supervisor, NOW_NS)[0] > 0.0
     supervisor.refuse_route(ERROR, replace(SAME, arrivals_ns=(NOW_NS + ns(2700.0 - 1900.0),)))
-    assert feed_on(supervisor, 1.0)[0] > 0.0
+    assert feed_on(supervisor)[0] > 0.0
 
 
 # Cancellation

@@ -114,14 +114,6 @@ def test_a_status_of_no_source_is_refused_and_named():
     assert supervisor.state.answers.others[1].problem == 'heat_source_status of heat_pump refused: name: x'
 
 
-@pytest.mark.parametrize('faults', [(), (HeaterFault(100.0, share=0.0, source='motor'),)])
-def test_a_fault_of_a_source_is_its_own(faults):
-    _, _, _, car = deque(driven(300.0, faults=faults), maxlen=1)[0]
-    energy_wh = car.plant.sources.energy_wh
-    assert (energy_wh['motor'] < 90.0) is bool(faults)
-    assert energy_wh['heat_pump'] == pytest.approx(2500.0 * 299.0 / 3600.0, rel=0.02)
-
-
 def test_a_dead_source_is_named_and_no_other():
     route = ROUTE.segments(19, 20).divided(60.0)
     for _ in range(5):

@@ -78,17 +78,6 @@ def test_one_nan_among_good_states_ten_times_a_second_is_one_switching():
     assert car.switch_ons_s == [0.0, pytest.approx(20.0, abs=0.2)]
 
 
-def test_a_nan_a_minute_ends_the_heating_after_a_while():
-    car = Car()
-    for second in range(1200):
-        car.give(second, car.state(second))
-        if second % 60 == 30:
-            car.give(second + 0.5, BatteryStateUnreadable(UNREADABLE))
-    # After 10, 20 and 40 s; 80 s never pass without one.
-    assert len(car.switch_ons_s) == 4
-    assert car.switch_ons_s[-1] < 300.0
-
-
 @pytest.mark.parametrize('doubt, reason, words', [
     (RivalsChanged('/other'), Status.COMMAND_CONFLICT, 'Another node commanded the heater'),
     (BatteryStateUnreadable(UNREADABLE), Status.INVALID_INPUT, 'battery_state was refused'),

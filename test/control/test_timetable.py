@@ -34,15 +34,14 @@ MISSION = Mission('home', (LEG,))
 class Driven:
     """A Timetable with positions of the vehicle at seconds after the start."""
 
-    def __init__(self, mission=MISSION, settings=SETTINGS):
-        self.timetable, self._settings = Timetable.of(mission), settings
-        self._route_id = mission.route_id
+    def __init__(self, mission=MISSION):
+        self.timetable, self._route_id = Timetable.of(mission), mission.route_id
 
     def tell(self, at_s, distance_m, now_s=None, **fields):
         now_s = at_s if now_s is None else now_s
         self.timetable = self.timetable.at_progress(
             Progress(**{'distance_m': distance_m, 'stamp_ns': NOW_NS + ns(at_s),
-                        'route_id': self._route_id, **fields}), NOW_NS + ns(now_s), self._settings)
+                        'route_id': self._route_id, **fields}), NOW_NS + ns(now_s), SETTINGS)
         return self.delay_s
 
     def refused(self, *where, **how):

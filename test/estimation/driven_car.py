@@ -2,6 +2,7 @@
 """A simulated car, driven second by second, and its sensors."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,25 +20,14 @@ CABIN_W, AUXILIARY_W, AMBIENT_C, SPEED_MPS = 1400.0, 500.0, -10.0, 24.0
 LIMIT_W = VEHICLE.hvch.maximum_power_w - CABIN_W
 PROPULSION_W = 16e3
 START_NS = 1000 * NS_PER_S
-
-
-class Course:
-    """The route: constant, and possibly with an end."""
-
-    def __init__(self, known=True):
-        self.known = known
-
-    def between(self, from_ns, to_ns):
-        if not self.known:
-            return None, 0.0
-        return DriveInputs(
-            SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, abs(PROPULSION_W), CABIN_W, AUXILIARY_W, 0.0), LIMIT_W
+# The route is constant, and has no end.
+DRIVE = DriveInputs(SPEED_MPS, AMBIENT_C, PROPULSION_W, 0.0, abs(PROPULSION_W), CABIN_W, AUXILIARY_W, 0.0)
 
 
 class Commands:
-    """Full power from an instant to another [s], repeated periodically."""
+    """Full power from an instant to another [s]."""
 
-    def __init__(self, on_s=(), period_ns=NS_PER_S):
+    def __init__(self, on_s=()):
         self.on_s = on_s
 
     def at_w(self, second):
@@ -51,14 +41,11 @@ class Commands:
         return LIMIT_W * on_s / (to_s - from_s)
 
 
-def observed(estimator, measurement, course, commands):
-    """Return the Estimator after a MeasuredState on a Course under Commands."""
-    stamp_ns = measurement.stamp_ns
-    edges_ns = estimator.edges_ns(stamp_ns)
+def observed(estimator, measurement, commands):
+    """Return the Estimator after a MeasuredState on the route under Commands."""
     return estimator.observed(measurement, [
-        DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), limit_w)
-        for from_ns, to_ns in zip(edges_ns, edges_ns[1:])
-        for drive, limit_w in [course.between(from_ns, to_ns)]], VEHICLE)
+        DrivenInterval((to_ns - from_ns) / NS_PER_S, DRIVE, commands.mean_w(from_ns, to_ns), LIMIT_W)
+        for from_ns, to_ns in pairwise(estimator.edges_ns(measurement.stamp_ns))], VEHICLE)
 
 
 @dataclass
@@ -90,12 +77,12 @@ class DrivenCar:
     second: int = 0
 
     def __post_init__(self):
-        self._rates = make_rates(corrected_vehicle(VEHICLE, self.corrections), FLOATS)
+        self._car = corrected_vehicle(VEHICLE, self.corrections)
+        self._rates = make_rates(self._car, FLOATS)
         self._drawn = np.random.default_rng(self.seed)
         self._extra_w = self._local_k = self._arriving_w = 0.0
         self._sensor_c = self.temperature_c
         self._drawn_locally = np.random.default_rng([self.seed, 1])
-        self._car = corrected_vehicle(VEHICLE, self.corrections)
 
     def drive(self, seconds=1):
         """Drive on for some seconds, and return the MeasuredState at their end."""

@@ -3,7 +3,7 @@
 
 from dataclasses import replace
 
-from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
+from driven_car import AMBIENT_C, DRIVE, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
@@ -34,10 +34,9 @@ from bev_preheat.tunables import (
 )
 from bev_preheat.vehicle.description import Uncertainty
 
-ROUTE_DRIVE, _ = Course().between(0, 0)
 # No Joule heat, no drivetrain heat: only leakage changes the temperature.
-STILL = replace(ROUTE_DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heating_power_w=0.0,
-                auxiliary_power_w=0.0, terminal_power_w=0.0)
+STILL = replace(DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heating_power_w=0.0, auxiliary_power_w=0.0,
+                terminal_power_w=0.0)
 
 
 def placed(learned=None):
@@ -52,10 +51,6 @@ def changed(belief, mean=(), covariance=()):
     for element, value in covariance:
         covariances[..., element, element] = value
     return replace(belief, mean=means, covariance=covariances)
-
-
-def eigenvalues(belief):
-    return np.linalg.eigvalsh(belief.covariance)
 
 
 def test_the_evidence_of_a_reading_is_its_likelihood_and_always_a_number():
@@ -130,7 +125,7 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
             belief = belief.after_unknown(drawn.choice([0.1, 1.0, 10.0]))
         elif kind == 1:
             belief = belief.mixed(10.0).moved(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), replace(
-                ROUTE_DRIVE, propulsion_power_w=drawn.uniform(-50e3, 150e3),
+                DRIVE, propulsion_power_w=drawn.uniform(-50e3, 150e3),
                 terminal_power_w=drawn.choice([None, 0.0, -60e3, 120e3])),
                 drawn.choice([0.0, LIMIT_W]), drawn.choice([0.0, LIMIT_W]))
         elif kind == 2:
@@ -147,8 +142,8 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
         # Mixing may round.
         assert np.abs(belief.mean[..., index]).max() <= bound * (1.0 + 1e-12)
     assert belief.covariance == pytest.approx(np.swapaxes(belief.covariance, -1, -2), rel=1e-12, abs=1e-9)
-    largest = eigenvalues(belief).max()
-    assert eigenvalues(belief).min() > -1e-9 * max(largest, 1.0)
+    eigenvalues = np.linalg.eigvalsh(belief.covariance)
+    assert eigenvalues.min() > -1e-9 * max(eigenvalues.max(), 1.0)
 
 
 def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_a_least_one_and_never_widen_them():

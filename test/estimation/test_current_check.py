@@ -21,20 +21,18 @@ def signs(samples):
     return found
 
 
-def drive(sign=1.0, seconds=600, deviation_a=25.0, mean_a=45.0, soc_step=0.0, resistance_ohm=0.11, seed=1,
-          voltage_noise_v=0.2, fixed_voltage=False, charging=False):
+def drive(sign, deviation_a=25.0, soc_step=0.0, seed=1):
     """
     Return (instant of the first proof [s], Sign at the end) of a drive.
 
-    The cell is U = 360 + 40 s, R = 0.11 ohm; the current varies about its mean [A].
+    The cell is U = 360 + 40 s, R = 0.11 ohm; the current varies about 45 A.
     """
     drawn, samples, soc, wander = random.Random(seed), [], 0.7, 0.0
-    for _ in range(seconds):
+    for _ in range(600):
         wander += -0.3 * wander + 0.7 * deviation_a * drawn.gauss(0.0, 1.0)
-        current_a = (-1.0 if charging else 1.0) * (mean_a + wander)
+        current_a = 45.0 + wander
         soc -= current_a / CAPACITY_AS
-        voltage_v = 380.0 if fixed_voltage else (
-            360.0 + 40.0 * soc - resistance_ohm * current_a + drawn.gauss(0.0, voltage_noise_v))
+        voltage_v = 360.0 + 40.0 * soc - 0.11 * current_a + drawn.gauss(0.0, 0.2)
         samples.append((voltage_v, sign * current_a, round(soc / soc_step) * soc_step if soc_step else soc))
     found = [watch.sign for watch in signs(samples)]
     return next((second for second, sign in enumerate(found) if sign is not Sign.UNKNOWN), None), found[-1]

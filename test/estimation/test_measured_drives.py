@@ -77,8 +77,8 @@ def planned(name):
 class Played:
     """A drive seen by a Supervisor: predicted minus measured arrival [K] by lead [s], and verdicts."""
 
-    def __init__(self, name, estimation=True, left_out=0, with_power=True, learned=None, spike=(0, 0, 0.0)):
-        supervisor = Supervisor(VEHICLE, Settings(estimation=estimation), learned)
+    def __init__(self, name, estimation=True, left_out=0, with_power=True, spike=(0, 0, 0.0)):
+        supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
         log, now_ns = logged(name), START_NS
         length = len(log['time_s'])
         temperature_c = log['battery_temperature_c'].copy()

@@ -17,17 +17,14 @@ ON_S = (600, 900)
 SECONDS = 1500
 
 
-def seen(share_of=lambda second, command_w: command_w, traffic_w=1000.0, lag_s=0.0, beyond_w=0.0, on_s=ON_S,
-         seed=1):
-    """Return the PowerResponse after a heater and traffic with a time constant of 20 s."""
-    response, drawn = PowerResponse(), np.random.default_rng(seed)
-    extra_w = taken_w = 0.0
+def seen(heater_w=lambda second, command_w: command_w, traffic_w=1000.0, beyond_w=0.0, seed=1):
+    """Return the PowerResponse after a heater, and traffic with a time constant of 20 s."""
+    response, drawn, extra_w = PowerResponse(), np.random.default_rng(seed), 0.0
     for second in range(SECONDS):
-        command_w = LIMIT_W if on_s[0] <= second < on_s[1] else 0.0
-        wanted_w = share_of(second, command_w)
-        taken_w = wanted_w if lag_s == 0.0 else taken_w + (wanted_w - taken_w) / lag_s
+        command_w = LIMIT_W if ON_S[0] <= second < ON_S[1] else 0.0
         extra_w += -extra_w / 20.0 + traffic_w * math.sqrt(2.0 / 20.0) * drawn.standard_normal()
-        response, _ = response.seen(1.0, beyond_w + extra_w + taken_w, command_w, LIMIT_W)
+        response, _ = response.seen(
+            1.0, beyond_w + extra_w + heater_w(second, command_w), command_w, LIMIT_W)
     return response
 
 
@@ -46,11 +43,11 @@ def test_the_first_block_is_weighed_as_by_hand():
 
 
 @pytest.mark.parametrize('seed', range(4))
-@pytest.mark.parametrize('fault, share_of', [
+@pytest.mark.parametrize('fault, heater_w', [
     (Heater.DEAD, lambda second, command_w: 0.0), (Heater.DERATED, lambda second, command_w: 0.5 * command_w),
     (Heater.STUCK_ON, lambda second, command_w: LIMIT_W if second >= 700 else command_w)])
-def test_a_fault_is_supported_by_the_power(fault, share_of, seed):
-    response = seen(share_of, traffic_w=300.0, seed=seed)
+def test_a_fault_is_supported_by_the_power(fault, heater_w, seed):
+    response = seen(heater_w, traffic_w=300.0, seed=seed)
     assert response.support(fault) > math.log(20.0)
     assert response.support(fault) == max(response.support(each) for each in FAULTS)
 

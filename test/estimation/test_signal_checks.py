@@ -13,11 +13,11 @@ from bev_preheat.vehicle import load_vehicle
 TRACTION, AUXILIARY = (5.0, 0.8, 400.0), (20.0, 0.5, 24.0)
 
 
-def feed(states, period_s=1.0):
+def feed(states):
     """Return (number of states until the doubt, the doubt at the end) of (deg C, 0 ... 1, V, name)."""
     watch, named = SourceWatch(), None
     for number, state in enumerate(states):
-        watch = watch.seen(SeenState(100.0 + period_s * number, *state))
+        watch = watch.seen(SeenState(100.0 + number, *state))
         if watch.doubt and named is None:
             named = number + 1
     return named, watch.doubt
@@ -123,8 +123,8 @@ def test_values_of_no_scale_of_100_say_nothing(refused):
     assert doubts(scale_after(refused), (110.0, 0.8, never)) == ['']
 
 
-def found(values, steps=TEMPERATURE_STEPS_K):
-    resolution = Resolution(steps)
+def found(values):
+    resolution = Resolution(TEMPERATURE_STEPS_K)
     for value in values:
         resolution = resolution.seen(value)
     return resolution.step

@@ -2,6 +2,7 @@
 """The state file: overwriting, damaged files, and restored contents."""
 
 import errno
+from itertools import product
 import json
 import os
 from pathlib import Path
@@ -59,10 +60,10 @@ def state_file(tmp_path):
     return path
 
 
-def format_1(fingerprint=CAR):
+def format_1():
     """Return a file as version 0.2.0 wrote it, with indent=1 and the keys in this order."""
     entry = as_entry(learned())
-    return {'format': 1, 'vehicle_file_sha256': fingerprint,
+    return {'format': 1, 'vehicle_file_sha256': CAR,
             **{key: entry[key] for key in ('log_factors', 'covariance')}}
 
 
@@ -119,22 +120,19 @@ def test_a_value_that_is_no_number_or_out_of_bounds_is_refused(entry, key, name,
         from_entry(entry)
 
 
-@pytest.mark.parametrize('key', ['log_factors', 'log_lags', 'lag_variances'])
-@pytest.mark.parametrize('value', [None, 7, [], {}, {'heat': 0.1}], ids=str)
-def test_what_names_no_values_is_refused(entry, key, value):
+NO_COVARIANCE = {
+    'empty': [], 'none': None, 'text': 'x', 'shape': [[1e-4] * 4] * 3, 'nan': [[float('nan')] * 4] * 4,
+    'negative': (-1e-4 * np.eye(4)).tolist(), 'too large': (10.0 * np.eye(4)).tolist(),
+    'not symmetric': np.diag([1e-4] * 3, 1).tolist(),
+    'not positive': (1e-6 * np.eye(4) + 1e-4 * (np.ones((4, 4)) - np.eye(4))).tolist()}
+
+
+@pytest.mark.parametrize('key, value', [
+    *product(('log_factors', 'log_lags', 'lag_variances'), (None, 7, [], {}, {'heat': 0.1})),
+    *(pytest.param('covariance', value, id=f'covariance, {name}') for name, value in NO_COVARIANCE.items())])
+def test_what_holds_no_values_is_refused(entry, key, value):
     entry[key] = value
     with pytest.raises(InvalidInput, match=key):
-        from_entry(entry)
-
-
-@pytest.mark.parametrize('covariance', [
-    [], None, 'x', [[1e-4] * 4] * 3, [[float('nan')] * 4] * 4, (-1e-4 * np.eye(4)).tolist(),
-    (10.0 * np.eye(4)).tolist(), np.diag([1e-4] * 3, 1).tolist(),
-    (1e-6 * np.eye(4) + 1e-4 * (np.ones((4, 4)) - np.eye(4))).tolist()],
-    ids=['empty', 'none', 'text', 'shape', 'nan', 'negative', 'too large', 'not symmetric', 'not positive'])
-def test_a_covariance_that_is_none_is_refused(entry, covariance):
-    entry['covariance'] = covariance
-    with pytest.raises(InvalidInput, match='covariance'):
         from_entry(entry)
 
 
@@ -187,13 +185,6 @@ def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_pa
     save_state(path, OTHER, UNKNOWN)
     assert load_state(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
     assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
-
-
-def test_a_file_that_vanished_is_written_anew(state_file):
-    state_file.unlink()
-    state_file.parent.rmdir()
-    save_state(state_file, CAR, learned())
-    assert load_state(state_file, CAR).learned is not None
 
 
 # Last seen, and the driver
@@ -273,13 +264,6 @@ def test_what_is_no_file_is_refused(tmp_path, monkeypatch, make, problem):
     assert os.listdir(tmp_path) == ['theirs']
 
 
-def test_a_link_to_somebody_elses_file_is_refused(tmp_path):
-    (tmp_path / 'car.yaml').write_text('name: mine\n')
-    (tmp_path / 'state.json').symlink_to('car.yaml')
-    assert 'state.json: not overwritten' in refusal(tmp_path / 'state.json')
-    assert (tmp_path / 'car.yaml').read_text() == 'name: mine\n'
-
-
 def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
     """The test raises the error itself, because root may read everything."""
     before = state_file.read_bytes()
@@ -291,14 +275,6 @@ def test_a_file_that_cannot_be_read_is_refused(state_file, monkeypatch):
     assert refusal(state_file) == f'{state_file}: cannot be read: Permission denied'
     monkeypatch.undo()
     assert state_file.read_bytes() == before
-
-
-def test_what_has_taken_its_place_since_is_not_written_over(state_file):
-    assert load_state(state_file, CAR).learned is not None
-    state_file.write_text('name: mine\n')
-    with pytest.raises(InvalidInput, match='not overwritten'):
-        save_state(state_file, CAR, learned())
-    assert state_file.read_text() == 'name: mine\n'
 
 
 # Damaged state files
@@ -322,8 +298,6 @@ DAMAGED = {
     'no cars': ('{"bev_preheat_state_file": 2}', 'its format or its list of cars is damaged'),
     'list of cars': ('{"bev_preheat_state_file": 2, "cars": []}', 'its format or'),
     'no entry': ('{"bev_preheat_state_file": 2, "cars": {"c": 7}}', 'car c: log_factors or'),
-    'factor out of bounds': (with_entry(log_factors=dict.fromkeys(NAMES, 9.0)),
-                             'car aaaaaaaaaaaa: log_factors.heat_capacity: 9 is not allowed'),
     'lag out of bounds': (with_entry(log_lags={'heat': 9.0, 'sensor': 0.0}),
                           'car aaaaaaaaaaaa: log_lags.heat: 9 is not allowed'),
     'no covariance': (with_entry(covariance='x' * 10_000), 'car aaaaaaaaaaaa: log_factors or'),

@@ -6,14 +6,13 @@ import pytest
 from bev_preheat.estimation.temperature_check import StuckTemperature
 
 
-def feed(readings_c, rate_k_per_s, step_k=1.0, ambient_c=-7.0, period_s=5.0):
-    """Return (instant of the doubt [s], the doubt at the end)."""
+def feed(readings_c, rate_k_per_s, ambient_c=-7.0):
+    """Return (instant of the doubt [s], the doubt at the end) of readings every 5 s by a sensor of 1 K."""
     watch, named_s = StuckTemperature(), None
     for number, reading_c in enumerate(readings_c):
-        rate = rate_k_per_s(number * period_s) if callable(rate_k_per_s) else rate_k_per_s
-        watch = watch.seen(50.0 + number * period_s, reading_c, step_k, rate, ambient_c)
+        watch = watch.seen(50.0 + 5.0 * number, reading_c, 1.0, rate_k_per_s, ambient_c)
         if watch.doubt and named_s is None:
-            named_s = number * period_s
+            named_s = 5.0 * number
     return named_s, watch.doubt
 
 

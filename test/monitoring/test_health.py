@@ -9,12 +9,11 @@ from bev_preheat.monitoring.view import banner_of, Pulse, Surroundings
 THERE = Surroundings()
 
 
-def beating(period_s, until_s, stamp_s=None):
-    """Return the Pulse of messages every `period_s` until `until_s`; a fixed stamp or a running one."""
-    pulse, at_s = Pulse(), 0.0
-    while at_s <= until_s:
-        pulse.beat(at_s, at_s if stamp_s is None else stamp_s)
-        at_s += period_s
+def beating(until_s, stamp_s=None):
+    """Return the Pulse of messages every second until `until_s`; a fixed stamp or a running one."""
+    pulse = Pulse()
+    for second in range(until_s + 1):
+        pulse.beat(float(second), float(second) if stamp_s is None else stamp_s)
     return pulse
 
 
@@ -29,19 +28,19 @@ def text_of(around, command, battery, now_s):
     (Surroundings(is_simulated=True), 'error: The clock stands: nothing publishes /clock'),
     (Surroundings(is_there=False), 'error: The planner has disappeared')])
 def test_silence_is_told_with_its_cause(around, told):
-    assert text_of(around, beating(1.0, 60.0), beating(1.0, 60.0), 65.0).startswith(told)
+    assert text_of(around, beating(60), beating(60), 65.0).startswith(told)
 
 
 def test_a_planner_in_a_standing_clock_that_still_answers_is_told():
-    told = text_of(THERE, beating(1.0, 60.0, stamp_s=5.0), beating(1.0, 60.0), 60.5)
+    told = text_of(THERE, beating(60, stamp_s=5.0), beating(60), 60.5)
     assert told.startswith("error: The planner's clock has been standing for 60 s")
 
 
 @pytest.mark.parametrize('battery, told', [
-    (beating(1.0, 50.0), 'warning: No battery state for 10 s'),
-    (beating(1.0, 60.0, stamp_s=7.0), 'warning: The battery state repeats one stamp')])
+    (beating(50), 'warning: No battery state for 10 s'),
+    (beating(60, stamp_s=7.0), 'warning: The battery state repeats one stamp')])
 def test_an_old_battery_state_is_told(battery, told):
-    assert text_of(THERE, beating(1.0, 60.0), battery, 60.4).startswith(told)
+    assert text_of(THERE, beating(60), battery, 60.4).startswith(told)
 
 
 def test_entries_are_read():

@@ -18,12 +18,10 @@ from collections import Counter
 from contextlib import contextmanager
 import gc
 from importlib import import_module
-import os
 import signal
 import sys
 from types import SimpleNamespace
 
-from forking import Pool
 from node_bench import Bench, PatientProcess
 import pytest
 from rclpy.context import Context
@@ -54,14 +52,6 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope='session')
-def pool():
-    """Return the process that starts the installed executables; it loads their modules once."""
-    pool = Pool()
-    yield pool
-    pool.close()
-
-
-@pytest.fixture(scope='session')
 def silent_context(ros):
     """Give the ROS context of all rehearsals."""
     context = Context()
@@ -84,29 +74,49 @@ def module_rehearsal(silent_context):
         yield rehearsal
 
 
+@contextmanager
+def in_domain(number, folder):
+    """Let the processes that start inherit a ROS domain."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        monkeypatch.setenv('ROS_LOG_DIR', str(folder / 'ros_log'))
+        yield
+
+
+@contextmanager
+def executables(folder):
+    """
+    Give `start(name, *ros_arguments)`, which starts an installed executable: a NodeProcess.
+
+    They are ended after the block; their output is shown if the test fails.
+    """
+    processes = []
+
+    def start(name, *ros_arguments):
+        processes.append(PatientProcess(name, ros_arguments, folder / f'{name}_{len(processes)}.log'))
+        return processes[-1]
+
+    try:
+        yield start
+    finally:
+        for process in processes:
+            process.end()
+            # pytest shows captured output of failed tests only.
+            print(f'--- {process.log_file.name}, exit status {process.exit_status}\n{process.output()}')
+
+
 @pytest.fixture(scope='module')
-def module_bench(dds, pool, tmp_path_factory):
+def module_bench(dds, tmp_path_factory):
     """Bench that the tests of a module share, in a ROS domain of its own."""
     folder = tmp_path_factory.mktemp('module_bench')
-    processes = []
-    with reserved_domain_id() as domain_id:
-        def start_executable(name, *ros_arguments):
-            with pytest.MonkeyPatch.context() as monkeypatch:
-                monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
-                monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-                monkeypatch.setenv('ROS_LOG_DIR', str(folder / 'ros_log'))
-                processes.append(PatientProcess(
-                    name, ros_arguments, folder / f'{name}_{len(processes)}.log', pool))
-            return processes[-1]
+    with (reserved_domain_id() as number, executables(folder) as start,
+          spun_node('tester', number) as node):
+        def start_in_domain(*arguments):
+            with in_domain(number, folder):
+                return start(*arguments)
 
-        try:
-            with spun_node('tester', domain_id) as node:
-                yield Bench(node, start_executable)
-        finally:
-            for process in processes:
-                process.end()
-                print(f'--- {process.log_file.name}, exit status {process.exit_status}\n'
-                      f'{process.output()}')
+        yield Bench(node, start_in_domain)
 
 
 @pytest.fixture
@@ -116,12 +126,9 @@ def bench(node, start_executable):
 
 
 @pytest.fixture
-def domain_id(dds, monkeypatch, tmp_path):
+def domain_id(dds, tmp_path):
     """ROS domain of this test, set in the environment that processes inherit."""
-    with reserved_domain_id() as number:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'ros_log'))
+    with reserved_domain_id() as number, in_domain(number, tmp_path):
         yield number
 
 
@@ -133,25 +140,10 @@ def node(domain_id):
 
 
 @pytest.fixture
-def start_executable(domain_id, pool, tmp_path):
-    """
-    `start_executable(name, *ros_arguments)` starts an installed executable: a NodeProcess.
-
-    It is ended after the test; its output is shown if the test fails.
-    """
-    processes = []
-
-    def start_executable(name, *ros_arguments):
-        log_file = tmp_path / f'{name}_{len(processes)}.log'
-        processes.append(PatientProcess(name, ros_arguments, log_file, pool))
-        return processes[-1]
-
-    yield start_executable
-    for process in processes:
-        process.end()
-        # pytest shows captured output of failed tests only.
-        print(f'--- {os.path.basename(process.log_file)}, exit status {process.exit_status}\n'
-              f'{process.output()}')
+def start_executable(domain_id, tmp_path):
+    """Return the function that starts an installed executable in this test's domain."""
+    with executables(tmp_path) as start:
+        yield start
 
 
 @contextmanager

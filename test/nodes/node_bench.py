@@ -2,12 +2,9 @@
 """The environment of the installed executables in a test: recorders, senders, background actions."""
 
 from contextlib import contextmanager
-import os
-from pathlib import Path
 import threading
 import time
 
-from ament_index_python.packages import get_package_prefix
 from spinning import take_down
 from waiting import poll_until, TIME_LIMIT_S
 
@@ -155,17 +152,7 @@ class Sender:
 
 
 class PatientProcess(NodeProcess):
-    """A NodeProcess whose end has the same time limit as any other wait, and which a pool starts."""
-
-    def __init__(self, name, ros_arguments, log_file, pool):
-        """Start it by the Pool, unless it is to load other modules."""
-        if os.environ.get('PYTHONPATH') != pool.path:
-            super().__init__(name, ros_arguments, log_file)
-            return
-        self.name, self.log_file = name, Path(log_file)
-        executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
-        self._process = pool.start([executable, '--ros-args', *ros_arguments], log_file, {
-            **os.environ, 'RCUTILS_COLORIZED_OUTPUT': '0'})
+    """A NodeProcess whose end has the same time limit as any other wait."""
 
     def wait(self, timeout_s=TIME_LIMIT_S):
         """Return the exit status; raises subprocess.TimeoutExpired if the process keeps running."""

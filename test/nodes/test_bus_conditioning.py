@@ -103,11 +103,10 @@ class Cabin:
     def pass_by(self, seconds):
         self.rehearsal.advance(seconds)
 
-    def command(self, heater_w, lease_s):
-        """Command the heater, as the planner does."""
+    def command(self):
+        """Command the heater for 2 s, as the planner does."""
         stamp_ns = self.rehearsal.now_ns
-        message = HvchCommand(battery_heating_power=heater_w,
-                              valid_until=time_message(stamp_ns + round(lease_s * NS_PER_S)))
+        message = HvchCommand(battery_heating_power=3000.0, valid_until=time_message(stamp_ns + 2 * NS_PER_S))
         message.header.stamp = time_message(stamp_ns)
         self._commands.publish(message)
 
@@ -144,7 +143,7 @@ def test_a_request_becomes_a_goal_and_its_state_comes_back(cabin):
     goal.accept()
     cabin.pass_by(0.2)
     assert cabin.state() == (FAST_CHARGING, True, False)
-    cabin.command(3000.0, 2.0)
+    cabin.command()
     cabin.pass_by(0.2)
     assert cabin.state() == (FAST_CHARGING, True, True)
     goal.end(RESULT.REACHED, 'the battery is warm')
@@ -156,7 +155,7 @@ def test_a_request_becomes_a_goal_and_its_state_comes_back(cabin):
 
 
 def test_a_heater_that_heats_without_a_goal_is_reported_until_its_lease_ends(cabin):
-    cabin.command(3000.0, 2.0)
+    cabin.command()
     cabin.pass_by(1.5)
     assert cabin.state() == (INACTIVE, True, True)
     cabin.pass_by(0.7)
@@ -288,7 +287,7 @@ def test_a_broker_that_connects_again_gets_every_value(cabin):
 
 def test_in_the_end_nothing_is_active(cabin):
     cabin.ask().accept()
-    cabin.command(3000.0, 2.0)
+    cabin.command()
     cabin.pass_by(0.2)
     cabin.part.end()
     assert cabin.state() == (FAST_CHARGING, False, False)

@@ -21,9 +21,9 @@ QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
 
 
 @contextmanager
-def feeding(bench, namespace=''):
+def feeding(bench):
     """Publish battery states continuously, and a latched route that needs heat at once; give the PlannerCar."""
-    car = PlannerCar(bench, namespace)
+    car = PlannerCar(bench)
     car.send_route()
     with car.feeding():
         yield car
@@ -33,11 +33,11 @@ def is_in_conflict(command):
     return (command.battery_heating_power, command.reason) == (0.0, int(Status.COMMAND_CONFLICT))
 
 
-def errors_of(name, text, status_text='COMMAND_CONFLICT'):
-    """Return a condition: this planner's diagnostics are ERROR with both texts."""
+def errors_of(name, text):
+    """Return a condition: this planner's diagnostics are ERROR for a conflict, with a text."""
     return lambda array: any(
         status.name == f'{name}: preheating' and status.level == DiagnosticStatus.ERROR
-        and text in status.message and status_text in status.message for status in array.status)
+        and text in status.message and 'COMMAND_CONFLICT' in status.message for status in array.status)
 
 
 def in_conflict_until_one_is_gone(bench, end):

@@ -46,12 +46,6 @@ def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
     assert_one_line(run_installed(name, '--ros-args', '-p', f'{parameter}:={value}'), name, text)
 
 
-def test_an_installed_executable_prints_its_help(domain_id):
-    done = run_installed('planner', '--help')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout.startswith('usage: planner [--help]')
-
-
 @pytest.mark.parametrize('option', ['--help', pytest.param('-h', marks=pytest.mark.deep)])
 @pytest.mark.parametrize('name', NODES)
 def test_help_is_printed_and_the_process_ends(call_main, name, option):

@@ -33,17 +33,10 @@ FIGURES = ('temperature', 'predicted', 'soc', 'saved')
 # Resident memory of the process [MB] and of the page's scripts [MB] after the first drive may grow by so much.
 MOST_GROWTH_MB, MOST_HEAP_GROWTH_MB = 12.0, 8.0
 ROUTE = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
-{third},14,12000,16000,-7
-{third},25,24000,27000,-7
-{third},20,18000,20000,-7
+300,14,12000,16000,-7
+300,25,24000,27000,-7
+300,20,18000,20000,-7
 """
-
-
-def write_quarter(folder, duration_s=900.0):
-    """Write a route of a quarter of an hour, or of another duration; returns the file."""
-    path = folder / 'quarter.csv'
-    path.write_text(ROUTE.format(third=duration_s / 3.0))
-    return path
 
 
 # Visible controls and regions that a screen reader has no name for.
@@ -104,7 +97,9 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     page.wait(lambda: page.text('status') == 'No planner', 'that there is no planner')
     plans, states = bench.record(PreheatPlan, 'preheat_plan', 1), bench.record(BatteryState, 'battery_state', 1)
     planner = bench.start('planner', *PLANNER)
-    car = (*SIMULATOR, *HOUR) if PICTURES else (*SIMULATOR, *QUARTER, '-p', f'route:={write_quarter(tmp_path)}')
+    route = tmp_path / 'quarter.csv'
+    route.write_text(ROUTE)
+    car = (*SIMULATOR, *HOUR) if PICTURES else (*SIMULATOR, *QUARTER, '-p', f'route:={route}')
     start_c = -7.0 if PICTURES else START_C
     simulator = bench.start('vehicle_simulator', *car, '-p', 'speed_up:=1.0')
     page.wait(lambda: page.text('status') == 'Waiting to heat' and '–' not in page.texts(*FIGURES), 'a plan')

@@ -3,7 +3,6 @@
 
 import math
 import signal
-from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from example_frames import can_map
@@ -16,19 +15,14 @@ from std_msgs.msg import Float64
 
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.nodes import heater_controller_node
-from bev_preheat.nodes.heater_controller_node import GateInputs
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.vehicle.description import HeatingGates
-from bev_preheat.vehicle.heater_controller import Instant, Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                      liveliness_lease_duration=Duration(seconds=2.5))
 PERIOD_S = 0.2
 QUICK = ('-p', 'period:=0.02')
-START_NS, GATE_TIMEOUT_S = 1_700_000_000 * NS_PER_S, 5.0
 
 
 def test_senders_are_told_apart_by_their_sequence_numbers():
@@ -70,10 +64,10 @@ class Controlled:
         self.lease_end_ns = nanoseconds(message.valid_until)
         self.commands.publish(message)
 
-    def heats(self, power_w=2500.0, lease_s=1.0):
+    def heats(self, lease_s=1.0):
         self.statuses.clear()
-        with self.bench.repeating(lambda: self.give(power_w, lease_s=lease_s), PERIOD_S):
-            self.statuses.wait_for(lambda status: status.active_power == power_w, 'heat')
+        with self.bench.repeating(lambda: self.give(2500.0, lease_s=lease_s), PERIOD_S):
+            self.statuses.wait_for(lambda status: status.active_power == 2500.0, 'heat')
 
     def refused(self, refusal):
         """Return the next status with a refusal, and see that its entry in the diagnostics names it."""
@@ -218,37 +212,21 @@ def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_m
     assert 'Traceback' not in ended.stderr
 
 
-class Gates:
-    """GateInputs behind a node that is only a clock."""
-
-    def __init__(self, monkeypatch):
-        self.now_s, self.told = 0.0, []
-        clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now.clock_ns))
-        node = SimpleNamespace(create_subscription=lambda *arguments: None, get_clock=lambda: clock)
-        monkeypatch.setattr(heater_controller_node.time, 'monotonic', lambda: self.now_s)
-        self.inputs = GateInputs(node, HeatingGates(minimum_soc=0.1), GATE_TIMEOUT_S, self.told.append)
-
-    @property
-    def now(self):
-        return Instant(START_NS + round(self.now_s * NS_PER_S), round(self.now_s * NS_PER_S))
-
-    def refusal(self, arrives_s, stamp_s, look_s):
-        """Return the Refusal at an instant [s], after a state of another instant with a stamp [s] arrived."""
-        message = BatteryState(temperature=0.0, percentage=0.5)
-        message.header.stamp = time_message(START_NS + round(stamp_s * NS_PER_S))
-        self.now_s = arrives_s
-        self.inputs.on_battery_state(message)
-        self.now_s = look_s
-        return self.inputs.verdict(self.now).refusal
-
-
-@pytest.mark.parametrize('arrives_s, stamp_s, look_s, is_open', [
-    (10.0, 10.0, 14.99, True), (10.0, 10.0, 15.01, False),
-    # 4.9 s old on arrival: for 2 s more.
-    (10.0, 5.1, 11.99, True), (10.0, 5.1, 12.01, False),
+@pytest.mark.parametrize('age_s, open_for_s', [
+    (0.0, 5.0),
+    # Almost too old on arrival: for 2 s more.
+    (4.9, 2.0),
     # Too old on arrival, or too far ahead.
-    (10.0, 4.9, 10.0, False), (10.0, 15.1, 10.0, False)])
-def test_gates_close_once_the_state_has_expired(monkeypatch, arrives_s, stamp_s, look_s, is_open):
-    gates = Gates(monkeypatch)
-    assert (gates.refusal(arrives_s, stamp_s, look_s) is Refusal.NOT_REFUSED) is is_open
-    assert bool(gates.told) is (abs(arrives_s - stamp_s) > GATE_TIMEOUT_S)
+    (5.1, 0.0), (-5.1, 0.0)])
+def test_gates_close_once_the_state_has_expired(rehearsal, car_with_gates, age_s, open_for_s):
+    controlled = Controlled(rehearsal, '-p', f'vehicle:={car_with_gates("minimum_soc: 0.1")}')
+    arrived_ns = rehearsal.now_ns
+    state = BatteryState(temperature=0.0, percentage=0.5)
+    state.header.stamp = time_message(arrived_ns - round(age_s * NS_PER_S))
+    rehearsal.publisher(BatteryState, 'battery_state').publish(state)
+    controlled.give(2500.0)
+    with rehearsal.repeating(lambda: controlled.give(2500.0), PERIOD_S):
+        closed = controlled.refused(HvchStatus.OTHER)
+    assert (nanoseconds(closed.header.stamp) - arrived_ns) / NS_PER_S == pytest.approx(open_for_s, abs=0.03)
+    assert any(status.active_power > 0.0 for status in controlled.statuses.messages) is (open_for_s > 0.0)
+    assert ('battery_state refused' in controlled.process.output()) is (abs(age_s) > 5.0)

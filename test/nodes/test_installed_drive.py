@@ -49,34 +49,29 @@ def busy_computer():
             loop.wait()
 
 
-def recorded(path, topic, message_type):
-    """Return (instant [ns], message) of each message of a topic in a flight recording."""
+def recorded_states(path):
+    """Return (instant [ns], message) of each battery state in a flight recording."""
     with open(path, 'rb') as stream:
-        return [(message.log_time, deserialize_message(message.data, message_type))
-                for _, _, message in make_reader(stream).iter_messages([topic], log_time_order=False)]
-
-
-@pytest.fixture
-def noisy(tmp_path):
-    """Return the Scenario of DRIVE and its file."""
-    file = tmp_path / 'noisy.yaml'
-    file.write_text(yaml.safe_dump(DRIVE))
-    return load_scenario(str(file)), str(file)
+        return [(message.log_time, deserialize_message(message.data, BatteryState))
+                for _, _, message in make_reader(stream).iter_messages(['/battery_state'], log_time_order=False)]
 
 
 @pytest.mark.parametrize('load', [nullcontext, pytest.param(busy_computer, marks=pytest.mark.deep)],
                          ids=['idle', 'busy'])
-def test_a_drive_is_the_same_over_dds_and_without_ros(dds, noisy, tmp_path, load):
+def test_a_drive_is_the_same_over_dds_and_without_ros(dds, tmp_path, load):
+    file = tmp_path / 'noisy.yaml'
+    file.write_text(yaml.safe_dump(DRIVE))
+    scenario = load_scenario(str(file))
     over_dds, without_ros = (tmp_path / f'{name}.mcap' for name in ('over_dds', 'without_ros'))
     with load():
-        seen = drive_with_nodes(*noisy, recording=over_dds).record
+        seen = drive_with_nodes(scenario, str(file), recording=over_dds).record
     assert len(seen.commands) > 60
     # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
-    drive_recorded(noisy[0], without_ros, pytest.fail)
-    states = recorded(over_dds, '/battery_state', BatteryState)
+    drive_recorded(scenario, without_ros, pytest.fail)
+    states = recorded_states(over_dds)
     assert len(states) > 25
     # NaN fields: not reported.
-    assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])
+    assert repr(states) == repr(recorded_states(without_ros)[:len(states)])
 
 
 def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench):

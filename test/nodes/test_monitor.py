@@ -15,42 +15,18 @@ from bev_preheat.commands.main import main
 LIMIT_S = 240.0
 
 
-@pytest.fixture
-def monitor(domain_id):
-    """`monitor(*arguments)` starts one in the domain of the test."""
-    started = []
-
-    def start(*arguments):
-        started.append(subprocess.Popen(
-            [sys.executable, '-m', 'bev_preheat', 'monitor', *arguments], text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id), 'COLUMNS': '100',
-                 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}))
-        return started[-1]
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
-@pytest.fixture
-def heating(bench):
-    """Let the installed planner heat, in the namespace /car, with a state every 0.2 s."""
-    car = PlannerCar(bench, '/car')
+def test_once_shows_temperature_plan_command_and_reserve_also_as_picture(bench, tmp_path):
+    picture, car = tmp_path / 'monitor.svg', PlannerCar(bench, '/car')
     car.send_route()
     car.start('-r', '__ns:=/car', '-p', 'battery_state_timeout:=60.0')
     with car.feeding():
         car.wait_for_heat()
-        yield
-
-
-def test_once_shows_temperature_plan_command_and_reserve_also_as_picture(
-        heating, monitor, tmp_path):
-    picture = tmp_path / 'monitor.svg'
-    done = monitor('--namespace', '/car', '--once', '--picture', str(picture))
-    text, errors = done.communicate(timeout=LIMIT_S)
-    assert done.returncode == 0, text + errors
+        done = subprocess.run(
+            [sys.executable, '-m', 'bev_preheat', 'monitor', '--namespace', '/car', '--once',
+             '--picture', str(picture)],
+            text=True, capture_output=True, timeout=LIMIT_S, env={**os.environ, 'COLUMNS': '100'})
+    text = done.stdout
+    assert done.returncode == 0, text + done.stderr
     for part in ('-7.0', '25.0', 'TARGET_UNREACHABLE', 'Heating all the way is not enough',
                  '/car/planner', 'State of charge  80.0 %', 'on; ends in', 'signals'):
         assert part in text, text

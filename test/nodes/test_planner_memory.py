@@ -17,14 +17,6 @@ NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file
     'not exist yet'
 
 
-@pytest.fixture
-def theirs(tmp_path):
-    path = tmp_path / 'car.yaml'
-    path.write_bytes(VEHICLE)
-    yield path
-    assert path.read_bytes() == VEHICLE
-
-
 class Planner(PlannerCar):
     """A planner with a battery, and its diagnostics of the state file."""
 
@@ -102,8 +94,9 @@ def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, ma
     assert f'state_file: {problem}.' in planner.process.output()
 
 
-def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
-    mine = tmp_path / 'mine.json'
+def test_files_of_others_are_refused_while_it_runs(start, tmp_path):
+    theirs, mine = tmp_path / 'car.yaml', tmp_path / 'mine.json'
+    theirs.write_bytes(VEHICLE)
     planner = start('-p', f'state_file:={mine}')
     planner.learn()
     assert planner.change(state_file=str(theirs)) == f'state_file: {theirs}: {NOT_OURS}'
@@ -114,7 +107,7 @@ def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
     planner.end()
     # The earlier value still holds.
     assert len(json.loads(mine.read_text())['cars']) == 1
-    assert link.is_symlink()
+    assert (theirs.read_bytes(), link.is_symlink()) == (VEHICLE, True)
 
 
 def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner with a method of another package: over DDS, and in this process with a method that breaks."""
+"""The planner with a method of another package, over DDS."""
 
 import os
 
@@ -12,8 +12,6 @@ from rosgraph_msgs.msg import Clock
 
 from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning import installed_methods
-from bev_preheat.planning.installed_methods import InstalledMethod
 from bev_preheat.planning.status import Status
 
 # Messages lost on a best-effort topic are sent again after this real time.
@@ -78,41 +76,3 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     plan = plans.wait_for(lambda message: message.status == int(Status.INVALID_INPUT))
     assert plan.explanation.startswith(
         'method negative of package broken-method 1.0: the answer is refused: -5400 W')
-
-
-@pytest.fixture
-def planner(rehearsal):
-    planner = PlannerCar(rehearsal)
-    planner.at(START_NS)
-    planner.start()
-    return planner
-
-
-def after_state(planner, second):
-    command = planner.after_state(instant_ns(second))
-    return command.battery_heating_power, Status(command.reason)
-
-
-def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it_works(planner, monkeypatch):
-    fails = []
-
-    def full(situation):
-        if fails:
-            raise fails[0]
-        return situation.heater_limit_w
-
-    monkeypatch.setattr(installed_methods, 'LOADED', {'full': InstalledMethod('full', 'package own 1.0', full)})
-    monkeypatch.setattr('bev_preheat.planning.planner.find_methods',
-                        lambda built_in: installed_methods.Found({'full': None}, {}))
-    assert planner.set(method='full').successful
-    planner.give(route())
-    assert after_state(planner, 1)[0] > 5000.0
-    for second, error in enumerate((ValueError('lost'), SystemExit(1), MemoryError('none')), start=2):
-        fails[:] = [error]
-        assert after_state(planner, second) == (0.0, Status.INVALID_INPUT)
-        assert (f'method full of package own 1.0: raised {type(error).__name__}: {error}'
-                in planner.plans.latest.explanation)
-    fails.clear()
-    # The pause between two switchings passes first.
-    assert after_state(planner, 5)[0] == 0.0
-    assert after_state(planner, 200)[0] > 5000.0

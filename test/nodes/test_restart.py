@@ -54,14 +54,6 @@ def car(rehearsal):
         yield car
 
 
-@pytest.fixture
-def real_car(bench):
-    """Return a Car of installed planners over DDS."""
-    car = Car(bench)
-    with car.feeding():
-        yield car
-
-
 def test_what_was_learned_and_last_seen_outlives_the_process(car, tmp_path):
     memory = tmp_path / 'learned.json'
     first = car.start('-p', f'state_file:={memory}')
@@ -94,18 +86,21 @@ def has_recorded_heat(folder):
 
 
 @pytest.mark.needs('mcap')
-def test_a_killed_planner_leaves_a_recording_that_is_reproduced(real_car, tmp_path):
-    first = real_car.start('-p', f'flight_recorder:={tmp_path}')
-    real_car.wait_for_heat()
-    # The recorder's thread writes some time later.
-    poll_until(lambda: has_recorded_heat(tmp_path), 'heat in the recording')
-    kill(first)
-    # A second planner's life in the same folder.
-    real_car.commands.clear()
-    second = real_car.start('-p', f'flight_recorder:={tmp_path}')
-    real_car.wait_for_heat()
-    second.send_signal(signal.SIGTERM)
-    assert second.wait() == 0
+def test_a_killed_planner_leaves_a_recording_that_is_reproduced(bench, tmp_path):
+    """Of installed planners over DDS."""
+    car = Car(bench)
+    with car.feeding():
+        first = car.start('-p', f'flight_recorder:={tmp_path}')
+        car.wait_for_heat()
+        # The recorder's thread writes some time later.
+        poll_until(lambda: has_recorded_heat(tmp_path), 'heat in the recording')
+        kill(first)
+        # A second planner's life in the same folder.
+        car.commands.clear()
+        second = car.start('-p', f'flight_recorder:={tmp_path}')
+        car.wait_for_heat()
+        second.send_signal(signal.SIGTERM)
+        assert second.wait() == 0
     killed, ended = recordings_in(tmp_path)
     for path in (killed, ended):
         replayed = replay(read_flight(path))

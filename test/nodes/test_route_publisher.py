@@ -42,8 +42,8 @@ def a_fix(east_m, north_m, second=START_S, **changed):
 
 # The messages
 
-def read(message, now_s=START_S):
-    return fix_from_message(message, round(now_s * NS), 5.0, 1.0)
+def read(message):
+    return fix_from_message(message, START_S * NS, 5.0, 1.0)
 
 
 @pytest.mark.parametrize('kind, covariance, deviation_m', [
@@ -124,10 +124,10 @@ class Trip:
         self.progress = rehearsal.record(RouteProgress, 'route_progress')
         self.diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
 
-    def drive(self, until, second, place, speed_mps=SPEED_MPS, limit=600):
+    def drive(self, until, second, place, speed_mps=SPEED_MPS):
         """Drive on from a place at a second until a condition holds; return both."""
         self.rehearsal.now_ns = second * NS
-        for _ in range(limit):
+        for _ in range(600):
             self.fixes.publish(a_fix(*place, second))
             state = BatteryState(temperature=-4.0, percentage=0.75)
             state.header.stamp = Time(sec=second)
@@ -136,7 +136,7 @@ class Trip:
                 return second, place
             self.rehearsal.advance(1.0)
             second, place = second + 1, (place[0] + speed_mps, place[1])
-        raise AssertionError(f'not within {limit} s; the last: {self.entries()}')
+        raise AssertionError(f'not within 600 s; the last: {self.entries()}')
 
     def entries(self):
         """Return the latest entry of each name in the diagnostics."""

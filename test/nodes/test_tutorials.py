@@ -180,11 +180,11 @@ class Shell(PlannerCar):
         self._publisher(command).publish(command.message(self._now()))
 
     @contextmanager
-    def typing(self, command, period_s=0.2):
+    def typing(self, command):
         """Publish again and again, faster than ros2cli's 1 Hz to save time."""
         assert not command.once
         publisher = self._publisher(command)
-        with repeating(lambda: publisher.publish(command.message(self._now())), period_s):
+        with repeating(lambda: publisher.publish(command.message(self._now())), 0.2):
             yield
 
     def _publisher(self, command):

@@ -36,11 +36,6 @@ def drive(car, to_s, lease=NO_LEASE):
     return car.readings()
 
 
-def temperatures_c(to_s=900.0, seed=5, **sensors):
-    return np.array([reading.temperature_c
-                     for reading in drive(make_car(seed, sensors=Sensors(**sensors)), to_s)])
-
-
 # Mismatch
 
 def test_each_factor_changes_its_own_quantity():
@@ -97,8 +92,8 @@ def test_a_delay_makes_readings_late_but_not_their_instants():
 
 
 def test_an_invalid_temperature_is_no_number():
-    values_c = temperatures_c(40.0, invalid=((10.0, 20.0),))
-    assert [at for at, value in enumerate(values_c) if isnan(value)] == list(range(10, 20))
+    readings = drive(make_car(sensors=Sensors(invalid=((10.0, 20.0),))), 40.0)
+    assert [at for at, reading in enumerate(readings) if isnan(reading.temperature_c)] == list(range(10, 20))
 
 
 def test_seed_makes_drive_and_readings():
@@ -113,19 +108,15 @@ def test_seed_makes_drive_and_readings():
 
 # Heater
 
-def heater_energy_wh(faults, to_s=100.0, lease=LEASE):
-    car = make_car(heater_faults=faults)
-    drive(car, to_s, lease)
-    return car.plant.energy_wh.hvch_electric
-
-
 @pytest.mark.parametrize('fault, expected_w', [
     (HeaterFault(0.0, share=0.0), 0.0), (HeaterFault(0.0, share=0.4), 1200.0),
     (HeaterFault(0.0, stuck_on=True), LIMIT_W), (HeaterFault(200.0, share=0.0), 3000.0),
     (HeaterFault(25.5, 50.5, share=0.0), 0.75 * 3000.0)],
     ids=['dead', 'derated', 'stuck on', 'not yet', 'for a while'])
 def test_a_faulty_heater_takes_what_it_is_said_to(fault, expected_w):
-    assert heater_energy_wh((fault,)) == pytest.approx(expected_w * 100.0 / 3600.0)
+    car = make_car(heater_faults=(fault,))
+    drive(car, 100.0, LEASE)
+    assert car.plant.energy_wh.hvch_electric == pytest.approx(expected_w * 100.0 / 3600.0)
 
 
 # Trip planner and clock

@@ -28,14 +28,14 @@ def level(value):
     return Table(soc=(0.0,), temperature_c=(0.0,), values=((value,),))
 
 
-def vehicle(leakage_w_per_k=0.0, charge_w=-2e5, heating_limit_c=25.0):
+def vehicle(leakage_w_per_k=0.0):
     """Return a vehicle with constant voltage and resistance."""
     base = load_vehicle('reference')
     return replace(base, battery=replace(
         base.battery, capacity_ah=CAPACITY_AH, heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
         open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM),
-        charge_power_limit=level(charge_w), leakage=Leakage(leakage_w_per_k, 0.0)),
-        charging=replace(base.charging, power_limit=level(charge_w), heating_limit_c=heating_limit_c))
+        charge_power_limit=level(-2e5), leakage=Leakage(leakage_w_per_k, 0.0)),
+        charging=replace(base.charging, power_limit=level(-2e5), heating_limit_c=25.0))
 
 
 def a_route(duration_s=100.0):

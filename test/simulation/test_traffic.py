@@ -10,9 +10,9 @@ from bev_preheat.vehicle import load_vehicle
 DEFAULTS = load_vehicle('reference').defaults
 
 
-def route_of(count=10, power_w=15e3, speed_mps=20.0):
+def route_of(count=10, power_w=15e3):
     return make_route({
-        'duration_s': [60.0] * count, 'speed_mps': [speed_mps], 'propulsion_power_w': [power_w],
+        'duration_s': [60.0] * count, 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
         'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1200.0],
         'auxiliary_power_w': [300.0]}, DEFAULTS)
 

@@ -16,7 +16,6 @@ from bev_preheat.nonlinear_program.solve import (
     StepDeficit,
     TARGET,
 )
-from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.__main__ import main
@@ -53,30 +52,22 @@ def test_drives_to_a_charger_are_of_all_kinds():
 
 # --- Methods against the nonlinear program ---
 
-@pytest.fixture(scope='module')
-def free_trips():
-    """Trips without active limits."""
-    return [*(solve_trip(VEHICLE, 7, 'free', tuple(METHODS), number) for number in range(4)),
-            solve_trip(VEHICLE, 1, 'free', tuple(METHODS), 3)]
-
-
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
 @pytest.mark.parametrize('deficit, outcome', [
     ((TARGET,), sweep.UNREACHABLE), ((TARGET, ARRIVAL_SOC), sweep.RESERVE_MISSED),
     ((TARGET, DISCHARGE_POWER), sweep.POWER_LACKING), ((HIGHEST_TEMPERATURE,), sweep.BEYOND_RANGE)])
-def test_the_deficit_of_the_program_is_the_outcome(free_trips, monkeypatch, deficit, outcome):
-    number = next(result.number for result in free_trips[:4] if result.is_feasible)
+def test_the_deficit_of_the_program_is_the_outcome(monkeypatch, deficit, outcome):
     solve_optimum = solve.solve_optimum
     missed = tuple(StepDeficit(constraint, 0.25, 'K', 'missed') for constraint in deficit)
     monkeypatch.setattr(solve, 'solve_optimum', lambda *arguments: replace(
         solve_optimum(*arguments), deficit=missed))
-    result = solve_trip(VEHICLE, 7, 'free', ('value_function',), number)
+    result = solve_trip(VEHICLE, 7, 'free', ('value_function',), 0)
     assert (result.outcome, result.detail.count('missed')) == (outcome, len(deficit))
 
 
-def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, optimal_c=12.0, violation=0.0):
-    return GapResult(number, outcome, '', 1800.0 + number, 17.0, 5000.0, optimal_c, {
+def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, violation=0.0):
+    return GapResult(number, outcome, '', 1800.0 + number, 17.0, 5000.0, 12.0, {
         'one': MethodResult(status, arrival_c, gap_wh, violation, violation == 0.0)})
 
 

@@ -32,8 +32,8 @@ def path(tmp_path):
     return path
 
 
-def read(path, study=STUDY):
-    with ResultsFile(path, study) as file:
+def read(path):
+    with ResultsFile(path, STUDY) as file:
         return list(file.results(Made))
 
 

@@ -34,8 +34,8 @@ def cube_there(number):
     return Made(number, number**3, os.getpid())
 
 
-def study(task=cube, wanted=6, counts=None):
-    return Study(task, Made, wanted, {'study': 'made', 'seed': 3}, counts, 'situations')
+def study(task=cube, wanted=6):
+    return Study(task, Made, wanted, {'study': 'made', 'seed': 3}, None, 'situations')
 
 
 def arguments(*given):
