@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bev_preheat.identification.electrical import sandwich
-from bev_preheat.identification.parameters import ALL_STRUCTURES, NAMES, parameters_of, STRUCTURES
-from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
+from bev_preheat.identification.parameters import ALL_STRUCTURES, NAMES, parameters_of
+from bev_preheat.identification.readings import likely_noise_k, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 from bev_preheat.identification.trips import LEAST_TRIPS
 
@@ -85,23 +85,23 @@ class Fitter:
         self.settled = [course_of(trip.settled, vehicle) for trip in trips]
         self.models = {name: ThermalModel(vehicle, structure.free, structure)
                        for name, structure in ALL_STRUCTURES.items()}
-        self._set_noise(NOISE_K)
+        self._residuals = [ReadingResiduals(course.readings) for course in self.courses]
         # Readings that count as one independent observation.
         self.dispersion = LEAST_DISPERSION
 
-    def find_dispersion(self, electrical: Electrical, structures: Iterable[str] = STRUCTURES) -> ThermalFit:
+    def find_dispersion(self, electrical: Electrical, structures: Iterable[str]) -> None:
         """
-        Set the readings' noise and `dispersion` from the best fit of `structures` to all trips; return that fit.
+        Set the readings' noise and `dispersion` from the best fit of `structures` to all trips.
 
         If the model were exact, the trips' gradients would vary as their information says. They vary more by the
         factor that is found here, because errors of model and sensor last (quasi-likelihood).
         """
-        self.dispersion = LEAST_DISPERSION
         fit = min((self.fit(structure, electrical) for structure in structures), key=lambda fit: fit.cost)
-        self._set_noise(likely_noise_k([course.readings for course in self.courses], self._sensors_c(fit)))
+        noise_k = likely_noise_k([course.readings for course in self.courses], self._sensors_c(fit))
+        self._residuals = [ReadingResiduals(course.readings, noise_k) for course in self.courses]
         if len(self.trips) < LEAST_TRIPS:
             self.dispersion = USUAL_DISPERSION
-            return self.fit(fit.structure, electrical, fit)
+            return
         fit = self.fit(fit.structure, electrical, fit)
         inverse = np.linalg.inv(fit.information)
         gradients = fit.gradients - fit.gradients.mean(axis=0)
@@ -110,7 +110,6 @@ class Fitter:
         ratio = (np.einsum('ti,ij,tj->', gradients, inverse, gradients) * count / max(count - 1.0, 1.0)
                  / max(float(np.trace(own @ inverse)), 1e-9))
         self.dispersion = min(max(float(ratio), LEAST_DISPERSION), MOST_DISPERSION)
-        return fit
 
     def fit(self, structure: str, electrical: Electrical, begin: ThermalFit | None = None,
             held: Mapping[str, float] | None = None, left_out: int | None = None) -> ThermalFit:
@@ -215,10 +214,6 @@ class Fitter:
             offset_k -= float((own @ residual + offset_k / deviation_k**2) / (own @ own + 1.0 / deviation_k**2))
         residual, _ = self.trip_residuals(model, at, fit.theta, offset_k, fit.electrical)
         return 0.5 * float(residual @ residual + (offset_k / deviation_k)**2)
-
-    def _set_noise(self, noise_k: float) -> None:
-        self.noise_k = noise_k
-        self._residuals = [ReadingResiduals(course.readings, noise_k) for course in self.courses]
 
     def _sensors_c(self, fit: ThermalFit) -> list[FloatArray]:
         """Return the sensor temperatures at each course's readings [deg C] with a fit to all trips."""
