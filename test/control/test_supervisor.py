@@ -345,7 +345,7 @@ def test_the_cabin_comes_first_in_each_segment():
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
     inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
-    goal = inbox.moment(NOW_NS).goal_of(make_mission(target_c=of_route_c).legs[0])
+    goal = inbox.goal_of(make_mission(target_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
 
 
@@ -354,7 +354,7 @@ def test_target_comes_from_route_then_settings_then_vehicle(
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
     inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
-    goals = [inbox.moment(NOW_NS).goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
+    goals = [inbox.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
              for reserve in (0.0, 0.31, 0.98)]
     # Without a request the reserve is 0; a reserve above 1 cannot be met.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
