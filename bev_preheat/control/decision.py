@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
 from bev_preheat.control.regime import Regime, RegimeReport
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.target import TargetChoice
@@ -162,11 +162,7 @@ class Moment(NamedTuple):
 
     def goal_of(self, leg: Leg) -> Goal:
         """Return the Goal of a leg; settings and vehicle complete it."""
-        goal = leg.goal(self.defaults.target_battery_temperature_c)
-        if goal.minimum_arrival_soc > 0.0 and leg.terms.is_trip:
-            reserve = min(goal.minimum_arrival_soc + self.settings.arrival_soc_margin, 1.0)
-            goal = replace(goal, minimum_arrival_soc=reserve)
-        return goal
+        return goal_of_leg(leg, self.vehicle, self.settings)
 
 
 def find_obstacle(moment: Moment) -> Decision | None:

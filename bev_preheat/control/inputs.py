@@ -14,6 +14,7 @@ import numpy as np
 
 from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect
 from bev_preheat.control.departures import GridPrices, in_words
+from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.signal_checks import SeenState
 from bev_preheat.numerics import NS_PER_S
@@ -309,6 +310,15 @@ class Mission:
     def leg_number(self, instant_ns: int) -> int:
         """Return the index of the latest leg begun at an instant [ns]; 0 before the trip."""
         return max((number for number, leg in enumerate(self.legs) if leg.start_ns <= instant_ns), default=0)
+
+
+def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
+    """Return the Goal of a leg; settings and vehicle complete it."""
+    goal = leg.goal(defaults_of(vehicle, settings).target_battery_temperature_c)
+    if goal.minimum_arrival_soc > 0.0 and leg.terms.is_trip:
+        reserve = min(goal.minimum_arrival_soc + settings.arrival_soc_margin, 1.0)
+        goal = replace(goal, minimum_arrival_soc=reserve)
+    return goal
 
 
 def in_planning_steps(route: Route, planning_step_s: float) -> Route:
