@@ -37,10 +37,12 @@ from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from typing import Any
 
     from bev_preheat.charging.stop import ChargingProspect
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.sensitivity import Sensitivity
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route import Route
     from bev_preheat.vehicle.description import Vehicle
@@ -74,8 +76,7 @@ def run(arguments: Namespace) -> int:
     sensitivity = find_sensitivity(*situation.inputs, plan)
     doubt = {'charging_probability': prospect.probability, 'prospect_explanation': in_doubt} if in_doubt else {}
     console = write_results(arguments, lambda: {
-        **plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(),
-        **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan]))
+        **_contents(plan, sensitivity), **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan]))
     print_plans(console, [plan], situation.title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
@@ -104,15 +105,20 @@ def run_itinerary(arguments: Namespace) -> int:
     console = write_results(arguments, lambda: {
         'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
         'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
-                   **plan.as_dictionary(), 'sensitivity': (found := find_sensitivity(*situation, plan))
-                   and found.as_dictionary()} for name, made_for, start_s, plan, situation in zip(
-                       itinerary.route_names, itinerary.routes_made_for, starts_s, plans, situations)]},
+                   **_contents(plan, find_sensitivity(*situation, plan))}
+                  for name, made_for, start_s, plan, situation in zip(
+                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, situations)]},
         lambda: make_itinerary_figure(vehicle, legs, plans, title))
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
     for heading, plan, in_doubt in zip(headings, plans, doubts):
         console.say(f'{heading}: {plan.status.name}: {plan.explanation} {in_doubt}'.rstrip())
     return 0
+
+
+def _contents(plan: Plan, sensitivity: Sensitivity | None) -> dict[str, Any]:
+    """Return a Plan with its Sensitivity for JSON."""
+    return {**plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary()}
 
 
 def _situation(vehicle: Vehicle, leg: Leg, target_c: float) -> tuple[Vehicle, Route, BatteryState, Goal]:
