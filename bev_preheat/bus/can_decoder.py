@@ -53,8 +53,8 @@ class CanDecoder:
     """
     Turns frames into Readings.
 
-    `channels` has the LiveChannels of each signal; `identifiers` are the frames that are used, as (identifier,
-    whether it has 29 bits), for each bus.
+    `channels` has the LiveChannels of each signal, `checks` those of the messages that are used; `identifiers` are
+    their frames, as (identifier, whether it has 29 bits), for each bus.
     """
 
     def __init__(self, live_map: LiveMap, bus_messages: BusMessages, frames: Mapping[str, HeaterFrame]) -> None:
@@ -95,6 +95,7 @@ class CanDecoder:
             (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):
             FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
             for message in messages.values() if message.name in used}
+        self.checks = tuple(self._checks.values())
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
         self._nothing = {name: values_of_nothing(signals[name]) for name in self._wanted}
@@ -105,11 +106,6 @@ class CanDecoder:
         self.has_fd = tuple(
             any(bus == number and (check.message.is_fd or check.message.length > 8)
                 for (bus, *_), check in self._checks.items()) for number in range(len(live_map.can)))
-
-    @property
-    def checks(self) -> tuple[FrameChecks, ...]:
-        """The checks of the messages that are used."""
-        return tuple(self._checks.values())
 
     def _want(self, signal: str, heater: str, name: str, unit: str, where: str,
               full_power_w: float | None) -> None:

@@ -100,14 +100,9 @@ class CanLink:
         self._lock, self._ended = Lock(), Event()
         self._bus: Any = None
         self._thread = Thread(target=self._run, name='can', daemon=True)
-        self.problem = 'is not open yet'
+        self.name, self.problem = f'{settings.interface} {settings.channel}', 'is not open yet'
         self.frames = 0
         self.reconnects = -1
-
-    @property
-    def name(self) -> str:
-        """The bus as text."""
-        return f'{self._settings.interface} {self._settings.channel}'
 
     def start(self) -> None:
         """Open the bus and receive; a bus that cannot be opened is tried again."""

@@ -223,9 +223,8 @@ class FrameChecks:
         self._stays = 0
         cycle_s = rule.cycle_time_s if rule.cycle_time_s is not None else (message.cycle_time or 0) / 1000.0
         self.cycle_time_s = cycle_s
-        most = MOST_RATE * RATE_WINDOW_S / cycle_s + MORE_FRAMES if cycle_s > 0.0 else None
-        self._most_frames = None if most is None else int(most)
-        self._instants_s: deque[float] = deque(maxlen=1 if most is None else int(most) + 1)
+        self._most_frames = int(MOST_RATE * RATE_WINDOW_S / cycle_s + MORE_FRAMES) if cycle_s > 0.0 else None
+        self._instants_s: deque[float] = deque(maxlen=(self._most_frames or 0) + 1)
 
     def in_words(self) -> list[str]:
         """Return the names of counter, checksum and cycle time that are checked."""

@@ -28,7 +28,8 @@ class HeaterFrame:
     The unit of the command's signal decides its meaning: a power, a share of `full_power_w` [W], or the
     coolant's set-point, which is the temperature that it follows plus the power divided by `watts_per_kelvin`,
     within `range_c` [deg C]. It is rounded down to the signal's resolution, and the power limited to `highest_w`
-    [W]. The counter rises by one a frame and begins again at 0. `period_s` is the time between two frames [s].
+    [W]. The counter rises by one a frame and begins again at 0. `period_s` is the time between two frames [s],
+    `follows` MESSAGE.SIGNAL of the temperature that a set-point follows, else None.
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str,
@@ -59,6 +60,7 @@ class HeaterFrame:
         self.full_power_w = rule.full_power_w or vehicle_power_w
         unit = self._unit()
         self._to_celsius = conversion(unit, 'degC') if unit in TEMPERATURES else None
+        self.follows = None if self._to_celsius is None or rule.coolant is None else rule.coolant.follows
         self._watts = 1.0 if self._to_celsius else self._watts_of(unit)
         self.highest_w = self._highest_w(vehicle_power_w)
         self._off = self._off_value()
@@ -71,11 +73,6 @@ class HeaterFrame:
         except Exception as error:
             # cantools raises errors of several packages.
             raise InvalidInput(f'{where}: {rule.message} cannot be made of these values: {error}') from error
-
-    @property
-    def follows(self) -> str | None:
-        """MESSAGE.SIGNAL of the temperature that the set-point follows; None if the command is no set-point."""
-        return None if self._to_celsius is None or self._rule.coolant is None else self._rule.coolant.follows
 
     def next(self, power_w: float, followed_c: float | None = None) -> bytes:
         """

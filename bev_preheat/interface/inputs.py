@@ -275,8 +275,6 @@ def _is_drive_log(file: Path) -> bool:
     """Return whether a file that is no route has readings of a battery."""
     if file.stat().st_size > LARGEST_LOG:
         return False
-    # Most routes are read at once.
-    from bev_preheat.logs.reading import read_recording
     try:
         signals = read_recording(file).signals
     except InvalidInput:

@@ -255,19 +255,18 @@ def _progress(state: State, now_ns: int) -> list[DiagnosticStatus]:
     place, refused = state.place, state.inbox.refused_progress
     warnings = [] if refused is None else [f'{refused}.']
     if place is None:
-        return [entry('route progress', WARN, f'{refused}. The planner follows the stamp of route_plan.')
-                ] if refused is not None else []
+        return [] if refused is None else [entry(
+            'route progress', WARN, f'{refused}. The planner follows the stamp of route_plan.')]
     age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
     delay_s = place.delay_ns / NS_PER_S
     if age_s > limit_s and not place.has_ended:
         warnings.append(f'The latest valid route_progress is {age_s:.3f} s old; at most {limit_s:g} s are '
                         'allowed: the planner continues by time from there.')
-    return [entry('route progress', WARN if warnings else OK, ' '.join(warnings) or (
-        'The trip has ended.' if place.has_ended else _delay_in_words(delay_s)), {
-            'distance [m]': f'{place.latest.distance_m:.0f}',
-            'length of the route [m]': f'{place.length_m:.0f}',
-            'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
-            'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'})]
+    good = 'The trip has ended.' if place.has_ended else _delay_in_words(delay_s)
+    return [entry('route progress', WARN if warnings else OK, ' '.join(warnings) or good, {
+        'distance [m]': f'{place.latest.distance_m:.0f}', 'length of the route [m]': f'{place.length_m:.0f}',
+        'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+        'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'})]
 
 
 def _delay_in_words(delay_s: float) -> str:

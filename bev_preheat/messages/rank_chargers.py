@@ -46,31 +46,26 @@ def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
     problems += [f'name: {quoted(name)} stands {often} times' for name, often in Counter(
         request.name).items() if often > 1]
     problems += [f'name[{at}]: must not be empty' for at, name in enumerate(request.name) if not name]
-    columns = {
-        'distance': _column(request, 'distance', Figure(
-            driven_m, driven_m + ahead.distance_m, 'm, on the rest of the route'), problems),
-        'charger_power': _column(request, 'charger_power', Figure(*CHARGER_RANGE_W, 'W'), problems),
-        **{field: _column(request, field, allowed, problems, default)
-           for field, (allowed, default) in OPTIONAL.items()}}
+    fields = {'distance': (Figure(driven_m, driven_m + ahead.distance_m, 'm, on the rest of the route'), None),
+              'charger_power': (Figure(*CHARGER_RANGE_W, 'W'), None), **OPTIONAL}
+    columns = [_column(request, field, allowed, problems, default) for field, (allowed, default) in fields.items()]
     if problems:
         raise InvalidInput(problems)
     places = Places.of_route(ahead)
     candidates = []
-    for at, name in enumerate(request.name):
-        row = {field: values[at] for field, values in columns.items()}
-        instant_s = max(places.earliest_s(row['distance'] - driven_m), END_S)
+    for name, distance_m, power_w, price_per_kwh, detour_s, wait_s in zip(request.name, *columns):
+        instant_s = max(places.earliest_s(distance_m - driven_m), END_S)
         if instant_s > ahead.total_duration_s - END_S:
             instant_s = ahead.total_duration_s
-        price = row['energy_price']
         candidates.append(Candidate(
-            name, instant_s, row['charger_power'],
-            energy_price_per_kwh if math.isnan(price) else price, row['detour'], row['expected_wait']))
+            name, instant_s, power_w, energy_price_per_kwh if math.isnan(price_per_kwh) else price_per_kwh,
+            detour_s, wait_s))
     return candidates
 
 
 def _column(request: RankChargers.Request, field: str, allowed: Figure,
-            problems: list[str], default: float | None = None) -> Sequence[float]:
-    """Return the values of a field, one for each name; note problems."""
+            problems: list[str], default: float | None) -> Sequence[float]:
+    """Return the values of a field, one for each name; `default` fills an empty one, None: it is needed."""
     values, count = list(getattr(request, field)), len(request.name)
     if default is not None and not values:
         return [default] * count
@@ -87,17 +82,15 @@ def write_ranking(response: RankChargers.Response, ranked: Sequence[CandidateWor
     response.success, response.message = True, ranking_verdict(ranked)
     response.ranked_name = [item.candidate.name for item in ranked]
     response.problem = [item.problem or '' for item in ranked]
-    rows = [_row(item) for item in ranked]
-    for field in FIGURES:
-        setattr(response, field, [row.get(field, math.nan) for row in rows])
+    for field, values in zip(FIGURES, zip(*map(_figures, ranked)), strict=True):
+        setattr(response, field, list(values))
 
 
-def _row(item: CandidateWorth) -> dict[str, float]:
+def _figures(item: CandidateWorth) -> tuple[float, ...]:
     worth = item.worth if item.problem is None else None
     best = None if worth is None else worth.best
     if worth is None or best is None:
-        return {}
-    return dict(zip(FIGURES, (
-        best.arrival_temperature_c, worth.without_heating.arrival_temperature_c, best.arrival_soc,
-        item.departure_soc, best.charging_time_s, best.bought_energy_wh, item.energy_cost,
-        item.charging_cost + item.detour_cost + item.wait_cost, item.total_cost), strict=True))
+        return (math.nan,) * len(FIGURES)
+    return (best.arrival_temperature_c, worth.without_heating.arrival_temperature_c, best.arrival_soc,
+            item.departure_soc, best.charging_time_s, best.bought_energy_wh, item.energy_cost,
+            item.charging_cost + item.detour_cost + item.wait_cost, item.total_cost)

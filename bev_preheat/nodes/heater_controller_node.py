@@ -137,7 +137,8 @@ class HeaterControllerNode(ProgramNode):
         self._execution = HeaterExecution(
             self, HeaterLimits(most_w, known(values['power_rise']) or math.inf,
                                vehicle.steps_w(name), values['longest_lease'], values['clock_tolerance']),
-            output or self._can or _without_heater, self._obstacle,
+            # Without a heater the executable shows the rules only.
+            output or self._can or (lambda power_w: None), self._obstacle,
             self.tell, known(values['command_deadline']), name)
         self._gate_inputs = GateInputs(self, vehicle.gates_of(name), values['battery_state_timeout'], self.tell)
         if values['lifecycle']:
@@ -180,10 +181,6 @@ class HeaterControllerNode(ProgramNode):
         if self._can is not None:
             self._can.end()
             self._can.close()
-
-
-def _without_heater(power_w: float) -> None:
-    """Stand for the heater in the executable."""
 
 
 def main(output: Output | None = None) -> None:

@@ -288,24 +288,24 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath 
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         with _environment(environment), listening('scenario', domain_id) as listener:
             drive = ObservedDrive(listener.node, scenario.first.wanted_c)
-            planner_arguments = ['-p', 'use_sim_time:=true',
-                                 '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)
-            for parameter, value in {**scenario.planner, **recorded}.items():
-                planner_arguments += ['-p', f'{parameter}:={as_typed(value)}']
-            with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
-                    'vehicle_simulator',
-                    ['-p', f'scenario:={name_or_file}', '-p', f'start_time:={START_S}',
-                     '-p', 'lockstep:=true',
-                     # Planner and observer: messages before the observer's subscription are lost.
-                     '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true',
-                     '-p', f'heater_status:={as_typed(heater_status)}'],
-                    simulator_log) as simulator:
+            of_planner = {
+                'use_sim_time': True, 'vehicle': scenario.vehicle_name, **scenario.planner, **recorded}
+            of_simulator = {
+                'scenario': name_or_file, 'start_time': START_S, 'lockstep': True, 'exit_on_arrival': True,
+                # Planner and observer: messages before the observer's subscription are lost.
+                'wait_for_listeners': 2, 'heater_status': heater_status}
+            with NodeProcess('planner', _arguments(of_planner), planner_log) as planner, NodeProcess(
+                    'vehicle_simulator', _arguments(of_simulator), simulator_log) as simulator:
                 _follow(listener, drive, simulator, planner, observe)
             if kept is not None:
                 drive.recording = kept.keep()
             fill_phases(drive.record, scenario, () if drive.report is None else drive.report.ends)
             return drive
+
+
+def _arguments(parameters: Mapping[str, Any]) -> list[str]:
+    return [text for name, value in parameters.items() for text in ('-p', f'{name}:={as_typed(value)}')]
 
 
 def _follow(listener: Listener, drive: ObservedDrive, simulator: NodeProcess, planner: NodeProcess,

@@ -142,7 +142,7 @@ class PlannerNode(ProgramNode):
     @guarded
     def _on_input(self, topic: str, message: Any) -> None:
         now_ns = self.now_ns()
-        # It may be that the message cannot be read.
+        # An unreadable message is an event, too.
         event = INPUTS[topic].event(message, self._supervisor.state, self._routes,
                                     self.setup.clock_hint(message.header.stamp, now_ns))
         if not self._step(event, now_ns=now_ns, message=message):
