@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A leg of a steady drive in winter towards a charger, and battery states, for tests of the planner."""
 
-from bev_preheat.control.inputs import Leg, Measurement
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
@@ -17,6 +17,11 @@ def ns(seconds):
     return round(seconds * NS_PER_S)
 
 
+def at(seconds):
+    """Return the instant [ns] some seconds after NOW_NS."""
+    return NOW_NS + round(seconds * NS_PER_S)
+
+
 def steady_leg(duration_s=1200.0, step_s=30.0, **changes):
     """
     Return a Leg from NOW_NS on, by default too short for its 25 degC, so that a cold battery is heated at once.
@@ -27,6 +32,11 @@ def steady_leg(duration_s=1200.0, step_s=30.0, **changes):
     columns['duration_s'] = [step_s] * round(duration_s / step_s)
     return Leg(make_route(columns, VEHICLE.defaults), **{
         'start_ns': NOW_NS, 'target_temperature_c': 25.0, **changes})
+
+
+def steady_mission(route_id='home', **leg):
+    """Return a Mission of one `steady_leg`."""
+    return Mission(route_id, (steady_leg(**leg),))
 
 
 def measured(now_ns=NOW_NS, temperature_c=-7.0, soc=0.8, stamp_ns=None):

@@ -74,8 +74,9 @@ class Estimator(NamedTuple):
     alone. `standing` is the Soak before the next reading, and `offset_k` is subtracted from readings [K].
     `knows_power`: the battery's power of the latest step was measured. `suspect` is the Suspicion of the heater,
     None without one. `unheated_s` [s] is the time since the latest command to heat. `resets` is the number of
-    resets, with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a chiller.
-    `evidence` is the log-likelihood of the measurements since any source is suspect, up to a constant [nats].
+    resets, with the reason and instant of the last one. `direction` is 1 for a source that heats, -1 for a
+    chiller. `evidence` is the log-likelihood of the measurements since any source is suspect, up to a constant
+    [nats].
     """
 
     belief: Belief

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from steady_drives import at, measured, NOW_NS, steady_leg, steady_mission, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.command import Commander
@@ -57,13 +57,9 @@ def test_a_trip_that_begins_in_a_moment_is_not_heated_for_before_it_does(before_
     """Heating all the way is not even enough."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=False))
     now_ns = NOW_NS - before_ns
-    supervisor.step(now_ns, RouteArrived(Mission('home', (steady_leg(),))))
+    supervisor.step(now_ns, RouteArrived(steady_mission()))
     supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
     assert (supervisor.state.latest_command.battery_heating_power_w > 0.0) is heats
-
-
-def at(second):
-    return NOW_NS + ns(second)
 
 
 # The gate
@@ -87,7 +83,7 @@ def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
     ids=['no charging', 'not worth it', 'before the trip'])
 def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     planner = Stepwise(VEHICLE, Settings(estimation=False, minimum_on_time_s=60.0))
-    planner.accept_mission(Mission('home', (steady_leg(),)))
+    planner.accept_mission(steady_mission())
     planner.accept_battery(measured(), NOW_NS)
     state = planner.state
     moment = state.moment._replace(now_ns=at(1.0))
@@ -120,7 +116,7 @@ def test_a_power_that_rounds_to_less_than_a_step_is_the_step(share):
     assert share == 1.0 or share * 4000.0 / share < 4000.0
     planner = Stepwise(replace(VEHICLE, heating_gates=replace(
         VEHICLE.heating_gates, power_steps_w=(1500.0, 4000.0))), Settings(estimation=False))
-    planner.accept_mission(Mission('home', (steady_leg(),)))
+    planner.accept_mission(steady_mission())
     planner.accept_battery(measured(), NOW_NS)
     state = planner.state
     plan = replace(state.decision.plan, hvch_battery_power_w=np.full(40, share * 4000.0))

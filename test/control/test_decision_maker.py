@@ -6,7 +6,7 @@ import gc
 import weakref
 
 import pytest
-from steady_drives import measured, NOW_NS, ns, outcome, steady_leg, VEHICLE
+from steady_drives import at, measured, NOW_NS, ns, outcome, steady_leg, steady_mission, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, Reconfigured, RouteArrived
@@ -29,7 +29,7 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
         raise error
 
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
-    supervisor.step(NOW_NS, RouteArrived(Mission('home', (steady_leg(),))))
+    supervisor.step(NOW_NS, RouteArrived(steady_mission()))
     monkeypatch.setattr('bev_preheat.planning.planner.plan_case', fail)
     output = supervisor.step(NOW_NS, BatteryStateArrived(measured()))
     assert (supervisor.state.decision.status, supervisor.state.decision.explanation) == (
@@ -43,8 +43,8 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
 def test_a_state_that_comes_late_does_not_shift_what_is_said(estimation):
     """100 s into the route, 1100 s before its end: times count from now, not from the state."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
-    state_ns = NOW_NS + ns(100.0)
-    supervisor.step(NOW_NS, RouteArrived(Mission('home', (steady_leg(),))))
+    state_ns = at(100.0)
+    supervisor.step(NOW_NS, RouteArrived(steady_mission()))
     for age_s, left in ((0.0, '18:20'), (0.4, '18:20'), (0.6, '18:19'), (1.4, '18:19')):
         supervisor.step(state_ns + ns(age_s), BatteryStateArrived(measured(state_ns)))
         assert f'arrival in {left} min' in supervisor.state.decision.explanation
@@ -141,7 +141,7 @@ PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
     (SECOND_S + 50.0, (0.0, Status.CHARGING))])
 def test_time_alone_ends_a_leg(elapsed_s, expected):
     supervisor = supervisor_at(0.0, PATIENT)
-    assert outcome(supervisor, NOW_NS + ns(elapsed_s)) == expected
+    assert outcome(supervisor, at(elapsed_s)) == expected
 
 
 # Beyond the next stop

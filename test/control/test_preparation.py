@@ -6,7 +6,7 @@ from math import exp, inf, isnan, log, nan
 
 import numpy as np
 import pytest
-from steady_drives import NOW_NS, ns, VEHICLE
+from steady_drives import at, NOW_NS, VEHICLE
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -41,10 +41,6 @@ JOULES_PER_K = VEHICLE.battery.heat_capacity_j_per_k
 LEAKAGE_W_PER_K = VEHICLE.battery.leakage.gamma_0_w_per_k
 TAU_S = JOULES_PER_K / LEAKAGE_W_PER_K
 HEATED_C = AMBIENT_C + VEHICLE.hvch.efficiency * FULL_W / LEAKAGE_W_PER_K
-
-
-def at(seconds):
-    return NOW_NS + ns(seconds)
 
 
 def cooled_c(start_c, seconds, towards_c=AMBIENT_C):

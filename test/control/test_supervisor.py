@@ -6,13 +6,13 @@ import random
 
 import numpy as np
 import pytest
-from steady_drives import NOW_NS, ns, outcome, steady_leg, VEHICLE
+from steady_drives import at, measured, NOW_NS, ns, outcome, steady_mission, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.decision import Command
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput
@@ -28,25 +28,17 @@ FULL_POWER_W = 7000.0 - CABIN_W
 DURATION_S = 1200.0
 
 
-def make_mission(target_c=25.0, route_id='home', **changes):
-    return Mission(route_id, (steady_leg(target_temperature_c=target_c, **changes),))
-
-
-def make_measurement(temperature_c=-7.0, soc=0.8, stamp_ns=NOW_NS):
-    return Measurement(BatteryState(temperature_c, soc), stamp_ns)
-
-
 def make_supervisor(temperature_c=-7.0, stamp_ns=NOW_NS, settings=SETTINGS, **mission):
     """Return a supervisor with valid inputs that has planned at NOW_NS."""
     supervisor = Stepwise(VEHICLE, settings)
-    supervisor.accept_mission(make_mission(**mission))
-    supervisor.accept_battery(make_measurement(temperature_c, stamp_ns=stamp_ns), NOW_NS)
+    supervisor.accept_mission(steady_mission(**mission))
+    supervisor.accept_battery(measured(stamp_ns, temperature_c), NOW_NS)
     supervisor.replan(NOW_NS)
     return supervisor
 
 
 def feed(supervisor, now_ns, **measurement):
-    supervisor.accept_battery(make_measurement(stamp_ns=now_ns, **measurement), now_ns)
+    supervisor.accept_battery(measured(now_ns, **measurement), now_ns)
     return supervisor.replan(now_ns)
 
 
@@ -54,7 +46,7 @@ def heats_after_pause(supervisor, from_s):
     """Return whether valid states from a second [s] on lead to heat after 10 s, and not before."""
     powers_w = []
     for second in range(12):
-        now_ns = NOW_NS + ns(from_s + second)
+        now_ns = at(from_s + second)
         feed(supervisor, now_ns)
         powers_w.append(outcome(supervisor, now_ns)[0])
     assert powers_w[:9] == [0.0] * 9
@@ -64,14 +56,14 @@ def heats_after_pause(supervisor, from_s):
 def refused_battery(supervisor, now_ns, **measurement):
     """Give a measurement that must be refused, and return the message."""
     with pytest.raises(InvalidInput) as refusal:
-        supervisor.accept_battery(make_measurement(**measurement), now_ns)
+        supervisor.accept_battery(measured(**measurement), now_ns)
     supervisor.replan(now_ns)
     return str(refusal.value)
 
 
 def refused_mission(supervisor, **mission):
     with pytest.raises(InvalidInput) as refusal:
-        supervisor.accept_mission(make_mission(**mission))
+        supervisor.accept_mission(steady_mission(**mission))
     supervisor.replan(NOW_NS)
     return str(refusal.value)
 
@@ -83,7 +75,7 @@ def refused_mission(supervisor, **mission):
 def test_one_input_alone_does_not_heat(has_route, has_battery, reason):
     supervisor = Stepwise(VEHICLE, SETTINGS)
     if has_route:
-        supervisor.accept_mission(make_mission())
+        supervisor.accept_mission(steady_mission())
     if has_battery:
         feed(supervisor, NOW_NS)
     supervisor.replan(NOW_NS)
@@ -95,19 +87,19 @@ def test_a_battery_that_does_not_carry_the_trip_is_not_heated_within_the_least_t
     supervisor = make_supervisor(settings=replace(SETTINGS, method=method, minimum_on_time_s=60.0))
     assert outcome(supervisor)[0] == FULL_POWER_W
     # 20 min at 22 kW take 7 kWh, of the pack's 75 some 10 %: the rest is for driving.
-    feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
-    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
+    feed(supervisor, at(1.0), soc=0.05)
+    assert outcome(supervisor, at(1.0)) == (0.0, Status.OUT_OF_CHARGE)
 
 
 def test_surplus_goes_to_the_heater_though_the_charge_does_not_carry():
     # At -22 degC the battery may take 3 kW or so; of 30 kW the heater can have the rest.
     supervisor = Stepwise(VEHICLE, SETTINGS)
-    supervisor.accept_mission(make_mission(
+    supervisor.accept_mission(steady_mission(
         ambient_temperature_c=[-22.0], propulsion_power_w=[-30e3] * 5 + [30e3] * 35))
     feed(supervisor, NOW_NS, temperature_c=-22.0, soc=0.06)
     assert outcome(supervisor) == (FULL_POWER_W, Status.OUT_OF_CHARGE)
-    feed(supervisor, NOW_NS + ns(151.0), temperature_c=-20.0, soc=0.06)
-    assert outcome(supervisor, NOW_NS + ns(151.0)) == (0.0, Status.OUT_OF_CHARGE)
+    feed(supervisor, at(151.0), temperature_c=-20.0, soc=0.06)
+    assert outcome(supervisor, at(151.0)) == (0.0, Status.OUT_OF_CHARGE)
 
 
 @pytest.mark.parametrize('situation, power_w, reason', [
@@ -129,11 +121,11 @@ def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypa
     supervisor = make_supervisor()
     assert outcome(supervisor)[0] > 0.0
     monkeypatch.setattr(f'bev_preheat.{what}', fail)
-    state = BatteryStateArrived(make_measurement(temperature_c=-6.0, stamp_ns=NOW_NS + ns(1.0)))
-    output = supervisor.step(NOW_NS + ns(1.0), state)
+    state = BatteryStateArrived(measured(at(1.0), -6.0))
+    output = supervisor.step(at(1.0), state)
     assert (output.command, output.failure) == (
-        Command(0.0, NOW_NS + ns(2.5), Status.INTERNAL_ERROR), 'ZeroDivisionError: by chance')
-    output = supervisor.step(NOW_NS + ns(2.0))
+        Command(0.0, at(2.5), Status.INTERNAL_ERROR), 'ZeroDivisionError: by chance')
+    output = supervisor.step(at(2.0))
     assert (output.command.battery_heating_power_w, output.decision.explanation) == (
         0.0, 'Planning failed: ZeroDivisionError: by chance')
 
@@ -148,15 +140,15 @@ def test_nothing_is_lost_or_piles_up_while_a_stage_fails(monkeypatch, stage):
             raise ZeroDivisionError('by chance')
         broken.setattr(f'bev_preheat.control.{stage}', fail)
         for second in range(1, 12):
-            now_ns = NOW_NS + ns(float(second))
-            events = [BatteryStateArrived(make_measurement(stamp_ns=now_ns))]
+            now_ns = at(float(second))
+            events = [BatteryStateArrived(measured(now_ns))]
             if second == 5:
                 events.append(RouteArrived(replace(supervisor.state.mission, route_id='elsewhere')))
             output = supervisor.step(now_ns, *events)
             assert output.failure and output.command.battery_heating_power_w == 0.0
             sizes.append(len(state_bytes(supervisor.state)))
     assert max(sizes[6:]) <= min(sizes[6:]) + 200
-    supervisor.step(NOW_NS + ns(12.0), BatteryStateArrived(make_measurement(stamp_ns=NOW_NS + ns(12.0))))
+    supervisor.step(at(12.0), BatteryStateArrived(measured(at(12.0))))
     assert not supervisor.state.inbox.changes.measurements
     assert supervisor.state.mission.route_id == 'elsewhere'
     assert supervisor.state.decision.status.meaning.is_of_plan
@@ -167,25 +159,25 @@ def test_nothing_is_lost_or_piles_up_while_a_stage_fails(monkeypatch, stage):
 # 3.1 s of the 4 s that a state is fresh leave less than the lease.
 @pytest.mark.parametrize('at_s, until_s', [(0.0, 1.5), (0.2, 1.7), (0.7, 2.2), (3.1, 4.0)])
 def test_lease_ends_after_its_length_and_no_later_than_the_battery_state_is_stale(at_s, until_s):
-    command = make_supervisor().command(NOW_NS + ns(at_s))
-    assert (command.battery_heating_power_w > 0.0, command.valid_until_ns) == (True, NOW_NS + ns(until_s))
+    command = make_supervisor().command(at(at_s))
+    assert (command.battery_heating_power_w > 0.0, command.valid_until_ns) == (True, at(until_s))
 
 
 def test_a_command_from_outside_is_0_w_with_a_lease():
     assert Stepwise(VEHICLE, SETTINGS).stop(NOW_NS).command == Command(
-        0.0, NOW_NS + ns(1.5), Status.SHUTTING_DOWN)
+        0.0, at(1.5), Status.SHUTTING_DOWN)
 
 
 # Age
 
 def test_a_silent_battery_heats_until_the_timeout():
-    assert outcome(make_supervisor(), NOW_NS + ns(3.999))[0] > 0.0
-    assert outcome(make_supervisor(), NOW_NS + ns(4.0)) == (0.0, Status.STALE_INPUT)
+    assert outcome(make_supervisor(), at(3.999))[0] > 0.0
+    assert outcome(make_supervisor(), at(4.0)) == (0.0, Status.STALE_INPUT)
 
 
 @pytest.mark.parametrize('now_ns, stamp_ns, message', [
     (NOW_NS, NOW_NS - ns(4.25), 'header.stamp: the state is 4.25 s old; at most 4 s are allowed'),
-    (NOW_NS, NOW_NS + ns(0.75), 'header.stamp: the state is 0.75 s ahead of the clock; at most 0.5 s are allowed'),
+    (NOW_NS, at(0.75), 'header.stamp: the state is 0.75 s ahead of the clock; at most 0.5 s are allowed'),
     # The age is shown finely enough to be beyond the limit.
     (NOW_NS, NOW_NS - ns(4.0) - 1, 'header.stamp: the state is 4.000000001 s old; at most 4 s are allowed'),
     (0, 0, 'use_sim_time is set and no /clock has arrived: time stands at 0')])
@@ -195,15 +187,15 @@ def test_a_state_of_another_time_is_refused_by_its_age(now_ns, stamp_ns, message
 
 def test_a_stamp_a_little_ahead_of_the_clock_heats_now():
     # Clocks of two computers differ: the heater must not wait for the stamp at every state.
-    assert outcome(make_supervisor(stamp_ns=NOW_NS + ns(0.4)))[0] == pytest.approx(FULL_POWER_W)
+    assert outcome(make_supervisor(stamp_ns=at(0.4)))[0] == pytest.approx(FULL_POWER_W)
 
 
 def test_stamps_that_go_back_are_refused_and_switch_off():
     # Of a battery that another temperature tells apart; of the same battery it would have been overtaken.
     supervisor = make_supervisor()
-    assert refused_battery(supervisor, NOW_NS + ns(1.0), temperature_c=3.0, stamp_ns=NOW_NS - ns(1.001)) == (
+    assert refused_battery(supervisor, at(1.0), temperature_c=3.0, stamp_ns=NOW_NS - ns(1.001)) == (
         'header.stamp: the state is 1.001 s older than the previous one; stamps must not go back')
-    assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.INVALID_INPUT)
+    assert outcome(supervisor, at(1.0)) == (0.0, Status.INVALID_INPUT)
 
 
 @pytest.mark.parametrize('late_s', [1e-9, 0.05, 1.0])
@@ -212,10 +204,10 @@ def test_a_state_that_was_overtaken_is_dropped_without_a_word_and_counted(late_s
     power_w, reason = outcome(supervisor)
     assert power_w > 0.0
     for count, after_s in enumerate((0.1, 0.2), start=1):
-        supervisor.step_through(NOW_NS + ns(after_s), BatteryStateArrived(
-            make_measurement(20.0, stamp_ns=NOW_NS - ns(late_s))))
+        supervisor.step_through(at(after_s), BatteryStateArrived(
+            measured(NOW_NS - ns(late_s), 20.0)))
         assert supervisor.output.refusals == ()
-        assert outcome(supervisor, NOW_NS + ns(after_s)) == (power_w, reason)
+        assert outcome(supervisor, at(after_s)) == (power_w, reason)
         state = supervisor.state
         assert (state.temperature_c, state.inbox.overtaken_states) == (-7.0, count)
 
@@ -223,7 +215,7 @@ def test_a_state_that_was_overtaken_is_dropped_without_a_word_and_counted(late_s
 def test_an_overtaken_state_does_not_excuse_a_refused_one():
     supervisor = make_supervisor()
     refused_battery(supervisor, NOW_NS, soc=2.0)
-    supervisor.accept_battery(make_measurement(stamp_ns=NOW_NS - ns(0.5)), NOW_NS)
+    supervisor.accept_battery(measured(NOW_NS - ns(0.5)), NOW_NS)
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
 
 
@@ -239,7 +231,7 @@ def test_a_clock_set_back_heats_on_nothing_from_its_future(back_s):
 def test_a_refused_state_switches_off_and_is_told_by_its_source_until_a_good_one(hint):
     supervisor = make_supervisor()
     before = supervisor.state.measurement
-    supervisor.step_through(NOW_NS, BatteryStateArrived(make_measurement(soc=2.0), hint))
+    supervisor.step_through(NOW_NS, BatteryStateArrived(measured(soc=2.0), hint))
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
     assert supervisor.state.measurement is before
     assert supervisor.state.decision.explanation == '; '.join(filter(None, [
@@ -253,7 +245,7 @@ def test_a_good_route_does_not_excuse_a_refused_state(is_mended):
     refused_battery(supervisor, NOW_NS, soc=2.0)
     if is_mended:
         refused_mission(supervisor, minimum_arrival_soc=2.0)
-    supervisor.accept_mission(make_mission())
+    supervisor.accept_mission(steady_mission())
     supervisor.replan(NOW_NS)
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
 
@@ -263,7 +255,7 @@ def test_a_good_route_does_not_excuse_a_refused_state(is_mended):
 
 def test_the_end_of_the_route_switches_off_without_a_new_state():
     supervisor = make_supervisor(start_ns=NOW_NS - ns(DURATION_S - 2.0))
-    assert [outcome(supervisor, NOW_NS + ns(at)) for at in (1.999, 2.0)] == [
+    assert [outcome(supervisor, at(at_s)) for at_s in (1.999, 2.0)] == [
         (pytest.approx(FULL_POWER_W), Status.TARGET_UNREACHABLE), (0.0, Status.ARRIVED)]
 
 
@@ -276,7 +268,7 @@ def test_noise_does_not_pause_a_heater_that_could_not_be_switched_on_again_in_ti
     plan = supervisor.state.decision.plan
     start_c = float(np.interp(plan.heating_start_s, plan.time_s, plan.battery_temperature_c))
     for later_s, more_k, wanted_w in ((1.0, -0.1, FULL_POWER_W), (2.0, 0.1, power_w)):
-        now_ns = NOW_NS + ns(plan.heating_start_s + later_s)
+        now_ns = at(plan.heating_start_s + later_s)
         feed(supervisor, now_ns, temperature_c=start_c + more_k)
         assert outcome(supervisor, now_ns)[0] == pytest.approx(wanted_w)
 
@@ -286,7 +278,7 @@ def test_time_alone_switches_on_at_full_power():
     start_s = supervisor.state.decision.plan.heating_start_s
     # Within a step, so that the partial step is in it.
     assert 0.0 < start_s % 30.0 < 29.0
-    assert [outcome(supervisor, NOW_NS + ns(start_s + later_s)) for later_s in (-0.001, 0.001)] == [
+    assert [outcome(supervisor, at(start_s + later_s)) for later_s in (-0.001, 0.001)] == [
         (0.0, Status.WAITING), (pytest.approx(FULL_POWER_W), Status.HEATING)]
 
 
@@ -298,7 +290,7 @@ def test_a_partial_step_does_not_round_above_what_the_cabin_leaves():
         supervisor = make_supervisor(temperature_c=seeded.uniform(10.0, 23.0), settings=PATIENT)
         start_s = supervisor.state.decision.plan.heating_start_s
         if start_s is not None:
-            power_w, _ = outcome(supervisor, NOW_NS + ns(start_s + 1e-6))
+            power_w, _ = outcome(supervisor, at(start_s + 1e-6))
             excess_w.append(power_w - FULL_POWER_W)
     assert len(excess_w) > 100 and max(excess_w) <= 0.0
 
@@ -307,7 +299,7 @@ def test_the_cabin_comes_first_in_each_segment():
     # The cabin takes all, then nearly all, then nothing.
     cabin_w = [7500.0, 6900.0, 0.0] + [CABIN_W] * 37
     supervisor = make_supervisor(cabin_heating_power_w=cabin_w, settings=PATIENT)
-    powers_w = [outcome(supervisor, NOW_NS + ns(at))[0] for at in (15.0, 45.0, 75.0)]
+    powers_w = [outcome(supervisor, at(at_s))[0] for at_s in (15.0, 45.0, 75.0)]
     assert powers_w == pytest.approx([0.0, 100.0, 7000.0])
 
 
@@ -319,7 +311,7 @@ def test_the_cabin_comes_first_in_each_segment():
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
     inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
-    goal = inbox.goal_of(make_mission(target_c=of_route_c).legs[0])
+    goal = inbox.goal_of(steady_mission(target_temperature_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
 
 
@@ -328,7 +320,7 @@ def test_target_comes_from_route_then_settings_then_vehicle(
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
     inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
-    goals = [inbox.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
+    goals = [inbox.goal_of(steady_mission(minimum_arrival_soc=reserve).legs[0])
              for reserve in (0.0, 0.31, 0.98)]
     # Without a request the reserve is 0; a reserve above 1 cannot be met.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]
@@ -338,10 +330,10 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
 def test_a_battery_that_charges_beside_the_route_is_not_expected_to_warm_as_if_it_were_driven(charges):
     """In 10 min 60 kW give 4.8 kW of drivetrain heat, 7 K; charging at 34 kW gives 0.5 kW of Joule heat, 0.8 K."""
     supervisor, soc, doubted = Stepwise(VEHICLE, Settings()), 0.7, set()
-    supervisor.accept_mission(make_mission(propulsion_power_w=[60e3]))
+    supervisor.accept_mission(steady_mission(propulsion_power_w=[60e3]))
     for second in range(0, 900, 2):
         power_w, voltage_v = -34e3 if charges and second >= 60 else 62e3, 365.0 + 75.0 * soc + 15.0 * soc**3
-        current_a, now_ns = power_w / voltage_v, NOW_NS + ns(second)
+        current_a, now_ns = power_w / voltage_v, at(second)
         soc -= 2.0 * current_a / 720e3
         supervisor.accept_battery(Measurement(
             BatteryState(7.0, soc), now_ns, voltage_v - 0.083 * current_a, current_a), now_ns)

@@ -3,14 +3,14 @@
 
 import math
 
-from builtin_interfaces.msg import Time
-from planner_car import LATCHED
+from planner_car import LATCHED, stamped, state_at
 import pytest
 from refusals import problems_of
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.chargers import Candidate, rank_chargers, ranking_verdict
 from bev_preheat.messages.rank_chargers import candidates_of
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning import situation
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -79,14 +79,11 @@ class Drive:
             route_id='to the sea', charging_planned=False, segment_duration=[SEGMENT_S] * SEGMENTS,
             speed=[SPEED_MPS], propulsion_power=[15e3], ambient_temperature=[-8.0],
             cabin_heating_power=[1500.0], auxiliary_power=[400.0])
-        message.header.stamp = Time(sec=START_S)
-        routes.publish(message)
+        routes.publish(stamped(message, START_S * NS_PER_S))
 
     def answer(self, second, **changed):
-        self._bench.now_ns = second * 10**9
-        state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)
-        state.header.stamp = Time(sec=second)
-        self._states.publish(state)
+        self._bench.now_ns = second * NS_PER_S
+        self._states.publish(state_at(second * NS_PER_S, temperature=TEMPERATURE_C, percentage=SOC))
         return self._bench.call(RankChargers, '/charger_adviser/rank_chargers', asked(**changed))
 
 

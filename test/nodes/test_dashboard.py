@@ -11,7 +11,7 @@ import time
 from urllib.request import Request, urlopen
 
 from node_bench import repeating
-from planner_car import LATCHED
+from planner_car import LATCHED, PlannerCar
 import pytest
 from sensor_msgs.msg import BatteryState
 from tornado.httpclient import HTTPRequest
@@ -19,7 +19,6 @@ from tornado.websocket import websocket_connect
 from waiting import poll_until
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -73,24 +72,15 @@ def ask(host, **values):
 @contextmanager
 def driving(bench, namespace='', temperature_c=-7.0, route_id='trip', **route):
     """Publish a route and battery states in real time."""
-    vehicle = load_vehicle('reference')
-    routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
-    states = bench.publisher(BatteryState, f'{namespace}/battery_state', 1)
-
-    def now_ns():
-        return bench.node.get_clock().now().nanoseconds
+    car = PlannerCar(bench, namespace, commands_alone=True)
     message = route_plan_message(Mission(route_id, (Leg(
-        load_route('reference', vehicle.defaults), now_ns(), target_temperature_c=25.0,
+        load_route('reference', load_vehicle('reference').defaults), car.now_ns, target_temperature_c=25.0,
         minimum_arrival_soc=0.3),)))
     for name, value in route.items():
         setattr(message, name, value)
-    routes.publish(message)
-
-    def publish():
-        state = BatteryState(temperature=temperature_c, percentage=0.9, voltage=400.0, current=-50.0)
-        state.header.stamp = time_message(now_ns())
-        states.publish(state)
-    with repeating(publish, 0.3):
+    car.give(message)
+    with car.feeding(lambda: car.state(
+            temperature=temperature_c, percentage=0.9, voltage=400.0, current=-50.0), 0.3):
         yield
 
 

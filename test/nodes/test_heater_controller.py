@@ -7,6 +7,7 @@ import signal
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from example_frames import can_map
 from node_bench import repeating
+from planner_car import stamped, state_at
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
@@ -41,10 +42,8 @@ def test_senders_are_told_apart_by_their_sequence_numbers():
 def command(power_w, now_ns, lease_s=1.0, ahead_s=0.0):
     """Return a command of an instant [ns], stamped some time later [s]."""
     now_ns += round(ahead_s * 1e9)
-    message = HvchCommand(battery_heating_power=power_w, reason=HvchCommand.HEATING,
-                          valid_until=time_message(now_ns + round(lease_s * 1e9)))
-    message.header.stamp = time_message(now_ns)
-    return message
+    return stamped(HvchCommand(battery_heating_power=power_w, reason=HvchCommand.HEATING,
+                               valid_until=time_message(now_ns + round(lease_s * 1e9))), now_ns)
 
 
 class Controlled:
@@ -165,9 +164,7 @@ def test_gates_of_the_car(rehearsal, car_with_gates):
     car = {'soc': 0.5, 'temperature': 5.0, 'speed': 0.0}
 
     def drive():
-        state = BatteryState(percentage=car['soc'], temperature=car['temperature'])
-        state.header.stamp = time_message(rehearsal.now_ns)
-        states.publish(state)
+        states.publish(state_at(rehearsal.now_ns, percentage=car['soc'], temperature=car['temperature']))
         speeds.publish(Float64(data=car['speed']))
         controlled.give(6000.0)
 
@@ -221,9 +218,7 @@ def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_m
 def test_gates_close_once_the_state_has_expired(rehearsal, car_with_gates, age_s, open_for_s):
     controlled = Controlled(rehearsal, '-p', f'vehicle:={car_with_gates("minimum_soc: 0.1")}')
     arrived_ns = rehearsal.now_ns
-    state = BatteryState(temperature=0.0, percentage=0.5)
-    state.header.stamp = time_message(arrived_ns - round(age_s * NS_PER_S))
-    rehearsal.publisher(BatteryState, 'battery_state').publish(state)
+    rehearsal.publisher(BatteryState, 'battery_state').publish(state_at(arrived_ns - round(age_s * NS_PER_S)))
     controlled.give(2500.0)
     with rehearsal.repeating(lambda: controlled.give(2500.0), PERIOD_S):
         closed = controlled.refused(HvchStatus.OTHER)

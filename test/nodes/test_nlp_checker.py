@@ -59,7 +59,7 @@ class Surroundings(PlannerCar):
 
     def __init__(self, bench, namespace=''):
         super().__init__(bench, namespace)
-        self.namespace, self.started, self._hanging = namespace, [], []
+        self.namespace, self.started = namespace, []
         self.reports = bench.record(OptimalityReport, f'{namespace}/optimality_report', LATCHED)
 
     def run(self, name, *arguments):
@@ -116,27 +116,8 @@ class Surroundings(PlannerCar):
             lambda message: own(message) is not None and condition(*own(message))))
 
     def count(self, name):
-        """Return the value of a counter of the checker."""
+        """Return a whole number in the checker's diagnostics."""
         return int(self.diagnosis(lambda level, text, values: True)[2][name])
-
-    def hang_solver(self, route_id):
-        """Let the solver hang before it gets to check a route, and return its id."""
-        self.send_route(f'before {route_id}', 60)
-        self.report(of_route(f'before {route_id}'))
-        solver = int(self.diagnosis(lambda level, text, values: True)[2]['solver process'])
-        self._hanging.append(psutil.Process(solver))
-        self._hanging[-1].suspend()
-        return solver
-
-    def end_hanging(self):
-        """Kill processes left by a failed test: a hanging process does not end by itself."""
-        for process in self._hanging:
-            try:
-                if process.status() == psutil.STATUS_STOPPED:
-                    process.kill()
-            except psutil.NoSuchProcess:
-                pass
-        self._hanging.clear()
 
 
 @pytest.fixture(scope='module')
@@ -152,40 +133,26 @@ def own(graph):
     # Another namespace each time: an earlier route is latched.
     surroundings = Surroundings(graph, f'/own_{next(NUMBERS)}')
     yield surroundings
-    surroundings.end_hanging()
     for process in surroundings.started:
         process.kill()
 
 
 @pytest.fixture(scope='module')
-def planner_and_checker(graph):
+def both(graph):
+    """Planner and checker, which tests share."""
     surroundings = Surroundings(graph)
     surroundings.run('planner', *PATIENT)
     surroundings.run('nlp_checker', *ONLY_ASKED)
     return surroundings
 
 
-@pytest.fixture
-def both(planner_and_checker):
-    """Planner and checker, shared by tests; changes made by a test are undone."""
-    yield planner_and_checker
-    planner_and_checker.end_hanging()
-    planner_and_checker.set(method='value_function', estimation=True)
-
-
 @pytest.fixture(scope='module')
-def only_checker(graph):
+def alone(graph):
+    """A checker without a planner, which tests share; it must keep running."""
     surroundings = Surroundings(graph, '/alone')
-    surroundings.process = surroundings.run('nlp_checker', *ONLY_ASKED)
-    return surroundings
-
-
-@pytest.fixture
-def alone(only_checker):
-    """A checker without a planner, which tests share; it must keep running after each test."""
-    yield only_checker
-    only_checker.end_hanging()
-    assert only_checker.process.exit_status is None
+    checker = surroundings.run('nlp_checker', *ONLY_ASKED)
+    yield surroundings
+    assert checker.exit_status is None
 
 
 def of_route(route_id):
@@ -234,12 +201,13 @@ def test_reports_for_a_new_route_that_its_plan_is_the_optimum(both):
     assert 0.0 < report.caution_energy < 0.01 * report.plan_energy
 
 
-def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
+def test_the_gap_of_another_method_is_that_of_the_same_situation(own):
     # Without estimation, plans start from the measured values of any of the states.
-    assert both.set(method='paper', estimation=False).successful
-    sent = both.send_route('by paper')
-    with both.feeding():
-        report = both.report(of_route('by paper'))
+    own.run('planner', *PATIENT, '-p', 'method:=paper', '-p', 'estimation:=false')
+    own.run('nlp_checker', *ONLY_ASKED)
+    sent = own.send_route('by paper')
+    with own.feeding():
+        report = own.report(of_route('by paper'))
     vehicle = load_vehicle('reference')
     # Its segments are as long as the steps.
     columns = {field: getattr(sent, name) for field, name in ROUTE_FIELDS.items()}
@@ -328,16 +296,22 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(o
 def test_a_forecast_for_the_same_route_does_not_cancel(both):
     superseded = both.count('superseded')
     with both.feeding():
-        solver = both.hang_solver('forecast')
-        both.send_route('forecast')
-        both.diagnosis(lambda level, text, values: (values['state'], values['checked route_id'])
-                       == ('solving', 'forecast'))
-        both.send_route('forecast', target_battery_temperature=12.0)
-        # A check could begin with each of these plans.
-        both.plans.wait_for(lambda plan: plan.target_battery_temperature == 12.0)
-        both.plans.clear()
-        both.plans.wait_for_count(5)
-        psutil.Process(solver).resume()
+        both.send_route('before', 60)
+        both.report(of_route('before'))
+        # It hangs before it gets to check the route.
+        solver = psutil.Process(both.count('solver process'))
+        solver.suspend()
+        try:
+            both.send_route('forecast')
+            both.diagnosis(lambda level, text, values: (values['state'], values['checked route_id'])
+                           == ('solving', 'forecast'))
+            both.send_route('forecast', target_battery_temperature=12.0)
+            # A check could begin with each of these plans.
+            both.plans.wait_for(lambda plan: plan.target_battery_temperature == 12.0)
+            both.plans.clear()
+            both.plans.wait_for_count(5)
+        finally:
+            solver.resume()
         first = both.report(of_route('forecast'))
         second = both.report(
             lambda report: report.route_id == 'forecast' and report.header != first.header)

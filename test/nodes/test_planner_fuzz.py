@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 import random
 
-from builtin_interfaces.msg import Time
-from planner_car import PlannerCar
+from planner_car import PlannerCar, stamped
 import pytest
 from sensor_msgs.msg import BatteryState
 
@@ -116,7 +115,7 @@ class Fuzz:
         stamp_ns = 0
         if age_s is not None:
             stamp_ns = max(self.book.now_ns - round(age_s * NS_PER_S), 0)
-            message.header.stamp = Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
+            stamped(message, stamp_ns)
             if not good and self.random.random() < 0.1:
                 message.header.stamp.nanosec = self.random.choice((10**9, 4 * 10**9))
         self._planner.give(message)
@@ -126,9 +125,7 @@ class Fuzz:
         """Give valid states until heat no longer waits after doubt, or nearly."""
         for _ in range(self.random.randint(5, 60)):
             self.book = replace(self.book, now_ns=self.book.now_ns + NS_PER_S)
-            message = BatteryState(temperature=self.temperature_c, percentage=0.8)
-            message.header.stamp = Time(sec=self.book.now_ns // NS_PER_S, nanosec=self.book.now_ns % NS_PER_S)
-            self._planner.give(message)
+            self._planner.send_state(temperature=self.temperature_c)
             self._note_state(self.book.now_ns, True)
             self.check()
 
@@ -178,7 +175,7 @@ class Fuzz:
             name: array('d', values) for name, values in columns.items()})
         if good or self.random.random() < 0.9:
             start_ns = max(start_ns, 1)
-            message.header.stamp = Time(sec=start_ns // NS_PER_S, nanosec=start_ns % NS_PER_S)
+            stamped(message, start_ns)
         self._planner.give(message)
         if good:
             self.book = replace(self.book, is_route_refused=False, is_update_due=False,

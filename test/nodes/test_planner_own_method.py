@@ -23,16 +23,6 @@ def negative(situation):
 """
 
 
-def route():
-    """Return a route of 30 min to a fast charger."""
-    return route_at(START_NS, segment_duration=[STEP_S] * STEPS, cabin_heating_power=[1600.0],
-                    target_battery_temperature=12.0)
-
-
-def instant_ns(second):
-    return START_NS + second * NS_PER_S
-
-
 def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench, tmp_path, monkeypatch):
     installed_packages.put_example(tmp_path, 'fixed_minutes_method')
     (tmp_path / 'broken_method.py').write_text(BROKEN)
@@ -43,13 +33,17 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     car.start('-p', 'use_sim_time:=true', '-p', 'estimation:=false', '-p', 'method:=last_20_minutes')
     for sender in (clock, *car.publishers.values()):
         sender.wait_for_subscription()
-    car.give(route())
+    # 30 min to a fast charger.
+    car.give(route_at(START_NS, segment_duration=[STEP_S] * STEPS, cabin_heating_power=[1600.0],
+                      target_battery_temperature=12.0))
 
     def after(second, condition):
         """Return the first command that meets a condition after a battery state."""
+        now_ns = START_NS + second * NS_PER_S
+
         def ask():
-            clock.publish(Clock(clock=time_message(instant_ns(second))))
-            car.give(state_at(instant_ns(second)))
+            clock.publish(Clock(clock=time_message(now_ns)))
+            car.give(state_at(now_ns))
         with repeating(ask, RESEND_S):
             return commands.wait_for(condition)
 

@@ -7,7 +7,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from gps_drives import gpx, NS, on_earth, Road
 import numpy as np
-from planner_car import LATCHED
+from planner_car import LATCHED, state_at
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
@@ -129,9 +129,7 @@ class Trip:
         self.rehearsal.now_ns = second * NS
         for _ in range(600):
             self.fixes.publish(a_fix(*place, second))
-            state = BatteryState(temperature=-4.0, percentage=0.75)
-            state.header.stamp = Time(sec=second)
-            self.states.publish(state)
+            self.states.publish(state_at(second * NS, temperature=-4.0, percentage=0.75))
             if until():
                 return second, place
             self.rehearsal.advance(1.0)

@@ -2,7 +2,7 @@
 """Set-up errors around the installed nodes are described in the log and in the diagnostics."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from planner_car import LATCHED
+from planner_car import LATCHED, state_at
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rehearsal import START_NS
@@ -93,12 +93,6 @@ def test_who_does_not_fit_is_found_over_dds_and_forgotten_when_gone(bench):
     setup_entry(diagnostics, name, 'fit', DiagnosticStatus.OK)
 
 
-def stamped(instant_ns):
-    message = BatteryState(temperature=-7.0, percentage=0.8)
-    message.header.stamp = time_message(instant_ns)
-    return message
-
-
 def refusals(diagnostics):
     return [status.message for array in diagnostics.messages for status in array.status
             if 'battery_state refused' in status.message]
@@ -110,7 +104,7 @@ def test_simulated_stamps_against_the_wall_clock_are_told(rehearsal, name):
     states = rehearsal.publisher(BatteryState, 'battery_state')
     text = ("days before this node's time, which is the system's: if the sender is simulated or "
             'replayed, set use_sim_time:=true here')
-    states.publish(stamped(1000 * 10**9))
+    states.publish(state_at(1000 * 10**9))
     assert text in rehearsal.wait_until(lambda: refusals(diagnostics), 'a refusal')[0]
     assert text in process.output()
 
@@ -164,6 +158,6 @@ def test_with_simulated_time_no_clock_and_wall_stamps_are_told(rehearsal, name):
         setup_entry(diagnostics, name, 'fit', DiagnosticStatus.OK)
         hint = ("days after this node's time, which is /clock (use_sim_time is set): set "
                 'use_sim_time:=true at the sender too, or use_sim_time:=false here')
-        states.publish(stamped(rehearsal.now_ns))
+        states.publish(state_at(rehearsal.now_ns))
         rehearsal.wait_until(lambda: any(hint in refusal for refusal in refusals(diagnostics)), 'the hint')
     assert hint in process.output()
