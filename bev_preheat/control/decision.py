@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
-from bev_preheat.control.regime import Regime, RegimeReport
+from bev_preheat.control.regime import Regime, RegimeReport, UNKNOWN_REGIME
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.estimation.forecast import Forecast
@@ -109,7 +109,8 @@ class Unserved(NamedTuple):
     share: float = 0.0
 
 
-class Moment(NamedTuple):
+@dataclass(frozen=True)
+class Moment:
     """
     All that a decision and its command go by at an instant [ns]: valid inputs, refusals, and the car as known.
 
@@ -139,7 +140,7 @@ class Moment(NamedTuple):
     inactive: str = ''
     unserved: tuple[Unserved, ...] = ()
     suspected: tuple[tuple[str, SuspectedFault], ...] = ()
-    regime: RegimeReport = RegimeReport(Regime.UNKNOWN)
+    regime: RegimeReport = UNKNOWN_REGIME
     estimate: Estimate | None = None
     temperature_c: float | None = None
     direction: int = 0

@@ -84,6 +84,9 @@ class RegimeReport(NamedTuple):
         return self._replace(evidence=evidence) if evidence else self
 
 
+UNKNOWN_REGIME = RegimeReport(Regime.UNKNOWN)
+
+
 class PlannedPower(NamedTuple):
     """
     The power that the route plans around an instant [W].
@@ -140,7 +143,7 @@ class RegimeWatch(NamedTuple):
     been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known.
     """
 
-    report: RegimeReport = RegimeReport(Regime.UNKNOWN)
+    report: RegimeReport = UNKNOWN_REGIME
     samples: tuple[_PowerSample, ...] = ()
     low_since_ns: int | None = None
     course: ChargeCourse = ChargeCourse()

@@ -38,7 +38,7 @@ STATE_FORMAT = 1
 HEAD = b'bev_preheat state'
 # Classes are of these rooms: others have no values of a State, and reading must not load them.
 ROOMS = tuple(f'bev_preheat.{room}.' for room in (
-    'charging', 'control', 'estimation', 'heater', 'numerics', 'planning', 'route', 'signals', 'vehicle'))
+    'charging', 'control', 'estimation', 'numerics', 'planning', 'route', 'vehicle'))
 # The functions that make a plan's sentence.
 SENTENCES: dict[str, Callable[..., str]] = {'explain': explain, 'in_words': in_words}
 # First elements of objects that are of no class.

@@ -86,7 +86,7 @@ def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     planner.accept_mission(steady_mission())
     planner.accept_battery(measured(), NOW_NS)
     state = planner.state
-    moment = state.moment._replace(now_ns=at(1.0))
+    moment = replace(state.moment, now_ns=at(1.0))
     heats, changed = (state.commander.give(moment, decision, None)[1] for decision in (
         state.decision, replace(state.decision, **changes)))
     assert heats.battery_heating_power_w == pytest.approx(5500.0)

@@ -147,7 +147,7 @@ def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
 
 def moment_without(state, vehicle, *unserved):
     """Return the Moment of a State with another vehicle and other unserved heat sources, at -10 degC."""
-    return state.moment._replace(vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
+    return replace(state.moment, vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
 
 
 # In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the

@@ -113,7 +113,7 @@ def test_a_heater_that_was_switched_on_too_often_waits_to_heat():
         for wanted_w, after_s in (5e3, 0.0), (0.0, 90.0):
             switch = switch.asked(NOW_NS + ns(180.0 * number + after_s - 3590.0), wanted_w, 5e3, 0.0, 0.0)
     _, command = Commander(switch, Status.STALE_INPUT).give(
-        state.moment._replace(now_ns=NOW_NS + ns(2.0)), state.decision, None)
+        replace(state.moment, now_ns=NOW_NS + ns(2.0)), state.decision, None)
     assert state.decision.status is Status.TARGET_UNREACHABLE
     assert (command.battery_heating_power_w, command.reason) == (0.0, Status.WAITING)
 
