@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
-from bev_preheat.control.regime import Regime, RegimeReport, UNKNOWN_REGIME
+from bev_preheat.control.regime import RegimeReport, UNKNOWN_REGIME
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.estimation.forecast import Forecast
