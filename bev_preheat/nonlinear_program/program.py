@@ -284,12 +284,10 @@ def state_bounds(trip: Trip, state: BatteryState, soc_range: tuple[float, float]
 
     low, high = (from_start(soc_range[end], temperature_range_c[end], others) for end, others in (
         (0, -np.inf), (1, np.inf)))
-    stands = trip.route.speed_mps < STANDING_MPS
-    is_open = {'driving': ~stands, 'standing': stands}
-    if trip.vehicle.heating_gates.only_while_standing:
-        is_open = {'': stands, 'driving': stands & ~stands, 'standing': stands}
-    limits_w = {power_row(source): np.where(is_open.get(source.only_while, True), np.inf, 0.0)
-                for source in trip.vehicle.heat_sources}
+    speed_mps, may_move = trip.route.speed_mps, not trip.vehicle.heating_gates.only_while_standing
+    limits_w = {power_row(source): np.where(
+        source.serves_at(speed_mps) & (may_move | (speed_mps < STANDING_MPS)), np.inf, 0.0)
+        for source in trip.vehicle.heat_sources}
     limits_w['heater'] = trip.hvch_limit_w
     return low, {**high, **limits_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH
 from bev_preheat.tunables import ROUNDING_W
-from bev_preheat.vehicle.description import STANDING_MPS
 from bev_preheat.vehicle.heater_controller import step_below_w
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
+    from bev_preheat.vehicle.description import Vehicle
 
 
 # Of a sum of steps [s].
@@ -77,12 +76,7 @@ class SimulatedSources:
             wanted_w = inf if share == inf else share * command_w
             rests = 0.0 < self._off_s[name] < source.minimum_off_time_s - ROUNDING_S
             power_w = max(0.0, min(wanted_w, limit_w)) if (
-                _may(source, speed_mps) and not rests and (source.cools or not is_hot)) else 0.0
+                source.serves_at(speed_mps) and not rests and (source.cools or not is_hot)) else 0.0
             self.powers_w[name] = power_w
             self.drawn_w += power_w
             self.heat_w += power_w * float(hvch_watts(ambient_c, temperature_c))
-
-
-def _may(source: HeatSource, speed_mps: float) -> bool:
-    """Return whether a source may heat at a speed [m/s]."""
-    return source.only_while in ('', 'standing' if speed_mps < STANDING_MPS else 'driving')

@@ -21,7 +21,7 @@ from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w,
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from bev_preheat.numerics import FloatArray
+    from bev_preheat.numerics import AnyNumber, FloatArray
 
 
 @dataclass(frozen=True)
@@ -258,6 +258,11 @@ class HeatSource:
     minimum_on_time_s: float = 0.0
     minimum_off_time_s: float = 0.0
     switch_on_wh: float = 0.0
+
+    def serves_at(self, speed_mps: AnyNumber) -> AnyNumber:
+        """Return whether the source may serve at a speed [m/s], a float or an array."""
+        return {'driving': speed_mps >= STANDING_MPS, 'standing': speed_mps < STANDING_MPS}.get(
+            self.only_while, speed_mps > -inf)
 
     @property
     def is_switched(self) -> bool:
