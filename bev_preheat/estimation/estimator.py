@@ -365,8 +365,10 @@ class Estimator(NamedTuple):
         else:
             weights: list[float] = [*map(sum, belief.weights.tolist())]
             suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
+            others = 0.0
             if others_odds > 0.0:
                 total = 1.0 + weights[HEALTHY] * others_odds
+                others = weights[HEALTHY] * others_odds / total
                 weights = [weight / total for weight in weights]
                 weights[HEALTHY] = 1.0 - sum(weights[HEALTHY + 1:])
             report = judge(
@@ -374,7 +376,7 @@ class Estimator(NamedTuple):
                     (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
                     self.direction * (reading_c - suspect.from_c), self.direction * suspect.explained_k,
                     self.direction * suspect.others_k),
-                self.response.support if self.knows_power else None)
+                self.response.support if self.knows_power else None, others)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
             stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
