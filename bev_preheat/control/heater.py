@@ -16,7 +16,7 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
-from bev_preheat.vehicle.description import HeatSource, HVCH, STANDING_MPS, Vehicle
+from bev_preheat.vehicle.description import HeatSource, HVCH, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class SourcePower(NamedTuple):
         source = self.source
         if source is None:
             return hvch_limit_w
-        if source.only_while not in ('', 'standing' if drive.speed_mps < STANDING_MPS else 'driving'):
+        if not source.serves_at(drive.speed_mps):
             return 0.0
         most_w = float(source.maximum_power_w.function(FLOATS)(drive.ambient_temperature_c, temperature_c))
         return max(0.0, most_w - (float(drive.cabin_heating_power_w) if source.shares_cabin_limit else 0.0))

@@ -8,7 +8,7 @@ from functools import cached_property
 from math import inf
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.expected_drive import intervals_between
+from bev_preheat.control.expected_drive import driven_at, intervals_between
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -22,10 +22,11 @@ from bev_preheat.tunables import (
     LEAST_COURSE_S,
     LONGEST_GAP_S,
     MOST_NOTED,
+    NAMED_FROM,
     NOTED_EVERY_S,
     PARKED_WITHIN_S,
-    TOLD_FROM,
-    TRIED_OFF_S,
+    TRIED_FROM,
+    TRIED_OFF_K,
 )
 from bev_preheat.vehicle.description import HVCH, Vehicle
 
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.knowledge import Known
     from bev_preheat.estimation.estimate import Estimate
+    from bev_preheat.vehicle.variants import DriveInputs
 
 
 class StandReport(NamedTuple):
@@ -116,34 +118,46 @@ class StandWatch(NamedTuple):
 
 class SourceTrial(NamedTuple):
     """
-    Switches sources off by turns while all heat and the faulty one is unknown: `name`, '' without a trial.
+    Switches sources off by turns while a fault is likely and the faulty one unknown: `name`, '' without a trial.
 
-    `suspect_ns` [ns] is the instant since which a fault is certain that no source is named for, `since_ns` that of
-    the latest beginning; None: none.
+    `suspect_ns` [ns] is the instant since which it is likely, `until_ns` the end of the latest turn.
     """
 
     name: str = ''
-    since_ns: int | None = None
     suspect_ns: int | None = None
+    until_ns: int = 0
 
-    def at(self, now_ns: int, odds: Mapping[str, float], is_told: bool) -> SourceTrial:
-        """Return the trial at an instant [ns] with odds of a fault by source; `is_told`: one is named."""
-        if is_told or sum(odds.values()) < TOLD_FROM / (1.0 - TOLD_FROM):
-            is_on = self.name and not is_told and self._lasts(self.since_ns, now_ns, TRIED_OFF_S)
-            return self if is_on else SourceTrial()
+    def at(self, now_ns: int, odds: Mapping[str, float], is_named: bool,
+           heats_k_per_s: Mapping[str, float]) -> SourceTrial:
+        """
+        Return the trial at an instant [ns] with odds of a fault by source; `is_named`: the faulty one is known.
+
+        `heats_k_per_s` is by how much each source that may be tried warms or cools the battery now [K/s].
+        """
+        if is_named or (now_ns >= self.until_ns and sum(odds.values()) < TRIED_FROM / (1.0 - TRIED_FROM)):
+            return NO_TRIAL
         if self.suspect_ns is None or now_ns < self.suspect_ns:
             return SourceTrial(suspect_ns=now_ns)
-        if self._lasts(self.suspect_ns, now_ns, LEAST_COURSE_S) or self._lasts(self.since_ns, now_ns, TRIED_OFF_S):
+        if now_ns < max(self.until_ns, self.suspect_ns + LEAST_COURSE_S * NS_PER_S):
             return self
-        others = [name for name in odds if name not in (HVCH, self.name)] or [self.name]
-        return self._replace(name=max(others, key=odds.__getitem__), since_ns=now_ns)
-
-    @staticmethod
-    def _lasts(since_ns: int | None, now_ns: int, for_s: float) -> bool:
-        return since_ns is not None and 0 <= now_ns - since_ns < for_s * NS_PER_S
+        # After a turn the source gives no heat yet; alone, it heats for a while before its next turn.
+        lasts_s = {name: TRIED_OFF_K / k_per_s for name, k_per_s in heats_k_per_s.items() if k_per_s > 0.0}
+        name = max(lasts_s, key=odds.__getitem__, default='')
+        return self._replace(name=name, until_ns=now_ns + round(lasts_s.get(name, LEAST_COURSE_S) * NS_PER_S))
 
 
 NO_TRIAL = SourceTrial()
+
+
+def heats_k_per_s(vehicle: Vehicle, powers: SourcePowers, drive: DriveInputs | None,
+                  now_ns: int) -> dict[str, float]:
+    """Return by how much each source beside the HVCH warms or cools the battery [K/s] at an instant [ns]."""
+    if drive is None:
+        return {}
+    k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
+    return {source.name: k_per_j * each.history.power_w(now_ns) * abs(
+        each.hvch_watts(float(drive.ambient_temperature_c), powers.temperature_c))
+        for source, each in zip(vehicle.heat_sources, powers.each[1:])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,9 +247,12 @@ class Learning:
             learning = learning._each(lambda estimator: estimator.with_car_of(faulty))
         if has_others and known.is_described:
             is_told = bool(learning.shares)
-            # Switching a source off does not show that it is stuck on.
+            # Switching a source off does not show that it is stuck on, nor how long it has been weak.
+            is_named = is_told or any(
+                report.probability < 1.0 - NAMED_FROM for report in learning.reports.values())
             learning = replace(learning, trial=learning.trial.at(measurement.stamp_ns, {
-                name: each.weak_odds for name, each in learning.estimators.items()}, is_told))
+                name: each.weak_odds for name, each in learning.estimators.items()}, is_named, heats_k_per_s(
+                    vehicle, powers, driven_at(vehicle, timetable, measurement.stamp_ns), measurement.stamp_ns)))
             if is_told or sum(each.fault_odds for each in learning.estimators.values()) < 1.0:
                 learning = learning._each(Estimator.compared_anew)
         estimate = learning.estimate

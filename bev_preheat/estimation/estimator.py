@@ -364,12 +364,14 @@ class Estimator(NamedTuple):
                 suspect = suspect or Suspicion(since_ns=stamp_ns, from_c=reading_c)
                 suspect = suspect._replace(lasts_s=(stamp_ns - suspect.since_ns) / NS_PER_S,
                                            rise_k=self.direction * (reading_c - suspect.from_c))
+            others = 0.0
             if others_odds > 0.0:
                 total = 1.0 + weights[HEALTHY] * others_odds
+                others = weights[HEALTHY] * others_odds / total
                 weights = [weight / total for weight in weights]
                 weights[HEALTHY] = 1.0 - sum(weights[HEALTHY + 1:])
             report = judge(weights, before, suspect or Suspicion(),
-                           self.response.support if self.knows_power else None)
+                           self.response.support if self.knows_power else None, others)
         readings = self.readings
         return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
             stamp_ns, *expected, report, readings.temperature_steps.step, self.resets, self.reset_reason,

@@ -21,6 +21,7 @@ from bev_preheat.tunables import (
     LEAST_COURSE_K,
     LEAST_COURSE_S,
     LEAST_RISE,
+    NAMED_FROM,
     NO_CONTRADICTION,
     NOMINAL_HEAT_LAG_S,
     OTHERS_ERROR,
@@ -140,16 +141,17 @@ def is_suspect(weights: Sequence[float]) -> bool:
 
 
 def judge(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion,
-          support: Callable[[Heater], float] | None) -> HeaterReport:
+          support: Callable[[Heater], float] | None, others: float = 0.0) -> HeaterReport:
     """
     Return the HeaterReport for the weights (heaters,); `before` is the previous report.
 
     While no fault is reported, the report names a suspected one.
 
     `suspicion` is the Suspicion since `is_suspect` holds. `support` returns the log-likelihood ratio [nats] of the
-    battery's power for a kind of heater; None: power is not known.
+    battery's power for a kind of heater; None: power is not known. `others` is the part of the healthy weight in
+    which another heat source is faulty.
     """
-    report = _report(weights, before, suspicion, support)
+    report = _report(weights, before, suspicion, support, others)
     if report.heater is not Heater.ANSWERS or not is_suspect(weights):
         return report._replace(suspected=None)
     fault, share, probability = _likeliest(weights)
@@ -172,12 +174,13 @@ def _likeliest(weights: Sequence[float], told: Heater = Heater.ANSWERS) -> tuple
 
 
 def _report(weights: Sequence[float], before: HeaterReport | None, suspicion: Suspicion,
-            support: Callable[[Heater], float] | None) -> HeaterReport:
+            support: Callable[[Heater], float] | None, others: float) -> HeaterReport:
     healthy = weights[HEALTHY]
-    # A fault may be certain before its kind is.
+    # A fault may be certain before its kind is, or its source.
     faulty = 1.0 - healthy
     told = Heater.ANSWERS if before is None else before.heater
-    if faulty < (TOLD_FROM if told is Heater.ANSWERS else TAKEN_BACK_BELOW):
+    if faulty < (TAKEN_BACK_BELOW if told is not Heater.ANSWERS else
+                 NAMED_FROM if faulty + others >= TOLD_FROM else TOLD_FROM):
         return HeaterReport(Heater.ANSWERS, healthy, 1.0)
     fault, share, probability = _likeliest(weights, told)
     if told is not fault and not _has_evidence(fault, share, suspicion, support):

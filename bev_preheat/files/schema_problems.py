@@ -63,16 +63,16 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         yield f'{key}: {value!r} is not one of {", ".join(map(str, allowed))}{hint}'
     elif rule == 'pattern':
         yield f'{key}: {value!r} is not allowed; it must be {schema["description"]}'
-    elif rule in ('maxLength', 'minItems', 'maxItems'):
+    elif rule in ('maxLength', 'minItems', 'maxItems') or (
+            rule in ('minProperties', 'maxProperties') and 'properties' not in schema):
         parts = 'characters' if rule == 'maxLength' else 'values'
-        word = 'at least' if rule == 'minItems' else 'at most'
+        word = 'at least' if rule.startswith('min') else 'at most'
         yield f'{key}: has {len(value)} {parts}; it must have {word} {allowed}'
     elif rule == 'uniqueItems':
         twice = next(item for index, item in enumerate(value) if item in value[:index])
         yield f'{key}: contains {twice!r} twice'
     elif rule in ('minProperties', 'maxProperties'):
         word = 'at least' if rule == 'minProperties' else 'only'
-        names = ', '.join(schema.get('properties', {}))
-        yield f'{key}: must have {word} {allowed} of: {names}'
+        yield f'{key}: must have {word} {allowed} of: {", ".join(schema["properties"])}'
     else:
         yield f'{key}: {error.message}'

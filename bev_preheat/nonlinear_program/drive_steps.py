@@ -110,11 +110,16 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveSteps:
-    """Steps of a drive, their scaled `energy`, and parameters: `route_inputs` of each step, then FACTORS."""
+    """
+    Steps of a drive, and parameters: `route_inputs` of each step, then FACTORS.
+
+    `energy` is the battery's, and `heating` that of the heat sources, scaled.
+    """
 
     vehicle: Vehicle
     parameters: casadi.MX
     energy: casadi.MX
+    heating: casadi.MX
 
 
 def route_inputs(vehicle: Vehicle) -> int:
@@ -155,7 +160,9 @@ def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Bloc
                             POWER_SCALE_W)
     for number, source in enumerate(vehicle.heat_sources):
         constraints.add(f'room_{power_row(source)}', room[number, :], POWER_SCALE_W)
-    return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections), energy)
+    heating = casadi.sum2(route[0, :] * sum(map(variables.row, map(power_row, vehicle.heat_sources)),
+                                            variables.row('heater'))) * (POWER_SCALE_W / ENERGY_SCALE_J)
+    return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections), energy, heating)
 
 
 def drive_parameters(trip: Trip, corrections: Corrections) -> FloatArray:

@@ -105,7 +105,7 @@ class NonlinearProgram:
     RESERVES of each step; with DEMANDS `lowest_soc`, with RANGES `highest_soc` and `highest_temperature`, each
     with its slack; `target` and `final_soc`, the margin of either, the former with an upper bound for the highest
     arrival. Parameters: those of the DriveSteps, the target temperature [deg C], the lowest state of charge on
-    arrival.
+    arrival, the price of heating.
     """
 
     variables: Blocks
@@ -131,8 +131,8 @@ def build_program(vehicle: Vehicle, steps: int, limited: bool, give: Give) -> No
     variables, constraints = Blocks(), Blocks()
     deficit_w = variables.variable('deficit_w', steps, POWER_SCALE_W) if give else casadi.MX(0.0)
     drive = add_drive_steps(vehicle, steps, limited, variables, constraints, deficit_w)
-    cost, soc, temperature = drive.energy, variables.row('soc'), variables.row('temperature')
-    goal = casadi.MX.sym('goal', 2)
+    soc, temperature, goal = variables.row('soc'), variables.row('temperature'), casadi.MX.sym('goal', 3)
+    cost = drive.energy + goal[2] * drive.heating
     beyond_k, beyond_soc = temperature[-1] - goal[0], soc[-1] - goal[1] / SOC_SCALE
     if give:
         deficit_soc, deficit_k = variables.variable('deficit_soc', steps + 1, SOC_SCALE), variables.variable(
@@ -167,7 +167,8 @@ class Problem:
     The common part of the programs of one optimum.
 
     `vehicle` is as in its file, because programs are cached for it; that of `trip` is corrected. The battery may
-    get `beyond_range_k` warmer than the highest temperature of its range.
+    get `beyond_range_k` warmer than the highest temperature of its range. `heating_price` is that of a joule which
+    the heat sources take, beside its energy.
     """
 
     vehicle: Vehicle
@@ -175,6 +176,7 @@ class Problem:
     trip: Trip
     state: BatteryState
     goal: Goal
+    heating_price: float = 0.0
     beyond_range_k: float = 0.0
 
 
@@ -275,12 +277,10 @@ def state_bounds(trip: Trip, state: BatteryState, soc_range: tuple[float, float]
 
     low, high = (from_start(soc_range[end], temperature_range_c[end], others) for end, others in (
         (0, -np.inf), (1, np.inf)))
-    stands = trip.route.speed_mps < STANDING_MPS
-    is_open = {'driving': ~stands, 'standing': stands}
-    if trip.vehicle.heating_gates.only_while_standing:
-        is_open = {'': stands, 'driving': stands & ~stands, 'standing': stands}
-    limits_w = {power_row(source): np.where(is_open.get(source.only_while, True), np.inf, 0.0)
-                for source in trip.vehicle.heat_sources}
+    speed_mps, may_move = trip.route.speed_mps, not trip.vehicle.heating_gates.only_while_standing
+    limits_w = {power_row(source): np.where(
+        source.serves_at(speed_mps) & (may_move | (speed_mps < STANDING_MPS)), np.inf, 0.0)
+        for source in trip.vehicle.heat_sources}
     limits_w['heater'] = trip.hvch_limit_w
     return low, {**high, **limits_w, 'brake': np.maximum(-trip.route.propulsion_power_w, 0.0)}
 
@@ -303,4 +303,5 @@ def _parameters_of(problem: Problem) -> FloatArray:
     trip, goal = problem.trip, problem.goal
     coldest_c = trip.vehicle.battery.temperature_range_c[0]
     return np.append(drive_parameters(trip, problem.corrections), [
-        goal.target_temperature_c if goal.charging_planned else coldest_c, reserve_soc(trip.vehicle, goal)])
+        goal.target_temperature_c if goal.charging_planned else coldest_c, reserve_soc(trip.vehicle, goal),
+        problem.heating_price])

@@ -102,7 +102,8 @@ class Optimum:
 
 
 def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
-                  limited: bool = True, corrections: Corrections = AS_DESCRIBED) -> Optimum:
+                  limited: bool = True, corrections: Corrections = AS_DESCRIBED,
+                  heating_price: float = 0.0) -> Optimum:
     """
     Return the Optimum for a vehicle with a battery state at the start of a route.
 
@@ -113,8 +114,8 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     is no optimum, and not heating is the best possible. If the drive's power is short only because of the highest
     temperature, the battery may get warmer. If the solvers do not converge, corners of the maps are rounded
     minimally (`smooth_maps`); limits then hold within 10 W. `corrections` of the vehicle need no programs of their
-    own, unlike a corrected vehicle. Raises InvalidInput as `plan_preheating` does, SolverFailure if IPOPT finds
-    neither an optimum nor the constraints that cannot be kept.
+    own, unlike a corrected vehicle. `heating_price` is that of a Problem. Raises InvalidInput as `plan_preheating`
+    does, SolverFailure if IPOPT finds neither an optimum nor the constraints that cannot be kept.
     """
     started = perf_counter()
     # Results cached for a vehicle would not be found for its copy.
@@ -126,7 +127,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
         unheated = run_unheated(trip, state)
     if unheated.empty_at_s is not None:
         return _stranded(trip, goal, unheated, started)
-    problem, runs = Problem(vehicle, corrections, trip, state, goal), []
+    problem, runs = Problem(vehicle, corrections, trip, state, goal, heating_price), []
     # An optimum may lie at a corner of a map, where IPOPT does not converge.
     rounded = replace(problem, vehicle=smoothed_a_little(vehicle))
     # At a temperature from which a heat source works, it usually does.

@@ -211,10 +211,9 @@ class HeatMix:
     def _sources(self) -> list[tuple[Any, ...]]:
         """Whether each source is open, the cabin's share of its power, its curves' functions, and its steps."""
         route, sources = self.route, []
-        stands = route.speed_mps < STANDING_MPS
-        moves = ~stands if not self.vehicle.heating_gates.only_while_standing else np.zeros(len(route), dtype=bool)
+        may_move = not self.vehicle.heating_gates.only_while_standing
         for source in self._others:
-            is_open = {'driving': moves, 'standing': stands}.get(source.only_while, stands | moves)
+            is_open = source.serves_at(route.speed_mps) & (may_move | (route.speed_mps < STANDING_MPS))
             taken_w = route.cabin_heating_power_w if source.shares_cabin_limit else np.zeros(len(route))
             sources.append((is_open, taken_w, source.maximum_power_w.function(ARRAYS),
                             source.hvch_watts.function(ARRAYS), source.power_steps_w))

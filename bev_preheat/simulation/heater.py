@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH, NS_PER_S
 from bev_preheat.tunables import ROUNDING_W
-from bev_preheat.vehicle.description import HVCH, STANDING_MPS
+from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant, step_below_w
 
 if TYPE_CHECKING:
@@ -111,7 +111,6 @@ class SimulatedSources:
         before its minimum time off.
         """
         self.off()
-        may_heat = '', 'standing' if speed_mps < STANDING_MPS else 'driving'
         for name, (source, most_w, hvch_watts) in self._sources.items():
             limit_w = float(most_w(ambient_c, temperature_c)) - (cabin_w if source.shares_cabin_limit else 0.0)
             limit_w = min(limit_w, room_w - self.drawn_w)
@@ -121,7 +120,7 @@ class SimulatedSources:
             wanted_w = math.inf if share == math.inf else share * command_w
             rests = 0.0 < self._off_s[name] < source.minimum_off_time_s - ROUNDING_S
             power_w = max(0.0, min(wanted_w, limit_w)) if (
-                source.only_while in may_heat and not rests and (source.cools or not is_hot)) else 0.0
+                source.serves_at(speed_mps) and not rests and (source.cools or not is_hot)) else 0.0
             self.powers_w[name] = power_w
             self.drawn_w += power_w
             self.heat_w += power_w * float(hvch_watts(ambient_c, temperature_c))

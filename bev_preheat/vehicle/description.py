@@ -15,7 +15,7 @@ from math import inf, isfinite
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.numerics import Curve, FloatArray, Number
+from bev_preheat.numerics import AnyNumber, Curve, FloatArray, Number
 from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
 
 
@@ -252,6 +252,11 @@ class HeatSource:
     minimum_on_time_s: float = 0.0
     minimum_off_time_s: float = 0.0
     switch_on_wh: float = 0.0
+
+    def serves_at(self, speed_mps: AnyNumber) -> AnyNumber:
+        """Return whether the source may serve at a speed [m/s], a float or an array."""
+        return {'driving': speed_mps >= STANDING_MPS, 'standing': speed_mps < STANDING_MPS}.get(
+            self.only_while, speed_mps > -inf)
 
     @property
     def is_switched(self) -> bool:

@@ -89,7 +89,7 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         problems += thermal_problems(contents['thermal'], battery['heat_capacity_j_per_k'], path_of_heat)
     gates = HeatingGates(**arguments_of(contents.get('heating_gates', {})))
     problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
-    heat_sources = tuple(read_heat_source(name, node, float(contents['hvch']['efficiency']), problems)
+    heat_sources = tuple(read_heat_source(str(name), node, float(contents['hvch']['efficiency']), problems)
                          for name, node in contents.get('heat_sources', {}).items())
     problems += heat_source_problems(heat_sources, path_of_heat)
     leakage = Leakage(**arguments_of(battery['leakage']))

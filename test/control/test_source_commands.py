@@ -133,16 +133,16 @@ def test_a_dead_source_is_named_and_no_other():
 
 
 @pytest.mark.parametrize('odds, tried', [
-    ({'hvch': 1e3, 'motor': 1e2, 'pump': 1e3}, ['', 'pump', 'motor', 'pump']),
-    ({'hvch': 1.0, 'motor': 1.0, 'pump': 1e2}, [''] * 4)])
-def test_sources_are_tried_in_turn_while_a_fault_has_no_name(odds, tried):
+    ({'hvch': 8.0, 'motor': 1.0, 'pump': 3.0}, [''] * 30 + ['pump'] * 10 + ['motor'] * 20 + ['pump'] * 7),
+    ({'hvch': 4.0, 'motor': 1.0, 'pump': 3.0}, [''] * 67)])
+def test_sources_are_tried_in_turn_for_a_kelvin_of_their_heat_while_a_fault_has_no_name(odds, tried):
     trial, names = NO_TRIAL, []
-    for at_s in range(0, 661, 10):
-        trial = trial.at(at_s * 10**9, odds, is_told=False)
-        if at_s in (290, 300, 420, 540):
-            names.append(trial.name)
+    for at_s in range(0, 670, 10):
+        heats_k_per_s = {**{'motor': 0.005, 'pump': 0.01, 'chiller': 0.0}, trial.name: 0.0}
+        trial = trial.at(at_s * 10**9, odds, False, heats_k_per_s)
+        names.append(trial.name)
+        assert trial.at(at_s * 10**9, odds, True, heats_k_per_s).name == ''
     assert names == tried
-    assert trial.at(700 * 10**9, odds, is_told=True).name == ''
 
 
 def moment_without(state, vehicle, *unserved):

@@ -90,6 +90,14 @@ def test_power_alone_is_not_enough_for_uncommanded_heat():
     assert not told('stuck_on', LONG_ON, 20.0)
 
 
+# 95 % name a source once a fault is certain, that is at 99.5 % for all sources together.
+@pytest.mark.parametrize('own, others, is_named', [
+    (0.996, 0.0, True), (0.99, 0.0, False), (0.96, 0.036, True), (0.96, 0.034, False), (0.94, 0.058, False)])
+def test_a_certain_fault_is_that_of_the_source_that_it_is_most_likely_of(own, others, is_named):
+    report = judge(weights_of(dead=own), None, LONG_ON, None, others)
+    assert (report.heater is Heater.DEAD) == is_named
+
+
 # Suspicion
 
 # The derated heaters with half and with a quarter of the power are equally likely, so five eighths are missing.

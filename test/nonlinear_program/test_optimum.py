@@ -222,6 +222,15 @@ def test_brake_takes_what_a_cold_battery_may_not_and_nothing_else():
         assert optimum.plan.friction_brake_power_w.max() < 1.0
 
 
+def test_a_price_of_heating_leaves_surplus_to_the_brake_that_saves_less():
+    plans = {price: solve_optimum(*TRIPS['descent'][:3], Goal(-10.0), heating_price=price).plan
+             for price in (0.0, 0.5)}
+    for price, own in plans.items():
+        costs_wh = [plan.energy_wh.battery_total + price * plan.energy_wh.hvch_electric
+                    for plan in (own, plans[0.5 - price])]
+        assert costs_wh[0] < costs_wh[1] - 10.0
+
+
 def test_unreachable_target_lacks_what_full_heating_misses():
     vehicle, route, state, _ = TRIPS['reference']
     car, route = Car(vehicle), route.resampled(120.0)

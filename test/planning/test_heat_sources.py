@@ -72,6 +72,9 @@ def heat_of(plan, route=ROUTE, sources=SOURCES):
 @pytest.mark.parametrize(('sources', 'changes', 'problem'), [
     ({'hvch': MOTOR}, {}, f"heat_sources: 'hvch' {NO_NAME}"),
     ({'Heat pump': PUMP}, {}, f"heat_sources: 'Heat pump' {NO_NAME}"),
+    ({True: PUMP}, {}, f"heat_sources: 'True' {NO_NAME}"),
+    ({}, {}, 'heat_sources: has 0 values; it must have at least 1'),
+    (dict.fromkeys('abcde', PUMP), {}, 'heat_sources: has 5 values; it must have at most 4'),
     ({'motor': {**MOTOR, 'heat_per_watt': 0}}, {},
      'heat_sources.motor.heat_per_watt: 0 is not allowed; it must be 0.05 ... 10'),
     ({'pump': {**PUMP, 'maximum_power_w': {'temperature_c': [0, 10], 'values': [0, 60000]}}}, {},

@@ -17,6 +17,7 @@ from bev_preheat.nonlinear_program.solve import (
     TARGET,
 )
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.tunables import HEATING_PRICE
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.__main__ import main
 from bev_preheat_studies.optimality import (
@@ -60,10 +61,21 @@ def test_drives_to_a_charger_are_of_all_kinds():
 def test_the_deficit_of_the_program_is_the_outcome(monkeypatch, deficit, outcome):
     solve_optimum = solve.solve_optimum
     missed = tuple(StepDeficit(constraint, 0.25, 'K', 'missed') for constraint in deficit)
-    monkeypatch.setattr(solve, 'solve_optimum', lambda *arguments: replace(
-        solve_optimum(*arguments), deficit=missed))
+    monkeypatch.setattr(solve, 'solve_optimum', lambda *arguments, **named: replace(
+        solve_optimum(*arguments, **named), deficit=missed))
     result = solve_trip(VEHICLE, 7, 'free', ('value_function',), 0)
     assert (result.outcome, result.detail.count('missed')) == (outcome, len(deficit))
+
+
+# A day's test of the priced program: test_a_price_of_heating_leaves_surplus_to_the_brake_that_saves_less.
+@pytest.mark.deep
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+def test_heat_pumps_lose_energy_to_a_program_without_the_price_of_heating_alone():
+    vehicle, method = load_vehicle('heat_pump_car'), 'value_function'
+    free_wh, priced_wh = (solve_trip(vehicle, 1, 'limits', (method,), 9, price).methods[method].gap_wh
+                          for price in (0.0, HEATING_PRICE))
+    assert abs(priced_wh) < 0.05 < 3.0 < free_wh
 
 
 def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, violation=0.0):

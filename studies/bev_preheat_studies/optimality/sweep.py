@@ -14,13 +14,14 @@ import numpy as np
 from bev_preheat.commands.parser import completed_by
 from bev_preheat.commands.situation import add_methods_argument
 from bev_preheat.commands.terminal import print_figures
+from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.plan import energy_gap_wh
 from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
+from bev_preheat.tunables import HEATING_PRICE, SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
 from bev_preheat_studies.results_file import digest_of
@@ -62,7 +63,8 @@ class MethodResult:
     """
     The result of one method on one trip, simulated within the limits.
 
-    `gap_wh` is the energy above the program's; None if plan and program do not reach the same. `violation` is the
+    `gap_wh` is the energy above the program's, with the price of heating if the program has one; None if plan and
+    program do not reach the same. `violation` is the
     largest excess over a power limit, as a share of the power; 0 without any. `keeps_limits`: the plan itself kept
     the limits.
     """
@@ -104,6 +106,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--trips', choices=tuple(DRAWS), default='free',
                         help="free: only the heater's limit is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: %(default)s)')
+    parser.add_argument('--priced', action='store_true',
+                        help=f'heating costs {HEATING_PRICE:.0%}% of its energy more, as in plans')
     add_methods_argument(parser, ', '.join(METHODS))
     completed_by('vehicles', parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE', help='vehicle to scale (default: %(default)s)'))
@@ -127,19 +131,26 @@ def run(arguments: Namespace) -> int:
         return {'summary': summary}
 
     return sweep_study(load_vehicle(arguments.vehicle), arguments.feasible, arguments.seed, arguments.trips,
-                       methods).conduct(arguments, show)
+                       methods, HEATING_PRICE if arguments.priced else 0.0).conduct(arguments, show)
 
 
 def sweep_study(vehicle: Vehicle, feasible: int, seed: int, trips: str,
-                methods: Sequence[str]) -> Study[GapResult]:
+                methods: Sequence[str], heating_price: float = 0.0) -> Study[GapResult]:
     """Return the Study that draws trips until `feasible` of them are; `trips` is a name of DRAWS."""
-    return Study(partial(solve_trip, vehicle, seed, trips, methods), GapResult, feasible, {
+    task = partial(solve_trip, vehicle, seed, trips, methods, heating_price=heating_price)
+    return Study(task, GapResult, feasible, {
         'study': 'sweep', 'seed': seed, 'trips': trips, 'vehicle': f'{vehicle.name} ({digest_of(vehicle)})',
-        'methods': list(methods)}, lambda result: result.is_feasible, 'feasible trips')
+        'methods': list(methods), 'heating_price': heating_price,
+    }, lambda result: result.is_feasible, 'feasible trips')
 
 
-def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], number: int) -> GapResult:
-    """Return the GapResult of one drawn trip; `trips` is a name of DRAWS: those of 'free' are without limits."""
+def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], number: int,
+               heating_price: float = 0.0) -> GapResult:
+    """
+    Return the GapResult of one drawn trip; `trips` is a name of DRAWS: those of 'free' are without limits.
+
+    `heating_price` is that of the program.
+    """
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip, limited = DRAWS[trips](vehicle, seed, number), trips == 'limits'
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
@@ -149,7 +160,7 @@ def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], 
     driven = {method: as_driven(plan, *inputs) if limited else plan for method, plan in plans.items()}
     best, outcome, detail = None, SOLVER_FAILED, ''
     try:
-        optimum = solve_optimum(*inputs, limited)
+        optimum = solve_optimum(*inputs, limited, heating_price=heating_price)
         best, (outcome, detail) = optimum.plan, _outcome(optimum)
     except SolverFailure as error:
         detail = str(error)
@@ -157,8 +168,15 @@ def solve_trip(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], 
         number, outcome, detail, trip.route.total_duration_s, trip.goal.target_temperature_c,
         best.energy_wh.battery_total if best else None, best.arrival_temperature_c if best else None,
         {method: MethodResult(
-            plans[method].status.name, plan.arrival_temperature_c, energy_gap_wh(plan, best) if best else None,
+            plans[method].status.name, plan.arrival_temperature_c,
+            _gap_wh(plan, best, heating_price) if best else None,
             _violation(trip, plan) if limited else 0.0, plan is plans[method]) for method, plan in driven.items()})
+
+
+def _gap_wh(plan: Plan, best: Plan, heating_price: float) -> float | None:
+    gap_wh = energy_gap_wh(plan, best)
+    heating_wh = float((plan.drawn_power_w - best.drawn_power_w) @ np.diff(plan.time_s)) / JOULES_PER_WH
+    return None if gap_wh is None else gap_wh + heating_price * heating_wh
 
 
 def _violation(drawn: DrawnTrip, plan: Plan) -> float:
