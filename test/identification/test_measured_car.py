@@ -103,7 +103,7 @@ def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_i
     assert result.vehicle.battery.leakage.gamma_v_w_per_k_per_mps == 0.0
     verdict = ' '.join(result.verdict)
     assert 'Without any use of the battery heater its efficiency is unknown.' in verdict
-    assert 'heater efficiency' in result.unidentified
+    assert not by_name['heater_efficiency'].is_identified
     assert any('night at stand' in item for item in result.record_next)
 
 
