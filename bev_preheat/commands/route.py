@@ -28,7 +28,7 @@ from bev_preheat.identification.recorded_route import load_drive_logs
 from bev_preheat.interface.inputs import route_or_log
 from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.route.csv_file import rounded, save_route
-from bev_preheat.route.for_vehicle import ambient_of
+from bev_preheat.route.for_vehicle import ambient_of, LEGS_SUFFIXES
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.road_load import compare_averages
 from bev_preheat.route.sources.journey import Journey
@@ -135,6 +135,8 @@ def _refuse_route_options(arguments: Namespace) -> None:
 def _driven(arguments: Namespace,
             vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath], Sequence[ChargingStop]]:
     path = expanded(arguments.source)
+    if Path(path).suffix.lower() in LEGS_SUFFIXES:
+        raise InvalidInput(f'--from {arguments.source}: is a description of legs; use --legs {arguments.source}')
     loaded = route_or_log(path if '/' in path else f'./{path}', vehicle, route_options(arguments))
     if has_powers(loaded.file):
         raise InvalidInput(f'--from {arguments.source}: is a route file with powers already; use it as it is: '

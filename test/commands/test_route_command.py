@@ -149,6 +149,7 @@ def test_the_comparison_with_averages_is_printed(preheat):
     (('route', '--from', 'made.csv', '--output', 'out.csv'), 'is a route file with powers already'),
     (('route', '--legs', 'reference', '--ambient', '3', '--output', 'out.csv'), '--ambient: only with --from'),
     (('route', '--from', 'nowhere.gpx', '--output', 'out.csv'), 'nowhere.gpx: no such file'),
+    (('route', '--from', 'trip.yaml', '--output', 'out.csv'), 'is a description of legs; use --legs trip.yaml'),
     (('plan', '--route', 'made.csv', '--ambient', '3', *STATE),
      'has its own ambient temperature; leave out --ambient'),
     (('plan', '--route', 'cycle.csv', '--ambient', '300', *STATE), '--ambient: 300 degC is not allowed'),
