@@ -99,7 +99,8 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     seen = np.ix_(moving, moving)
     # The other heaters' filters hardly mix in, because heaters fail once in hundreds of hours.
     assert belief.mean[0, 0, moving] == pytest.approx(mean, rel=1e-4)
-    assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3)
+    # The variance of heat under way is near 0.
+    assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3, abs=1e-8)
 
 
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
