@@ -216,3 +216,4 @@ def test_summer_drives_are_cooled_where_it_pays(tmp_path):
     for result in cooled:
         assert result.saved_cost > 0.0 and result.saved_min > 0.0 and result.beyond_k < 0.5
         assert result.gap_wh is None or -0.5 < result.gap_wh < 5.0
+        assert result.switch_ons > 0 and result.program_switch_ons in (None, *range(result.switch_ons, 100))

@@ -8,6 +8,7 @@ that differs from its file drives there, with its plan made again every five min
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TYPE_CHECKING
@@ -35,11 +36,15 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
+    from bev_preheat.planning.plan import Plan
 
 AIR_C, WARMEST_C, DEPARTURE_SOC, CHARGERS_W = (25.0, 40.0), 50.0, 0.8, (11e3, 50e3, 150e3, 250e3)
 FIGURES = {'saved_min': 'saved at the charger [min]', 'electric_wh': 'energy of cooling [Wh]',
-           'saved_cost': 'cost saved', 'gap_wh': 'above the program [Wh]', 'error_k': 'error on arrival [K]',
-           'beyond_k': 'above the highest temperature [K]'}
+           'saved_cost': 'cost saved', 'gap_wh': 'above the program [Wh]',
+           # The program switches for nothing; a plan runs at little power through its pauses.
+           'switch_ons': 'times switched on', 'program_switch_ons': '… by the program',
+           'error_k': 'error on arrival [K]', 'beyond_k': 'above the highest temperature [K]'}
+LEAST_POWER_W = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ class SummerResult:
     electric_wh: float | None = None
     saved_cost: float | None = None
     gap_wh: float | None = None
+    switch_ons: int | None = None
+    program_switch_ons: int | None = None
     error_k: float | None = None
     beyond_k: float | None = None
 
@@ -89,15 +96,23 @@ def solve(vehicle: str, seed: int, number: int) -> SummerResult:
     if best.target_c >= without.target_c:
         return SummerResult(number, True)
     goal = goal_of(drawn.goal, best.target_c, without.target_c)
-    try:
-        gap_wh = energy_gap_wh(plan_preheating(*case, goal), solve_optimum(*case, goal).plan)
-    except SolverFailure:
-        gap_wh = None
+    plan = plan_preheating(*case, goal)
+    gap_wh = program_switch_ons = None
+    with suppress(SolverFailure):
+        program = solve_optimum(*case, goal).plan
+        gap_wh, program_switch_ons = energy_gap_wh(plan, program), _switch_ons(program)
     arrival_c, hottest_c = drive(drawn, goal, Mismatch(*(random.uniform(-1.0, 1.0, len(SPREAD)) * SPREAD + 1.0)))
     highest_c = drawn.vehicle.battery.temperature_range_c[1]
     return SummerResult(
         number, True, (without.charging_time_s - best.charging_time_s) / S_PER_MIN, best.hvch_electric_wh,
-        without.cost - best.cost, gap_wh, arrival_c - best.target_c, max(hottest_c - highest_c, 0.0))
+        without.cost - best.cost, gap_wh, _switch_ons(plan), program_switch_ons, arrival_c - best.target_c,
+        max(hottest_c - highest_c, 0.0))
+
+
+def _switch_ons(plan: Plan) -> int:
+    """Return how often a plan switches any source on."""
+    is_on = np.abs([*plan.source_power_w.values()]) > LEAST_POWER_W
+    return int((np.diff(is_on, prepend=False) & is_on).sum())
 
 
 def _show(console: Console, results: list[SummerResult]) -> dict[str, Any]:
