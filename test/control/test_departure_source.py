@@ -100,11 +100,6 @@ class Car:
         return self.supervisor.state.preparation_goal
 
 
-def mission(start_ns):
-    return Mission('to the charger', (steady_leg(1800.0, start_ns=start_ns, ambient_temperature_c=[-3.0],
-                                                 target_temperature_c=24.0),))
-
-
 def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough():
     car = Car()
     car.tick()
@@ -142,17 +137,27 @@ def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     assert car.goal is not by_hand and car.goal.ready_at_ns == READY_NS
 
 
-def test_a_route_that_drives_before_the_departure_has_priority():
+def mission(start_ns):
+    return Mission('to the charger', (steady_leg(1800.0, start_ns=start_ns, ambient_temperature_c=[-3.0],
+                                                 target_temperature_c=24.0),))
+
+
+@pytest.mark.parametrize('event, power_w, words, opposite', [
+    (RouteArrived(mission(READY_NS - round(3 * HOUR * NS_PER_S))), None,
+     "'to the charger' drives before the departure", TripCancelled()),
+    # 12 kW for the five minutes that the memory covers.
+    (None, 12e3, 'the vehicle drives: the battery gives', None),
+    (PreheatingSwitched(False), None, 'switched off', PreheatingSwitched(True))], ids=['route', 'drive', 'driver'])
+def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(event, power_w, words, opposite):
     car = Car()
     car.tick()
-    car.step(RouteArrived(mission(car.now_ns)))
-    car.go(MINUTE)
+    car.step(*filter(None, [event]))
+    car.go(5 * MINUTE, power_w=power_w)
     assert car.goal is None and car.state is DepartureState.HELD_OFF
-    assert "'to the charger' drives before the departure" in car.source.report.reason
-    assert car.supervisor.state.active_mission.route_id == 'to the charger'
+    assert words in car.source.report.reason
+    car.step(*filter(None, [opposite]))
+    car.go(6 * MINUTE, power_w=0.0)
     # The grid is still believed in.
-    car.step(TripCancelled())
-    car.go(MINUTE)
     assert car.goal is not None and car.goal.is_plugged_in
 
 
@@ -174,28 +179,6 @@ def test_a_charge_that_falls_outranks_the_file_until_the_vehicle_is_charged_agai
     assert not car.source.report.plugged_in and 'the charge has fallen' in car.source.report.reason
     car.go(MINUTE, soc=0.70)
     assert car.goal.is_plugged_in and car.source.report.plugged_in
-
-
-def test_a_vehicle_that_drives_is_not_prepared():
-    car = Car()
-    car.tick()
-    # 12 kW for the five minutes that the memory covers.
-    car.go(5 * MINUTE, power_w=12e3)
-    assert car.goal is None and car.state is DepartureState.HELD_OFF
-    assert 'the vehicle drives: the battery gives' in car.source.report.reason
-    car.go(6 * MINUTE, power_w=0.0)
-    assert car.goal is not None
-
-
-def test_switched_off_it_waits_and_continues_when_it_is_switched_on():
-    car = Car()
-    car.tick()
-    car.step(PreheatingSwitched(False))
-    car.go(10 * MINUTE)
-    assert car.goal is None and 'switched off' in car.source.report.reason
-    car.step(PreheatingSwitched(True))
-    car.go(MINUTE)
-    assert car.goal is not None
 
 
 def test_without_any_ambient_temperature_it_is_off_and_says_why():
