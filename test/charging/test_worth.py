@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from own_ageing import AGEING, own_session_cost
-from plain_car import constant, plain_car
+from plain_car import constant, drive, plain_car
 import pytest
 
 from bev_preheat.charging.expectation import time_deviation
@@ -18,7 +18,6 @@ from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Charging, Uncertainty
@@ -29,12 +28,6 @@ PRICES = Prices(0.55, 12.0)
 # long.
 STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
 COLD, WARM = BatteryState(-5.0, 0.35), BatteryState(12.0, 0.35)
-
-
-def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
-    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
-    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
-        25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
 
 
 def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
@@ -192,7 +185,9 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
         "battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of the vehicle's "
         'battery']),
     ({'state': BatteryState(-5.0, 0.06)}, [
-        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in'])])
+        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in']),
+    ({'state': BatteryState(-5.0, 0.7), 'departure_soc': 0.5}, [
+        'departure state of charge: 0.5 is below the 0.6'])])
 def test_refused_in_words(changes, problems):
     arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
                  'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}
@@ -215,11 +210,16 @@ def simple():
 
 
 @pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
-def test_heating_pays_up_to_the_energy_price_that_is_named(simple, share, pays):
-    prices = Prices(share * simple.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices)
+@pytest.mark.parametrize('is_certain', [True, False])
+def test_heating_pays_up_to_the_energy_price_that_is_named(simple, is_certain, share, pays):
+    prospect = ChargingProspect(1.0 if is_certain else 0.5 * (1.0 + simple.pays_from_chance))
+    named = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
+    assert f'up to an energy price of {named.pays_to_price_per_kwh:.2f} per kWh' in named.bounds_in_words()
+    # In doubt the heat that is lost counts.
+    assert is_certain or named.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
+    prices = Prices(share * named.pays_to_price_per_kwh, PRICES.time_per_h)
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
     assert (other.best is not other.without_heating) is pays
-    assert f'up to an energy price of {simple.pays_to_price_per_kwh:.2f} per kWh' in simple.bounds_in_words()
 
 
 def test_bounds_are_none_if_heating_never_or_always_pays():
@@ -265,16 +265,6 @@ def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(us
     assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
 
 
-@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
-def test_the_energy_price_in_doubt_counts_the_heat_that_is_lost(simple, share, pays):
-    prospect = ChargingProspect(0.5 * (1.0 + simple.pays_from_chance))
-    doubtful = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
-    assert doubtful.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
-    prices = Prices(share * doubtful.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
-    assert (other.best is not other.without_heating) is pays
-
-
 @pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
 def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
@@ -295,9 +285,3 @@ def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
     assert figures['unheated_longer_charging_s'] == (
         usual.without_heating.charging_time_s - usual.best.charging_time_s)
     assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
-
-
-def test_more_charge_than_is_asked_for_is_refused():
-    with pytest.raises(InvalidInput) as error:
-        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
-    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')
