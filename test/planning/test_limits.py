@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from drives import route_of
 from formula_car import current_a, resistance_ohm, SHIPPED_CAR, voltage_v, with_limits
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -57,14 +58,6 @@ def trip_of(segments):
     share = columns.pop('wanted_share')
     trip = make_trip(CAR, make_route(columns, CAR.defaults))
     return trip, share * trip.heater_limit_w
-
-
-def steady_trip(count=20, **changes):
-    columns = {'duration_s': [30.0] * count, 'speed_mps': [20.0], 'propulsion_power_w': [-50e3],
-               'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1500.0],
-               'auxiliary_power_w': [400.0]}
-    columns.update({name: np.atleast_1d(value) for name, value in changes.items()})
-    return make_trip(CAR, make_route(columns, CAR.defaults))
 
 
 def run(trip, state, wanted_w, take_surplus=True):
@@ -144,8 +137,7 @@ def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
 
 def test_brake_keeps_a_battery_from_being_overfilled():
     # This battery's limits allow 18 kW at 25 degC although it is full.
-    trip = steady_trip(4, propulsion_power_w=-19e3)
-    schedule = run(trip, BatteryState(25.0, 0.9995), [0.0] * 4)
+    schedule = run(make_trip(CAR, route_of((4, -19e3))), BatteryState(25.0, 0.9995), [0.0] * 4)
     assert schedule.soc.max() == 1.0
     # Cabin and auxiliaries use 1.9 kW; the rest has to go somewhere.
     assert schedule.brake_power_w[-1] == pytest.approx(19e3 - 1.9e3, rel=1e-6)
@@ -195,6 +187,5 @@ def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_lim
 
 def test_heater_is_off_at_the_highest_temperature():
     # The brake takes the power that the battery cannot accept.
-    schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
-                   [5500.0] * 3)
+    schedule = run(make_trip(CAR, route_of((3, -50e3), ambient_c=60.0)), BatteryState(60.0, 1.0), [5500.0] * 3)
     assert schedule.heater_power_w.tolist() == [0.0] * 3
