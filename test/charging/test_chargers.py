@@ -98,6 +98,31 @@ def test_a_charger_that_cannot_charge():
     assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
 
 
+def test_a_full_battery_that_does_not_carry_the_rest():
+    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
+    # 50 min at 16.9 kW of 42 kWh.
+    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
+                            'its end; 90 % is required')
+    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
+    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
+                            '20 % is required')
+    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
+
+
+@pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])
+def test_an_end_that_is_not_allowed(end_soc, goal):
+    with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
+        ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
+
+
+def test_the_price_of_waiting_decides():
+    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
+                 Candidate('far', 1800.0, 61900.0, 0.45))
+    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
+    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
+    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']
+
+
 # --- files ---
 
 
@@ -149,28 +174,3 @@ def test_a_file_that_is_refused_in_one_line(tmp_path, charger, problem):
     with pytest.raises(InvalidInput, match=problem) as error:
         loaded(tmp_path, f'chargers: [{{{charger}}}]')
     assert len(error.value.problems) == 1 and str(tmp_path) in error.value.problems[0]
-
-
-def test_a_full_battery_that_does_not_carry_the_rest():
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
-    # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
-                            'its end; 90 % is required')
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
-                            '20 % is required')
-    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
-
-
-@pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])
-def test_an_end_that_is_not_allowed(end_soc, goal):
-    with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
-        ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
-
-
-def test_the_price_of_waiting_decides():
-    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
-                 Candidate('far', 1800.0, 61900.0, 0.45))
-    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
-    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
-    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']

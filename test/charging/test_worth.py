@@ -91,6 +91,25 @@ def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
     assert usual.best in usual.targets and usual.fixed.target_c == 25.0
 
 
+def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
+    arrival_soc = usual.without_heating.arrival_soc
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
+    assert worth.best == worth.without_heating
+    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
+    # The heater's energy has to be bought.
+    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
+
+
+def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
+    cost = cost_of(REFERENCE, drive(), 150e3)
+    figures = usual.as_dictionary()
+    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
+    assert figures['unheated_more_cost'] > 0.0
+    assert figures['unheated_longer_charging_s'] == (
+        usual.without_heating.charging_time_s - usual.best.charging_time_s)
+    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
+
+
 def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
     # Heating at the charger depends on the value of time, too, so this car cannot heat there.
     car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
@@ -131,9 +150,6 @@ def test_at_a_charger_of_4_kw_in_the_cold_the_battery_is_charged_and_not_heated(
     assert session.hvch_battery_power_w[10:].mean() == pytest.approx(45.0 * 34.8868 / 0.87, rel=1e-2)
 
 
-# --- verdicts ---
-
-
 def test_verdict_of_heating_that_pays(usual):
     best, without = usual.best, usual.without_heating
     saved_s = round(without.charging_time_s - best.charging_time_s)
@@ -143,9 +159,6 @@ def test_verdict_of_heating_that_pays(usual):
         f'{saved_s // 60}:{saved_s % 60:02d} min at the charger and costs {more:.2f} more for energy. '
         f'Some heating pays as soon as an hour is worth {usual.break_even_value_of_time_per_h:.2f} to '
         'you.')
-
-
-# --- uncertainty of the charging time ---
 
 
 def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
@@ -167,9 +180,6 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     # The consumption's is always the same.
     assert (variances[0] - variances[1]) / (variances[0] - variances[2]) == pytest.approx(
         (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
-
-
-# --- refused inputs ---
 
 
 @pytest.mark.parametrize('changes, problems', [
@@ -197,8 +207,6 @@ def test_refused_in_words(changes, problems):
     for said, problem in zip(error.value.problems, problems):
         assert said.startswith(problem)
 
-
-# --- From which price and chance on the answer changes ---
 
 # Without heat at the charger, sessions do not depend on the prices.
 SIMPLE = replace(REFERENCE, charging=Charging(CORNERS, False))
@@ -256,15 +264,6 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
 
 
-def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
-    arrival_soc = usual.without_heating.arrival_soc
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
-    assert worth.best == worth.without_heating
-    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
-    # The heater's energy has to be bought.
-    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
-
-
 @pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
 def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
@@ -275,13 +274,3 @@ def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
     # The verdict has named it already.
     assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
-
-
-def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
-    cost = cost_of(REFERENCE, drive(), 150e3)
-    figures = usual.as_dictionary()
-    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
-    assert figures['unheated_more_cost'] > 0.0
-    assert figures['unheated_longer_charging_s'] == (
-        usual.without_heating.charging_time_s - usual.best.charging_time_s)
-    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()

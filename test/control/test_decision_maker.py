@@ -202,8 +202,6 @@ def test_a_later_leg_that_cannot_be_planned_is_told_and_leaves_this_one(monkeypa
         Status.NO_CHARGING_PLANNED)
 
 
-# Refusals
-
 @pytest.mark.parametrize('second, message', [
     ({'departure': BatteryState(61.5, 0.5)}, 'leg 2: battery temperature: 61.5 is not allowed; '),
     ({'minimum_arrival_soc': 1.25}, 'leg 2: minimum arrival state of charge: 1.25 is not allowed; ')])

@@ -123,6 +123,15 @@ def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough()
     assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.report.latest
 
 
+def test_nothing_happens_until_its_window():
+    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
+    car.tick()
+    assert car.goal is None and car.state is DepartureState.LATER
+    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
+    car.go(2 * MINUTE)
+    assert car.goal is not None
+
+
 def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     car = Car()
     car.tick()
@@ -224,9 +233,6 @@ def test_a_clock_that_was_never_set_prepares_nothing():
     assert 'before 2020' in car.source.report.reason and car.source.report.next_ns is None
 
 
-# Skipping
-
-
 def test_a_skip_by_a_wrong_clock_does_not_last_for_years():
     car = Car(now_ns=ns(2040, 1, 4, 6))
     car.tick()
@@ -255,9 +261,6 @@ def test_another_file_replaces_the_goal_without_a_pause():
     assert not any(isinstance(event, PreparationEnded) for event in car.events)
 
 
-# Prices
-
-
 def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
     # 3 h before, 5 ct until 06:30, then ten times as much: heating early leaks, but costs less.
     prices = GridPrices(ZONE, (DailyPrice(time(0), 0.05), DailyPrice(time(6, 30), 0.5)))
@@ -281,12 +284,3 @@ def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
     heated_s = tau_s * log((heated_c - start_c) / (heated_c - wanted_c))
     assert sum(cheap_w) * STEP_S == pytest.approx(FULL_W * heated_s, rel=0.05)
     assert sum(dear_w) < 0.05 * sum(cheap_w)
-
-
-def test_nothing_happens_until_its_window():
-    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
-    car.tick()
-    assert car.goal is None and car.state is DepartureState.LATER
-    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
-    car.go(2 * MINUTE)
-    assert car.goal is not None

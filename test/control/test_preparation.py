@@ -341,9 +341,6 @@ def test_a_goal_on_the_way_leaves_what_the_route_needs_to_its_end():
     assert free.plan.soc[-1] < at_instant
 
 
-# The ambient temperature
-
-
 def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car = Car()
     car.step(RouteArrived(mission(minutes=10.0)))

@@ -154,8 +154,6 @@ def test_stops_behind_may_be_left_out():
     assert feed_on(supervisor)[0] > 0.0
 
 
-# Cancellation
-
 def test_a_cancelled_trip_is_off_and_stays_off():
     supervisor = heating_supervisor(steady_mission())
     supervisor.cancel()

@@ -256,8 +256,6 @@ def test_a_slow_stretch_after_a_fast_one_is_no_standing():
     assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
 
 
-# Time
-
 def test_a_silence_ends_what_was_known():
     regimes = RegimeWatch()
     for second in range(30):

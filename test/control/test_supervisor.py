@@ -302,8 +302,6 @@ def test_the_cabin_comes_first_in_each_segment():
     assert powers_w == pytest.approx([0.0, 100.0, 7000.0])
 
 
-# Targets
-
 @pytest.mark.parametrize('of_route_c, of_settings_c, expected_c', [
     (18.0, 21.0, 18.0), (None, 21.0, 21.0), (None, None, 25.0), (0.0, 21.0, 0.0)],
     ids=['route', 'settings', 'vehicle', 'route_at_zero'])
@@ -312,9 +310,6 @@ def test_target_comes_from_route_then_settings_then_vehicle(
     inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
     goal = inbox.goal_of(steady_mission(target_temperature_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
-
-
-# Arbitrary inputs in arbitrary order
 
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():

@@ -96,9 +96,6 @@ def search_input(at_s, factors=(0.0, 0.0, 0.0, 0.0, 0.0), state=STATE):
         math.exp(factors[4])), state, START_NS + round(at_s * NS_PER_S))
 
 
-# Which target
-
-
 # The last battery takes a quarter more heat than the file says, and that was learned.
 @pytest.mark.costly
 @pytest.mark.parametrize('charger, state, heat_capacity', [
@@ -311,6 +308,11 @@ def test_where_nothing_can_be_chosen_the_default_holds(charger, state, why):
     assert why in decision.target.reason and decision.plan.target_temperature_c == 25.0
 
 
+def test_without_charging_nothing_is_chosen():
+    decision = feed(a_supervisor(charging_planned=False))
+    assert decision.status is Status.NO_CHARGING_PLANNED and decision.target is None
+
+
 # Not worth it
 
 def test_where_heating_does_not_pay_there_is_none():
@@ -351,8 +353,6 @@ def test_a_trip_that_cannot_be_carried_says_so_first():
     assert decision.status is Status.OUT_OF_CHARGE
 
 
-# Stops
-
 def test_each_leg_has_the_target_for_its_own_charger():
     legs = [Leg(drive(), START_NS, charger=FAST),
             Leg(drive(), START_NS + 2100 * NS_PER_S, departure=BatteryState(6.0, 0.35), charger=SLOW)]
@@ -364,8 +364,3 @@ def test_each_leg_has_the_target_for_its_own_charger():
     assert feed(supervisor, 1800.0).target is None
     second = feed(supervisor, 2100.0)
     assert second.leg is legs[1] and second.status is Status.NOT_WORTH_IT
-
-
-def test_without_charging_nothing_is_chosen():
-    decision = feed(a_supervisor(charging_planned=False))
-    assert decision.status is Status.NO_CHARGING_PLANNED and decision.target is None

@@ -185,18 +185,13 @@ def test_a_file_of_format_1_is_read_and_becomes_one_of_the_present_format(tmp_pa
     assert set(json.loads(path.read_text())['cars']) == {CAR, OTHER}
 
 
-# Last seen, and the driver
-
-SEEN = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001)
-
-
 def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_path):
     path = tmp_path / 'state.json'
     path.write_text(WHOLE)
     recalled = load_state(path, CAR)
     assert (recalled.last_seen, recalled.choices, recalled.damage) == (None, NO_CHOICES, '')
     assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
-    save_state(path, OTHER, None, SEEN)
+    save_state(path, OTHER, None, LastSeen(11.5, 0.375, 1_700_000_000_000_000_001))
     assert json.loads(path.read_text())['bev_preheat_state_file'] == 3
     assert load_state(path, CAR).learned is not None
 

@@ -126,9 +126,6 @@ def between(on_s, off_s):
     return lambda instant_s, segment: limit_w[segment] if on_s <= instant_s < off_s else 0.0
 
 
-# --- No heat path ---
-
-
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', ['reference', 'alpine_pass'])
 def test_a_path_of_zeros_changes_no_bit(method, name):

@@ -81,9 +81,6 @@ def power_in_steps_w(trip, schedule):
             bilinear(CHARGE_W, soc, temperature_c), bilinear(DISCHARGE_W, soc, temperature_c))
 
 
-# Terminal power
-
-
 @pytest.mark.parametrize('which, corners_w', [(0, CHARGE_W), (1, DISCHARGE_W)],
                          ids=['charge', 'discharge'])
 @given(soc=st.floats(0.05, 1.0), temperature_c=st.floats(-30.0, 30.0),

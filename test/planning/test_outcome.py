@@ -27,9 +27,6 @@ def reasons(plan):
     return [interval.reason for interval in plan.intervals]
 
 
-# Each reason on a trip designed for it
-
-
 def test_heating_with_what_the_battery_may_not_take_is_surplus():
     # At -11 degC it accepts 18 kW of 28; paid heat is not worth it for 3 min. A kelvin takes 0.44 MJ and lets it
     # accept 2 kW more for 30 s, or a seventh, in the last step but one; in the last one still a little.
@@ -55,8 +52,6 @@ def test_heating_before_a_climb_and_before_arrival_has_two_reasons_each_with_its
     assert plan.intervals[0].energy_wh == pytest.approx(
         plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
 
-
-# Properties
 
 @pytest.mark.costly
 @given(number=st.integers(0, 24 if settings.default.derandomize else 10**6))

@@ -96,8 +96,6 @@ def test_nothing_else_that_can_be_switched_costs_less(target_c, heat_path, share
     assert cost_wh(mine) < min(map(cost_wh, tried)) + 1.0
 
 
-# Drawn trips.
-
 @pytest.mark.costly
 @DEAR
 @given(number=st.integers(0, 10**6), target_c=st.floats(-30.0, 60.0))
@@ -157,9 +155,6 @@ def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where()
     assert plan.hvch_battery_power_w[:20] == pytest.approx(5500.0)
     assert not plan.hvch_battery_power_w[20:25].any()
     assert plan.arrival_temperature_c == pytest.approx(20.0, abs=1e-3)
-
-
-# Heat above the target.
 
 
 @pytest.mark.costly
