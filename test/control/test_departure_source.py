@@ -151,13 +151,15 @@ def mission(start_ns):
                                                  target_temperature_c=24.0),))
 
 
-@pytest.mark.parametrize('event, power_w, words, opposite', [
+@pytest.mark.parametrize('event, power_w, words, opposite, lasts_s', [
     (RouteArrived(mission(READY_NS - round(3 * HOUR * NS_PER_S))), None,
-     "'to the charger' drives before the departure", TripCancelled()),
+     "'to the charger' drives before the departure", TripCancelled(), MINUTE),
     # 12 kW for the five minutes that the memory covers.
-    (None, 12e3, 'the vehicle drives: the battery gives', None),
-    (PreheatingSwitched(False), None, 'switched off', PreheatingSwitched(True))], ids=['route', 'drive', 'driver'])
-def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(event, power_w, words, opposite):
+    (None, 12e3, 'the vehicle drives: the battery gives', None, 6 * MINUTE),
+    (PreheatingSwitched(False), None, 'switched off', PreheatingSwitched(True), MINUTE)],
+    ids=['route', 'drive', 'driver'])
+def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(
+        event, power_w, words, opposite, lasts_s):
     car = Car()
     car.tick()
     car.step(*filter(None, [event]))
@@ -165,7 +167,7 @@ def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(ev
     assert car.goal is None and car.state is DepartureState.HELD_OFF
     assert words in car.source.report.reason
     car.step(*filter(None, [opposite]))
-    car.go(6 * MINUTE, power_w=0.0)
+    car.go(lasts_s, power_w=0.0)
     # The grid is still believed in.
     assert car.goal is not None and car.goal.is_plugged_in
 
