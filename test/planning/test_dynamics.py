@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forward runs and their accounts: heat and energy balances on random trips, undeliverable power."""
 
-from drives import route_of
+import drives
 from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,19 +25,15 @@ CARS = pytest.mark.parametrize('vehicle', [
 
 # The pack with formulas delivers all of these powers; the pack with tables may run empty, and the accounts must
 # close then too.
-SEGMENTS = st.lists(st.fixed_dictionaries({
-    'duration_s': st.floats(1e-3, 60.0), 'speed_mps': st.floats(0.0, 40.0),
-    'propulsion_power_w': st.floats(-40e3, 40e3), 'deviation_w': st.floats(0.0, 30e3),
-    'ambient_temperature_c': st.floats(-25.0, 15.0),
-    'cabin_heating_power_w': st.floats(0.0, 8e3), 'auxiliary_power_w': st.floats(0.0, 2e3),
-    'heater_share': st.floats(0.0, 1.0), 'brake_share': st.floats(0.0, 1.0)}),
-    min_size=1, max_size=30)
+SEGMENTS = drives.segments(
+    max_size=30, duration_s=(1e-3, 60.0), speed_mps=(0.0, 40.0), propulsion_power_w=(-40e3, 40e3),
+    deviation_w=(0.0, 30e3), ambient_temperature_c=(-25.0, 15.0), heater_share=(0.0, 1.0), brake_share=(0.0, 1.0))
 STARTS = st.tuples(st.floats(0.35, 0.95), st.floats(-25.0, 30.0))
 
 
 def trip_of(vehicle, segments):
     """Trip of random segments, and the power of heater and friction brake in each."""
-    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    columns = drives.columns_of(segments)
     columns['propulsion_power_rms_w'] = np.hypot(
         columns['propulsion_power_w'], columns.pop('deviation_w'))
     heater_share, brake_share = columns.pop('heater_share'), columns.pop('brake_share')
@@ -57,7 +53,7 @@ def run(trip, make_integrator, start, heater_power_w, brake_power_w=None):
 
 
 def trip_on(vehicle, *parts, **how):
-    return make_trip(vehicle, route_of(
+    return make_trip(vehicle, drives.route_of(
         *parts, speed_mps=21.0, ambient_c=-11.0, cabin_w=1300.0, auxiliary_w=450.0, **how))
 
 

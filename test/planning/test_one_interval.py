@@ -2,9 +2,9 @@
 """Method `optimal_switch`: properties on drawn trips, against forward runs of a car of the tests."""
 
 from itertools import product
-import math
 from types import SimpleNamespace
 
+import drives
 from formula_car import FORMULA_CAR
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -27,12 +27,9 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 CAR = Car(FORMULA_CAR)
 # The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
 # this power, and stays within the model's range of charge.
-SEGMENT = st.fixed_dictionaries({
-    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-5e3, 35e3), 'spread_w': st.floats(0.0, 15e3),
-    'ambient_temperature_c': st.floats(-15.0, 6.0), 'cabin_heating_power_w': st.floats(0.0, 7e3),
-    'auxiliary_power_w': st.floats(0.0, 2e3)})
-SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=40)
+SEGMENTS = drives.segments(
+    propulsion_power_w=(-5e3, 35e3), spread_w=(0.0, 15e3), ambient_temperature_c=(-15.0, 6.0),
+    cabin_heating_power_w=(0.0, 7e3))
 START_C = st.floats(-10.0, 12.0)
 SOC = st.floats(0.6, 0.97)
 # Position of the target between the unheated and the fully heated arrival.
@@ -58,10 +55,8 @@ def drawn_target(segments, state, share):
 
 
 def route_of(segments):
-    columns = {name: [segment[name] for segment in segments]
-               for name in segments[0] if name != 'spread_w'}
-    columns['propulsion_power_rms_w'] = [
-        math.hypot(segment['propulsion_power_w'], segment['spread_w']) for segment in segments]
+    columns = drives.columns_of(segments)
+    columns['propulsion_power_rms_w'] = np.hypot(columns['propulsion_power_w'], columns.pop('spread_w'))
     return make_route(columns, FORMULA_CAR.defaults)
 
 

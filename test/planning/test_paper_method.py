@@ -4,6 +4,7 @@
 from dataclasses import replace
 import math
 
+import drives
 from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,11 +22,8 @@ from bev_preheat.route.segments import make_route
 START = BatteryState(temperature_c=-7.0, soc=0.88)
 NAN = math.nan
 
-SEGMENTS = st.lists(st.fixed_dictionaries({
-    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-30e3, 45e3), 'ambient_temperature_c': st.floats(-25.0, 5.0),
-    'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)}),
-    min_size=1, max_size=40)
+SEGMENTS = drives.segments(
+    propulsion_power_w=(-30e3, 45e3), ambient_temperature_c=(-25.0, 5.0), cabin_heating_power_w=(0.0, 4e3))
 
 
 class Algorithms:
@@ -76,8 +74,7 @@ class Algorithms:
 
 
 def route_of(segments):
-    return make_route({name: [segment[name] for segment in segments] for name in segments[0]},
-                      FORMULA_CAR.defaults)
+    return make_route(drives.columns_of(segments), FORMULA_CAR.defaults)
 
 
 def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
