@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives of simulated cars under a Supervisor, with what it commands and shows on the way."""
+"""Drives of simulated cars under a Supervisor, with each command and the decision shown with it."""
 
 import math
 from typing import NamedTuple
@@ -25,9 +25,9 @@ class Seen(NamedTuple):
 def drive(vehicle, phase, start, until_s=math.inf, told_by_heater=None, planned_for=None, sensors=Sensors(),
           faults=(), seed=0, **settings):
     """
-    Yield what is Seen with each command of a drive to its end, or until an instant [s].
+    Yield a Seen for each command of a drive to its end, or until an instant [s].
 
-    The planner takes the vehicle for `planned_for`; None: for what it is.
+    The planner takes the vehicle for `planned_for`; None: for itself.
     """
     car = ImperfectCar(vehicle, phase, start, Imperfections(sensors=sensors, heater_faults=tuple(faults)), seed)
     planner = Supervisor(planned_for or vehicle, Settings(**settings))

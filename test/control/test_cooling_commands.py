@@ -43,7 +43,7 @@ CHILLER_ALONE = {'chiller'}
 
 def driven(until_s=838.0, car=CAR, goal=Goal(math.nan), charger=Charger(150e3, 0.8), start_c=49.0, route=ROUTE,
            sensors=Sensors(period_s=4.0), **how):
-    """Yield what is Seen on a drive to a charger of 150 kW."""
+    """Yield a Seen for each command of a drive to a charger of 150 kW."""
     return drive(car, DrivePhase(route, goal, charger=charger), BatteryState(start_c, 0.5), until_s,
                  sensors=sensors, **how)
 

@@ -28,7 +28,7 @@ FULL_W = 7000.0 - 1978.0
 
 @cache
 def ride(until_s, *faults, temperature_c=10.0):
-    """Return all that is Seen on a ride to 25 degC until an instant [s]."""
+    """Return the Seen of each command of a ride to 25 degC until an instant [s]."""
     return tuple(drive(VEHICLE, DrivePhase(ROUTE, Goal(25.0)), BatteryState(temperature_c, 0.8), until_s,
                        sensors=COARSE, faults=faults, seed=3))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gate between plans and the heater: what a plan may not ask for, least times, pauses, and their words."""
+"""The gate between plans and the heater: forbidden heat, limits, least times, pauses, and their words."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
 
 @pytest.mark.parametrize('planned_w, share, steps_w, power_w', [
     *((share * 4000.0, share, (1500.0, 4000.0), 4000.0) for share in (0.54, 0.81, 1.0)),
-    (5500.001, 1.0, (), 5500.0)], ids=['step, 54 %', 'step, 81 %', 'step', 'what the cabin leaves'])
+    (5500.001, 1.0, (), 5500.0)], ids=['step, 54 %', 'step, 81 %', 'step', 'left by the cabin'])
 def test_a_plan_whose_power_rounds_beside_a_limit_is_given_the_limit(planned_w, share, steps_w, power_w):
     # In all cases but the whole step it rounds to another power.
     assert share == 1.0 or planned_w / share < power_w

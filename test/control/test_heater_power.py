@@ -122,7 +122,7 @@ def measured(answer, measured_w, now_ns):
 
 def driven(until_s, told_by_heater=None, state=STATE, vehicle=VEHICLE, route=ROUTE, goal=GOAL, period_s=PERIOD_S,
            **how):
-    """Yield what is Seen on a drive until an instant [s]."""
+    """Yield a Seen for each command of a drive until an instant [s]."""
     return drive(vehicle, DrivePhase(route, goal), state, until_s, told_by_heater,
                  sensors=Sensors(period_s=period_s), **how)
 

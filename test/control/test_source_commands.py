@@ -42,7 +42,7 @@ ROUTE = make_route({
 
 
 def driven(until_s=np.inf, goal=Goal(40.0), start_c=-10.0, car=CAR, route=ROUTE, **how):
-    """Yield what is Seen on a drive to its end, or until an instant [s]."""
+    """Yield a Seen for each command of a drive to its end, or until an instant [s]."""
     return drive(car, DrivePhase(route, goal), BatteryState(start_c, 0.8), until_s, **how)
 
 

@@ -166,7 +166,7 @@ def test_a_climb_that_heat_makes_possible_is_still_heated_for():
     assert PLANTS['small_car'].drive(route, state, unpaid.hvch_battery_power_w).deficit_w < 500.0
     assert {interval.reason for interval in unpaid.intervals} == {Reason.CLIMB}
     assert unpaid.status is not Status.NOT_WORTH_IT
-    # The reserve comes before the climb: what the unheated drive leaves pays for no heat.
+    # The reserve comes before the climb: with the charge of the unheated arrival as reserve nothing is heated.
     reserve = float(plan_preheating(CARS['small_car'], route, state, Goal(-40.0, charging_planned=False)).soc[-1])
     held = plan_preheating(CARS['small_car'], route, state, Goal(-10.0, reserve))
     assert held.arrival_soc >= reserve - 1e-5 and held.energy_wh.hvch_electric < 1.0
