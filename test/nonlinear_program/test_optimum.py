@@ -32,6 +32,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import HEATING_PRICE
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
@@ -218,7 +219,8 @@ def test_regeneration_into_a_full_battery_without_limits_is_lacking():
 @pytest.mark.parametrize('number', [545, 772])
 def test_an_optimum_at_a_corner_of_a_map_is_found(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
-    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
+    # At the plan's price of heating, or they solve different problems.
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal, heating_price=HEATING_PRICE)
     assert (optimum.solver_status, optimum.deficit) == (SUCCESS, ())
     plan, heater_w = optimum.plan, optimum.plan.hvch_battery_power_w
     best = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
