@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mean magnitude of a power that varies normally within a step: an independent implementation."""
 
-from math import erf, exp, hypot, pi, sqrt
+from math import erf, exp, pi, sqrt
 
 
 def magnitude_w(mean_w, rms_w):
@@ -13,8 +13,3 @@ def magnitude_w(mean_w, rms_w):
     negative = 0.5 * (1.0 - erf(mean_w / sqrt(2.0 * variance_w2)))
     tail = sqrt(variance_w2 / (2.0 * pi)) * exp(-0.5 * mean_w**2 / variance_w2)
     return mean_w * (1.0 - 2.0 * negative) + 2.0 * tail
-
-
-def spread_magnitude_w(mean_w, deviation_w):
-    """Return the same for a mean and a standard deviation [W]."""
-    return magnitude_w(mean_w, hypot(mean_w, deviation_w))

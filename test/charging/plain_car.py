@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car whose charging sessions can be calculated by hand, and an independent integration for any car."""
+"""A car whose charging sessions can be calculated by hand, an integration for any car, and the drive before."""
 
 from dataclasses import replace
 import math
@@ -9,11 +9,18 @@ import numpy as np
 from own_ageing import own_cost_per_s
 
 from bev_preheat.numerics import ARRAYS, FLOATS
+from bev_preheat.route import Route
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Charging, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 
 VOLTAGE_V, CAPACITY_AH, HEAT_CAPACITY_J_PER_K = 350.0, 120.0, 300e3
 HEATER_W, HEATER_EFFICIENCY = 6000.0, 0.85
+
+
+def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
+    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
+    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
+        25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
 
 
 def constant(value):

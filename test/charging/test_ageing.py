@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 from own_ageing import AGEING, own_cost_per_s, own_session_cost
-from plain_car import plain_car
+from plain_car import drive, plain_car
 import pytest
-from test_worth import drive, GOAL, PRICES, REFERENCE, STATE
+from test_worth import GOAL, PRICES, REFERENCE, STATE
 
 from bev_preheat.charging.ageing import anode_potential_v, lost_per_s, outside_in_words, storage_factor
 from bev_preheat.charging.session import charge

@@ -5,13 +5,12 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from plain_car import CAPACITY_AH, constant, plain_car, VOLTAGE_V
+from plain_car import CAPACITY_AH, constant, drive, plain_car, VOLTAGE_V
 import pytest
 
 from bev_preheat.charging.chargers import Candidate, load_chargers, rank_chargers, ranking_verdict
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 
 REFERENCE = load_vehicle('reference')
@@ -22,14 +21,8 @@ DRIVE_W, SIDE_W = 16900.0, 1900.0
 WHOLE_WH = VOLTAGE_V * CAPACITY_AH
 
 
-def drive(minutes=60, ambient_c=-8.0):
-    """Return a Route of one-minute steps at 25 m/s and 15 kW."""
-    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
-        25.0, 15e3, 15e3, ambient_c, 1500.0, 400.0, 15e3)))
-
-
 def ranked(candidates, vehicle=PLAIN, state=None, end_soc=0.5, goal=GOAL, time_per_h=10.0, route=None):
-    return rank_chargers(vehicle, route or drive(), state or BatteryState(20.0, 0.6), goal, candidates,
+    return rank_chargers(vehicle, route or drive(60), state or BatteryState(20.0, 0.6), goal, candidates,
                          end_soc, time_per_h)
 
 
@@ -85,7 +78,7 @@ def test_a_reserve_that_is_not_kept_on_the_way():
 def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     # Over a pass: 30 min up, 30 min down.
     power_w = np.repeat([30e3, -20e3], 30)
-    route = replace(drive(), propulsion_power_w=power_w, propulsion_power_rms_w=np.abs(power_w),
+    route = replace(drive(60), propulsion_power_w=power_w, propulsion_power_rms_w=np.abs(power_w),
                     propulsion_power_magnitude_w=np.abs(power_w))
     valley, state = [Candidate('valley', 60.0, 50e3, 0.5)], BatteryState(20.0, 0.3)
     # 29 min up take 15.4 kWh of 42, 30 min down bring 9.05 back: from 45.2 % over 8.5 % to 30 %.
@@ -105,13 +98,38 @@ def test_a_charger_that_cannot_charge():
     assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
 
 
+def test_a_full_battery_that_does_not_carry_the_rest():
+    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
+    # 50 min at 16.9 kW of 42 kWh.
+    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
+                            'its end; 90 % is required')
+    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
+    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
+                            '20 % is required')
+    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
+
+
+@pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])
+def test_an_end_that_is_not_allowed(end_soc, goal):
+    with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
+        ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
+
+
+def test_the_price_of_waiting_decides():
+    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
+                 Candidate('far', 1800.0, 61900.0, 0.45))
+    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
+    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
+    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']
+
+
 # --- files ---
 
 
-def loaded(tmp_path, text, **options):
+def loaded(tmp_path, text, route=drive(60)):
     path = tmp_path / 'chargers.yaml'
     path.write_text(text)
-    return load_chargers(path, drive(), 0.6, **options).candidates
+    return load_chargers(path, route, 0.6).candidates
 
 
 def test_what_a_file_says(tmp_path):
@@ -126,12 +144,9 @@ chargers:
 
 
 def test_where_a_vehicle_stands_it_is_there_from_the_first_instant_on(tmp_path):
-    path = tmp_path / 'chargers.yaml'
-    path.write_text('chargers: [{name: a, at_km: 15, charger_power_w: 50000}]')
-    route = drive()
-    speed_mps = route.speed_mps.copy()
-    speed_mps[10:20] = 0.0
-    [candidate] = load_chargers(path, replace(route, speed_mps=speed_mps), 0.6).candidates
+    speed_mps = np.repeat([25.0, 0.0, 25.0], [10, 10, 40])
+    [candidate] = loaded(tmp_path, 'chargers: [{name: a, at_km: 15, charger_power_w: 50000}]',
+                         replace(drive(60), speed_mps=speed_mps))
     assert candidate.instant_s == pytest.approx(600.0)
 
 
@@ -159,28 +174,3 @@ def test_a_file_that_is_refused_in_one_line(tmp_path, charger, problem):
     with pytest.raises(InvalidInput, match=problem) as error:
         loaded(tmp_path, f'chargers: [{{{charger}}}]')
     assert len(error.value.problems) == 1 and str(tmp_path) in error.value.problems[0]
-
-
-def test_a_full_battery_that_does_not_carry_the_rest():
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
-    # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
-                            'its end; 90 % is required')
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
-                            '20 % is required')
-    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
-
-
-@pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])
-def test_an_end_that_is_not_allowed(end_soc, goal):
-    with pytest.raises(InvalidInput, match='^end state of charge: .* is not allowed; it must be '):
-        ranked([Candidate('any', 1800.0, 50e3, 0.5)], end_soc=end_soc, goal=goal)
-
-
-def test_the_price_of_waiting_decides():
-    near, far = (Candidate('near', 1800.0, 61900.0, 0.4, 0.0, 900.0),
-                 Candidate('far', 1800.0, 61900.0, 0.45))
-    # 0.05 a kWh for 13 kWh is less than a quarter of an hour at 10, and more than one at 1.
-    assert [item.candidate.name for item in ranked([near, far])] == ['far', 'near']
-    assert [item.candidate.name for item in ranked([near, far], time_per_h=1.0)] == ['near', 'far']

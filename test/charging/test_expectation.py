@@ -2,13 +2,15 @@
 """Expected cost of preheating if charging is uncertain: by hand, its limits, its optimum, and refused inputs."""
 
 from dataclasses import replace
+from itertools import product
 import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from plain_car import plain_car
+from plain_car import drive, plain_car
 import pytest
+from refusals import problems_of
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -20,20 +22,13 @@ from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat_msgs.msg import RoutePlan
 
 REFERENCE, PRICES = load_vehicle('reference'), Prices(0.6, 30.0)
 STATE, GOAL = BatteryState(-7.0, 0.5), Goal(25.0)
-ROUTE = Route(np.full(25, 60.0), *(np.full(25, value) for value in (25.0, 15e3, 15e3, -8.0, 1500.0, 400.0, 15e3)))
-
-
-def problems_of(message):
-    with pytest.raises(InvalidInput) as refusal:
-        mission_from_message(message, REFERENCE.defaults, 30.0)
-    return refusal.value.problems
+ROUTE = drive()
 
 
 def worth(prospect, vehicle=REFERENCE):
@@ -43,7 +38,7 @@ def worth(prospect, vehicle=REFERENCE):
 @pytest.fixture(scope='module')
 def certain():
     """Return the Worth of certain charging."""
-    return find_worth(REFERENCE, ROUTE, STATE, GOAL, 150e3, 0.8, PRICES)
+    return worth(ChargingProspect())
 
 
 @pytest.fixture(scope='module')
@@ -134,12 +129,12 @@ def test_a_car_that_waits_for_the_charger_pays_the_wait_and_a_session_from_colde
     assert waited.not_charged_cost - 15.0 > waited.charged_cost
 
 
-@pytest.mark.parametrize('field', [
-    'charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
-@pytest.mark.parametrize('value', [math.nan, -0.1, math.inf])
+@pytest.mark.parametrize('field, value', [('charging_probability', 1.1), *product(
+    ('charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'),
+    (math.nan, -0.1, math.inf))])
 def test_a_bad_prospect_in_a_message_is_refused(field, value):
-    assert any(problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
-               for problem in problems_of(RoutePlan(**{field: value})))
+    problems = problems_of(mission_from_message, RoutePlan(**{field: value}), REFERENCE.defaults, 30.0)
+    assert any(problem.startswith(f'{field}: {value:g} is not allowed; it must be 0 ... ') for problem in problems)
 
 
 def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
@@ -151,7 +146,5 @@ def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
 
 
 def test_a_probability_above_one_is_refused():
-    assert any(problem.startswith('charging_probability: 1.1 is not allowed')
-               for problem in problems_of(RoutePlan(charging_probability=1.1)))
     with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
         worth(ChargingProspect(1.1))

@@ -138,6 +138,13 @@ def test_the_energies_of_a_cooled_session_balance(
     assert course_c.min() >= min(ambient_c, 25.0) - 0.5 and course_c.max() >= warmest_c - 40.0
 
 
+def test_a_cooling_that_takes_all_the_power_for_ever_is_the_problem():
+    """In air that is warmer than the cooling can bring the battery below, nothing is left for it."""
+    weak = hot_car(replace(CHILLER, cooling_power_w=160.0, electrical_power_w=1600.0), leakage_w_per_k=20.0)
+    never = charge(weak, a_stop(2200.0, 0.12, 48.0), BatteryState(45.0, 0.1))
+    assert never.problem is not None and 'the cooling takes all the power' in never.problem
+
+
 # --- derating ---
 
 
@@ -218,13 +225,3 @@ def test_a_battery_that_arrives_too_warm_without_heating_is_told_so():
     worth = find_worth(car, drive(35.0), BatteryState(44.0, 0.5), Goal(25.0), 150e3, 0.8, Prices(0.4, 40.0))
     assert worth.best is worth.without_heating
     assert worth.verdict.startswith('Not worth it') and 'Too warm: arriving at 4' in worth.verdict
-
-
-# --- defaults ---
-
-
-def test_a_cooling_that_takes_all_the_power_for_ever_is_the_problem():
-    """In air that is warmer than the cooling can bring the battery below, nothing is left for it."""
-    weak = hot_car(replace(CHILLER, cooling_power_w=160.0, electrical_power_w=1600.0), leakage_w_per_k=20.0)
-    never = charge(weak, a_stop(2200.0, 0.12, 48.0), BatteryState(45.0, 0.1))
-    assert never.problem is not None and 'the cooling takes all the power' in never.problem

@@ -43,11 +43,6 @@ def own_minutes(vehicle, start, end, resistance_at_c=25.0):
     return float(np.mean(1.0 / rate) * (end - start) / 60.0)
 
 
-def test_an_unknown_chemistry_is_refused_beside_a_published_time():
-    with pytest.raises(InvalidInput, match="--chemistry: 'nca' is not one of nmc, lfp; NCA is given as nmc"):
-        describe_timed_car(replace(ID4, chemistry='nca', charging_time_10_80_min=29.0))
-
-
 def test_a_warm_session_in_closed_form():
     vehicle = plain_car(limit=constant(-60e3))
     expected_s = 3600.0 * 0.7 * VOLTAGE_V * CAPACITY_AH / 60e3
@@ -71,6 +66,8 @@ def test_a_session_takes_the_published_time(sheet):
 
 
 @pytest.mark.parametrize('changes, problem', [
+    ({'chemistry': 'nca', 'charging_time_10_80_min': 29.0},
+     "--chemistry: 'nca' is not one of nmc, lfp; NCA is given as nmc"),
     ({'charging_time_10_80_min': 12.0}, '--charging-time-10-80-min: 12 min is too short: 70% of the energy at '
      '--charging-power-kw 135 kW take 24.0 min'),
     ({'charging_time_10_80_min': 240.0}, '--charging-time-10-80-min: 240 min does not fit --charging-power-kw '

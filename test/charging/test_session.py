@@ -65,6 +65,17 @@ def test_the_inlet_limits_what_the_charger_could_give():
     assert limited.bought_energy_wh == pytest.approx(40e3 * limited.charging_time_s / 3600.0)
 
 
+def test_constant_power_through_a_resistance():
+    ohm = 0.2
+    session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
+    current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * ohm * SUPPLY_W) - VOLTAGE_V) / (2.0 * ohm)
+    seconds = 3600.0 * CAPACITY_AH * 0.55 / current_a
+    assert session.charging_time_s == pytest.approx(seconds, rel=1e-9)
+    assert session.battery_temperature_c[-1] == pytest.approx(
+        5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
+    assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)
+
+
 @pytest.mark.parametrize('vehicle, charger_w, state', [
     (REFERENCE, 150e3, BatteryState(-5.0, 0.2)), (REFERENCE, 50e3, BatteryState(12.0, 0.33)),
     (SMALL, 100e3, BatteryState(1.0, 0.15)), (LATE, 22e3, BatteryState(15.0, 0.3, 1000.0, 2.0))],
@@ -106,9 +117,6 @@ def test_energy_is_kept_and_no_limit_is_broken(
     assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
 
 
-# --- sessions without an end ---
-
-
 @pytest.mark.parametrize('vehicle, stop, temperature_c, problem', [
     (SMALL, replace(STOP, ambient_c=-25.0), -22.0,
      'at 30.0 % and -22.0 degC the battery takes less than 50 W'),
@@ -128,7 +136,10 @@ def test_a_session_that_cannot_begin_says_why(vehicle, stop, temperature_c, prob
     assert len(session.time_s) == 1
 
 
-# --- after a drive, and refused inputs ---
+def test_a_session_of_more_than_a_day_ends():
+    session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
+    # 200 W * 24 h of 42 kWh
+    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
 
 
 NAN = math.nan
@@ -156,20 +167,3 @@ def test_refused_in_words(changes, state, problem):
     with pytest.raises(InvalidInput) as error:
         charge(REFERENCE, replace(STOP, **changes), BatteryState(*state))
     assert error.value.problems == [problem]
-
-
-def test_a_session_of_more_than_a_day_ends():
-    session = charge(plain_car(), replace(STOP, charger_power_w=1700.0), BatteryState(5.0, 0.25), 300.0)
-    # 200 W * 24 h of 42 kWh
-    assert session.problem == f'the battery has only {25.0 + 480.0 / 42.0:.1f} % after 24 h'
-
-
-def test_constant_power_through_a_resistance():
-    ohm = 0.2
-    session = charge(plain_car(resistance_ohm=ohm), STOP, BatteryState(5.0, 0.25))
-    current_a = (math.sqrt(VOLTAGE_V**2 + 4.0 * ohm * SUPPLY_W) - VOLTAGE_V) / (2.0 * ohm)
-    seconds = 3600.0 * CAPACITY_AH * 0.55 / current_a
-    assert session.charging_time_s == pytest.approx(seconds, rel=1e-9)
-    assert session.battery_temperature_c[-1] == pytest.approx(
-        5.0 + ohm * current_a**2 * seconds / HEAT_CAPACITY_J_PER_K, rel=1e-9)
-    assert session.energy_wh.joule == pytest.approx(ohm * current_a**2 * seconds / 3600.0, rel=1e-9)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from own_ageing import AGEING, own_session_cost
-from plain_car import constant, plain_car
+from plain_car import constant, drive, plain_car
 import pytest
 
 from bev_preheat.charging.expectation import time_deviation
@@ -18,7 +18,6 @@ from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Charging, Uncertainty
@@ -29,12 +28,6 @@ PRICES = Prices(0.55, 12.0)
 # long.
 STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
 COLD, WARM = BatteryState(-5.0, 0.35), BatteryState(12.0, 0.35)
-
-
-def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
-    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
-    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
-        25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
 
 
 def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
@@ -98,6 +91,25 @@ def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
     assert usual.best in usual.targets and usual.fixed.target_c == 25.0
 
 
+def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
+    arrival_soc = usual.without_heating.arrival_soc
+    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
+    assert worth.best == worth.without_heating
+    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
+    # The heater's energy has to be bought.
+    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
+
+
+def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
+    cost = cost_of(REFERENCE, drive(), 150e3)
+    figures = usual.as_dictionary()
+    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
+    assert figures['unheated_more_cost'] > 0.0
+    assert figures['unheated_longer_charging_s'] == (
+        usual.without_heating.charging_time_s - usual.best.charging_time_s)
+    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
+
+
 def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
     # Heating at the charger depends on the value of time, too, so this car cannot heat there.
     car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
@@ -138,9 +150,6 @@ def test_at_a_charger_of_4_kw_in_the_cold_the_battery_is_charged_and_not_heated(
     assert session.hvch_battery_power_w[10:].mean() == pytest.approx(45.0 * 34.8868 / 0.87, rel=1e-2)
 
 
-# --- verdicts ---
-
-
 def test_verdict_of_heating_that_pays(usual):
     best, without = usual.best, usual.without_heating
     saved_s = round(without.charging_time_s - best.charging_time_s)
@@ -150,9 +159,6 @@ def test_verdict_of_heating_that_pays(usual):
         f'{saved_s // 60}:{saved_s % 60:02d} min at the charger and costs {more:.2f} more for energy. '
         f'Some heating pays as soon as an hour is worth {usual.break_even_value_of_time_per_h:.2f} to '
         'you.')
-
-
-# --- uncertainty of the charging time ---
 
 
 def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
@@ -176,9 +182,6 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
         (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
 
 
-# --- refused inputs ---
-
-
 @pytest.mark.parametrize('changes, problems', [
     ({'prices': Prices(-0.1, 12.0)}, ['energy price: -0.1 is not allowed; it must be 0 ... 1000 per '
                                       'kWh']),
@@ -192,7 +195,9 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
         "battery temperature: nan is not allowed; it must be -40 ... 60 degC, the range of the vehicle's "
         'battery']),
     ({'state': BatteryState(-5.0, 0.06)}, [
-        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in'])])
+        'state of charge: 6 % is not enough for this trip, even without heating: the battery will be empty in']),
+    ({'state': BatteryState(-5.0, 0.7), 'departure_soc': 0.5}, [
+        'departure state of charge: 0.5 is below the 0.6'])])
 def test_refused_in_words(changes, problems):
     arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
                  'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}
@@ -202,8 +207,6 @@ def test_refused_in_words(changes, problems):
     for said, problem in zip(error.value.problems, problems):
         assert said.startswith(problem)
 
-
-# --- From which price and chance on the answer changes ---
 
 # Without heat at the charger, sessions do not depend on the prices.
 SIMPLE = replace(REFERENCE, charging=Charging(CORNERS, False))
@@ -215,11 +218,16 @@ def simple():
 
 
 @pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
-def test_heating_pays_up_to_the_energy_price_that_is_named(simple, share, pays):
-    prices = Prices(share * simple.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices)
+@pytest.mark.parametrize('is_certain', [True, False])
+def test_heating_pays_up_to_the_energy_price_that_is_named(simple, is_certain, share, pays):
+    prospect = ChargingProspect(1.0 if is_certain else 0.5 * (1.0 + simple.pays_from_chance))
+    named = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
+    assert f'up to an energy price of {named.pays_to_price_per_kwh:.2f} per kWh' in named.bounds_in_words()
+    # In doubt the heat that is lost counts.
+    assert is_certain or named.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
+    prices = Prices(share * named.pays_to_price_per_kwh, PRICES.time_per_h)
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
     assert (other.best is not other.without_heating) is pays
-    assert f'up to an energy price of {simple.pays_to_price_per_kwh:.2f} per kWh' in simple.bounds_in_words()
 
 
 def test_bounds_are_none_if_heating_never_or_always_pays():
@@ -256,25 +264,6 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
 
 
-def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
-    arrival_soc = usual.without_heating.arrival_soc
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
-    assert worth.best == worth.without_heating
-    assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
-    # The heater's energy has to be bought.
-    assert min(target.cost for target in worth.targets if target.hvch_electric_wh > 0.0) > 0.0
-
-
-@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
-def test_the_energy_price_in_doubt_counts_the_heat_that_is_lost(simple, share, pays):
-    prospect = ChargingProspect(0.5 * (1.0 + simple.pays_from_chance))
-    doubtful = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
-    assert doubtful.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
-    prices = Prices(share * doubtful.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
-    assert (other.best is not other.without_heating) is pays
-
-
 @pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
 def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
@@ -285,19 +274,3 @@ def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
     # The verdict has named it already.
     assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
-
-
-def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
-    cost = cost_of(REFERENCE, drive(), 150e3)
-    figures = usual.as_dictionary()
-    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
-    assert figures['unheated_more_cost'] > 0.0
-    assert figures['unheated_longer_charging_s'] == (
-        usual.without_heating.charging_time_s - usual.best.charging_time_s)
-    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
-
-
-def test_more_charge_than_is_asked_for_is_refused():
-    with pytest.raises(InvalidInput) as error:
-        find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
-    assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')

@@ -46,7 +46,6 @@ def supervisor_at(elapsed_s, settings=ASKED, vehicle=VEHICLE, **first):
 
 def outcome(supervisor, measurement, now_ns=NOW_NS):
     supervisor.accept_battery(measurement, now_ns)
-    supervisor.replan(now_ns)
     command = supervisor.command(now_ns)
     return command.battery_heating_power_w, command.reason
 
@@ -92,10 +91,7 @@ def test_what_cooled_on_the_way_heats_at_the_charger():
 
 
 def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
-    leg = make_leg()
-    leg = replace(leg, route=replace(
-        leg.route, cabin_heating_power_w=leg.route.cabin_heating_power_w + 10e3))
-    measurement = measured(-3.0, 50e3)
+    leg, measurement = make_leg(cabin_heating_power_w=[11.5e3]), measured(-3.0, 50e3)
     _, heat = ChargerHeater().heat(ChargerSituation(
         VEHICLE, leg, measurement, measurement.state, ASKED.prices))
     assert heat == (0.0, 'No heating: the cabin takes the whole heater power.')

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cooling before a fast charge in the planner's step: chosen if it pays, under the same gate as heat."""
 
-from collections import deque
 from dataclasses import replace
 from itertools import pairwise
 import math
 
 import numpy as np
 import pytest
+from simulated_drives import drive
 from steady_drives import NOW_NS, ns
 
 from bev_preheat.charging.stop import Charger
@@ -26,10 +26,8 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterFault
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -43,50 +41,44 @@ ROUTE = make_route({
 CHILLER_ALONE = {'chiller'}
 
 
-def driven(until_s=838.0, sensors=Sensors(period_s=4.0), car=CAR, goal=Goal(math.nan), charger=Charger(150e3, 0.8),
-           start_c=49.0, **settings):
-    """Yield (instant [s], command, decision, ImperfectCar) of a drive to a charger of 150 kW."""
-    simulated = ImperfectCar(car, DrivePhase(ROUTE, goal, charger=charger), BatteryState(start_c, 0.5),
-                             Imperfections(sensors=sensors))
-    supervisor = Supervisor(car, Settings(**settings))
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= until_s):
-        assert not moment.output.failure
-        if moment.output.command is not None:
-            yield moment.time_s, moment.output.command, supervisor.state.decision, simulated
+def driven(until_s=838.0, car=CAR, goal=Goal(math.nan), charger=Charger(150e3, 0.8), start_c=49.0, route=ROUTE,
+           sensors=Sensors(period_s=4.0), **how):
+    """Yield a Seen for each command of a drive to a charger of 150 kW."""
+    return drive(car, DrivePhase(route, goal, charger=charger), BatteryState(start_c, 0.5), until_s,
+                 sensors=sensors, **how)
 
 
 @pytest.mark.parametrize('minimum_on_s', [0.0, 200.0])
 def test_it_waits_cools_and_arrives_at_the_chosen_temperature(minimum_on_s):
-    drive = list(driven(minimum_on_time_s=minimum_on_s, minimum_off_time_s=minimum_on_s))
-    statuses = [decision.status for _, _, decision, _ in drive]
-    first = next(number for number, (_, command, _, _) in enumerate(drive) if command.total_w > 0.0)
+    steps = list(driven(minimum_on_time_s=minimum_on_s, minimum_off_time_s=minimum_on_s))
+    statuses = [seen.decision.status for seen in steps]
+    first = next(number for number, seen in enumerate(steps) if seen.command.total_w > 0.0)
     assert Status.WAITING_TO_COOL in statuses[:first] and Status.HEATING not in statuses
-    assert statuses[first] is drive[first][1].reason is Status.COOLING
-    for _, command, _, _ in drive:
-        assert {name for name, _ in command.sources_w} <= CHILLER_ALONE
+    assert statuses[first] is steps[first].command.reason is Status.COOLING
+    for seen in steps:
+        assert {name for name, _ in seen.command.sources_w} <= CHILLER_ALONE
         # The minimum time on of cooling is no reason to heat.
-        assert command.battery_heating_power_w == 0.0 and command.total_w <= 3000.0 + 1e-6
-    *_, last, car = drive[-1]
-    chosen_c = last.target.target_c if last.target else next(
-        decision.target.target_c for _, _, decision, _ in reversed(drive) if decision.target)
+        assert seen.command.battery_heating_power_w == 0.0 and seen.command.total_w <= 3000.0 + 1e-6
+    chosen_c = next(seen.decision.target.target_c for seen in reversed(steps) if seen.decision.target)
     assert 30.0 < chosen_c < 48.0
-    assert car.plant.temperature_c == pytest.approx(chosen_c, abs=0.7)
-    assert car.plant.sources.energy_wh['chiller'] > 100.0
+    plant = steps[-1].car.plant
+    assert plant.temperature_c == pytest.approx(chosen_c, abs=0.7)
+    assert plant.sources.energy_wh['chiller'] > 100.0
 
 
 def test_gates_of_heating_do_not_stop_it():
     gated = replace(CAR, heating_gates=replace(CAR.heating_gates, maximum_temperature_c=20.0))
-    *_, car = deque(driven(car=gated), maxlen=1)[0]
-    assert car.plant.sources.energy_wh['chiller'] > 100.0
+    *_, last = driven(car=gated)
+    assert last.car.plant.sources.energy_wh['chiller'] > 100.0
 
 
 @pytest.mark.parametrize('target_c', [25.0, math.nan])
 @pytest.mark.parametrize('charger', [None, Charger(150e3, 0.8)])
 def test_a_highest_temperature_on_arrival_is_cooled_to_and_no_further(target_c, charger):
-    drive = list(driven(goal=Goal(target_c, maximum_arrival_temperature_c=42.0), charger=charger))
-    *_, decision, car = drive[-1]
-    assert car.plant.temperature_c == pytest.approx(42.0, abs=0.5)
-    assert Status.WAITING_TO_COOL in {each.status for _, _, each, _ in drive}
+    steps = list(driven(goal=Goal(target_c, maximum_arrival_temperature_c=42.0), charger=charger))
+    decision = steps[-1].decision
+    assert steps[-1].car.plant.temperature_c == pytest.approx(42.0, abs=0.5)
+    assert Status.WAITING_TO_COOL in {seen.decision.status for seen in steps}
     assert decision.target.source is TargetSource.GIVEN and decision.plan.maximum_arrival_temperature_c == 42.0
     if charger is not None:
         # The chiller's energy is bought there.
@@ -96,11 +88,10 @@ def test_a_highest_temperature_on_arrival_is_cooled_to_and_no_further(target_c, 
 @pytest.mark.parametrize('estimation', [True, False])
 def test_the_noise_of_a_reading_does_not_interrupt_cooling(estimation):
     """Each interruption would last for the least time off, in which the battery warms by 0.9 K."""
-    commands = list(driven(goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None, start_c=45.0,
-                           estimation=estimation, sensors=Sensors(period_s=1.0, temperature_noise_k=0.1)))
-    switched = [before[1].total_w == 0.0 < after[1].total_w for before, after in pairwise(commands)]
-    assert sum(switched) == 1
-    assert commands[-1][3].plant.temperature_c == pytest.approx(42.0, abs=0.3)
+    steps = list(driven(goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None, start_c=45.0,
+                        estimation=estimation, sensors=Sensors(period_s=1.0, temperature_noise_k=0.1)))
+    assert sum(before.command.total_w == 0.0 < after.command.total_w for before, after in pairwise(steps)) == 1
+    assert steps[-1].car.plant.temperature_c == pytest.approx(42.0, abs=0.3)
 
 
 ON = HeaterSwitch().asked(NOW_NS, 3e3, 3e3, 200.0, 200.0)
@@ -168,18 +159,18 @@ def test_a_highest_temperature_below_the_target_or_above_the_battery_s_range_is_
 
 @pytest.mark.parametrize('estimation', [True, False])
 def test_a_battery_above_its_range_is_cooled_at_once(estimation):
-    drive = list(driven(goal=Goal(25.0), charger=None, start_c=61.0, estimation=estimation))
-    commands = [command for _, command, _, _ in drive]
-    assert commands[5].reason is Status.COOLING and commands[5].power_w('chiller') == pytest.approx(3000.0)
+    steps = list(driven(goal=Goal(25.0), charger=None, start_c=61.0, estimation=estimation))
+    command = steps[5].command
+    assert (command.reason, command.power_w('chiller')) == (Status.COOLING, pytest.approx(3000.0))
     # Into its range, and no further.
-    assert 54.0 < drive[-1][3].plant.temperature_c <= 55.1
+    assert 54.0 < steps[-1].car.plant.temperature_c <= 55.1
 
 
 def test_without_a_chiller_a_battery_above_its_range_is_refused_and_told_why():
     alone = replace(CAR, heat_sources=tuple(source for source in CAR.heat_sources if not source.cools))
-    _, command, decision, _ = list(driven(until_s=20.0, car=alone, start_c=61.0))[-1]
-    assert command.total_w == 0.0 and "the range of the vehicle's battery; no heat source cools it" in (
-        decision.explanation)
+    *_, last = driven(until_s=20.0, car=alone, start_c=61.0)
+    assert last.command.total_w == 0.0
+    assert "the range of the vehicle's battery; no heat source cools it" in last.decision.explanation
 
 
 @pytest.mark.parametrize('share, resolution_k, least_s, words', [
@@ -213,41 +204,35 @@ def test_of_two_sources_with_the_same_heat_none_is_named_if_one_is_stuck_on():
 def judged(fault, route=ROUTE, start_c=49.0, goal=Goal(25.0, maximum_arrival_temperature_c=35.0),
            resolution_k=0.5):
     """Return the Supervisor after a drive of a faulty car, and when the source was named [s]."""
-    imperfections = Imperfections(sensors=Sensors(
-        period_s=2.0, temperature_noise_k=0.1, temperature_resolution_k=resolution_k, reports_power=True),
-        heater_faults=(fault,))
-    simulated = ImperfectCar(CAR, DrivePhase(route, goal), BatteryState(start_c, 0.5), imperfections)
-    supervisor, named_s = Supervisor(CAR, Settings()), None
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 838.0):
-        state = supervisor.state
+    named_s = None
+    for seen in driven(goal=goal, charger=None, start_c=start_c, route=route, faults=(fault,), sensors=Sensors(
+            period_s=2.0, temperature_noise_k=0.1, temperature_resolution_k=resolution_k)):
+        state = seen.planner.state
         assert not state.signal_verdicts
         accused = {name for name, report in state.learning.reports.items() if report.heater is not Heater.ANSWERS}
         assert accused <= {fault.source}
         if accused and named_s is None:
-            named_s = moment.time_s
-        if moment.time_s > 200.0 and (named_s is not None or not fault.stuck_on):
+            named_s = seen.at_s
+        if seen.at_s > 200.0 and (named_s is not None or not fault.stuck_on):
             # The true temperature is the simulated car's.
-            assert abs(state.estimate.temperature_c - simulated.plant.temperature_c) < (
+            assert abs(state.estimate.temperature_c - seen.car.plant.temperature_c) < (
                 1.0 if named_s is None or fault.stuck_on else 0.5)
-    return supervisor, named_s
+    return seen.planner, named_s
 
 
 @pytest.mark.parametrize('estimation', [True, False])
 @pytest.mark.parametrize('start_c', [49.0, 61.0])
 def test_a_chiller_that_refuses_is_told_by_its_own_words(start_c, estimation):
-    supervisor, told = Supervisor(CAR, Settings(estimation=estimation)), set()
-    simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(25.0, maximum_arrival_temperature_c=42.0)),
-                             BatteryState(start_c, 0.5))
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 700.0):
-        now_ns, command = supervisor.state.now_ns, moment.output.command
-        if command is None:
-            continue
-        if moment.time_s > 600.0:
-            told.add(supervisor.state.decision.explanation)
-        if 500.0 < moment.time_s < 660.0:
+    told = set()
+    for seen in driven(700.0, goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None, start_c=start_c,
+                       sensors=Sensors(), estimation=estimation):
+        supervisor, now_ns = seen.planner, seen.planner.state.now_ns
+        if seen.at_s > 600.0:
+            told.add(seen.decision.explanation)
+        if 500.0 < seen.at_s < 660.0:
             assert not supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(
                 now_ns, 0.0, 0.0, Refusal.HEATER_FAULT, 'no refrigerant'), 'chiller')).refusals
-        elif 600.0 < moment.time_s:
+        elif 600.0 < seen.at_s:
             supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(now_ns, 3000.0, 3000.0), 'chiller'))
     words = 'The chiller does not cool (HEATER_FAULT): no refrigerant.'
     assert any(sentence.startswith(words) for sentence in told)

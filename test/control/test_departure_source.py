@@ -100,11 +100,6 @@ class Car:
         return self.supervisor.state.preparation_goal
 
 
-def mission(start_ns):
-    return Mission('to the charger', (steady_leg(1800.0, start_ns=start_ns, ambient_temperature_c=[-3.0],
-                                                 target_temperature_c=24.0),))
-
-
 def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough():
     car = Car()
     car.tick()
@@ -128,6 +123,15 @@ def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough()
     assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.report.latest
 
 
+def test_nothing_happens_until_its_window():
+    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
+    car.tick()
+    assert car.goal is None and car.state is DepartureState.LATER
+    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
+    car.go(2 * MINUTE)
+    assert car.goal is not None
+
+
 def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     car = Car()
     car.tick()
@@ -142,17 +146,29 @@ def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     assert car.goal is not by_hand and car.goal.ready_at_ns == READY_NS
 
 
-def test_a_route_that_drives_before_the_departure_has_priority():
+def mission(start_ns):
+    return Mission('to the charger', (steady_leg(1800.0, start_ns=start_ns, ambient_temperature_c=[-3.0],
+                                                 target_temperature_c=24.0),))
+
+
+@pytest.mark.parametrize('event, power_w, words, opposite, lasts_s', [
+    (RouteArrived(mission(READY_NS - round(3 * HOUR * NS_PER_S))), None,
+     "'to the charger' drives before the departure", TripCancelled(), MINUTE),
+    # 12 kW for the five minutes that the memory covers.
+    (None, 12e3, 'the vehicle drives: the battery gives', None, 6 * MINUTE),
+    (PreheatingSwitched(False), None, 'switched off', PreheatingSwitched(True), MINUTE)],
+    ids=['route', 'drive', 'driver'])
+def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(
+        event, power_w, words, opposite, lasts_s):
     car = Car()
     car.tick()
-    car.step(RouteArrived(mission(car.now_ns)))
-    car.go(MINUTE)
+    car.step(*filter(None, [event]))
+    car.go(5 * MINUTE, power_w=power_w)
     assert car.goal is None and car.state is DepartureState.HELD_OFF
-    assert "'to the charger' drives before the departure" in car.source.report.reason
-    assert car.supervisor.state.active_mission.route_id == 'to the charger'
+    assert words in car.source.report.reason
+    car.step(*filter(None, [opposite]))
+    car.go(lasts_s, power_w=0.0)
     # The grid is still believed in.
-    car.step(TripCancelled())
-    car.go(MINUTE)
     assert car.goal is not None and car.goal.is_plugged_in
 
 
@@ -174,28 +190,6 @@ def test_a_charge_that_falls_outranks_the_file_until_the_vehicle_is_charged_agai
     assert not car.source.report.plugged_in and 'the charge has fallen' in car.source.report.reason
     car.go(MINUTE, soc=0.70)
     assert car.goal.is_plugged_in and car.source.report.plugged_in
-
-
-def test_a_vehicle_that_drives_is_not_prepared():
-    car = Car()
-    car.tick()
-    # 12 kW for the five minutes that the memory covers.
-    car.go(5 * MINUTE, power_w=12e3)
-    assert car.goal is None and car.state is DepartureState.HELD_OFF
-    assert 'the vehicle drives: the battery gives' in car.source.report.reason
-    car.go(6 * MINUTE, power_w=0.0)
-    assert car.goal is not None
-
-
-def test_switched_off_it_waits_and_continues_when_it_is_switched_on():
-    car = Car()
-    car.tick()
-    car.step(PreheatingSwitched(False))
-    car.go(10 * MINUTE)
-    assert car.goal is None and 'switched off' in car.source.report.reason
-    car.step(PreheatingSwitched(True))
-    car.go(MINUTE)
-    assert car.goal is not None
 
 
 def test_without_any_ambient_temperature_it_is_off_and_says_why():
@@ -241,9 +235,6 @@ def test_a_clock_that_was_never_set_prepares_nothing():
     assert 'before 2020' in car.source.report.reason and car.source.report.next_ns is None
 
 
-# Skipping
-
-
 def test_a_skip_by_a_wrong_clock_does_not_last_for_years():
     car = Car(now_ns=ns(2040, 1, 4, 6))
     car.tick()
@@ -272,9 +263,6 @@ def test_another_file_replaces_the_goal_without_a_pause():
     assert not any(isinstance(event, PreparationEnded) for event in car.events)
 
 
-# Prices
-
-
 def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
     # 3 h before, 5 ct until 06:30, then ten times as much: heating early leaks, but costs less.
     prices = GridPrices(ZONE, (DailyPrice(time(0), 0.05), DailyPrice(time(6, 30), 0.5)))
@@ -298,12 +286,3 @@ def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
     heated_s = tau_s * log((heated_c - start_c) / (heated_c - wanted_c))
     assert sum(cheap_w) * STEP_S == pytest.approx(FULL_W * heated_s, rel=0.05)
     assert sum(dear_w) < 0.05 * sum(cheap_w)
-
-
-def test_nothing_happens_until_its_window():
-    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
-    car.tick()
-    assert car.goal is None and car.state is DepartureState.LATER
-    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
-    car.go(2 * MINUTE)
-    assert car.goal is not None

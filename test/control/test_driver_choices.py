@@ -2,10 +2,10 @@
 """The driver's opt-out, a cancelled trip and the battery's last state, over a restart of the planner."""
 
 import pytest
-from steady_drives import measured, NOW_NS, steady_leg, VEHICLE
+from steady_drives import measured, NOW_NS, steady_mission, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import CancelledTrip, DriverChoices, LastSeen, NO_CHOICES
 from bev_preheat.numerics import NS_PER_S
@@ -16,16 +16,12 @@ HOUR_NS = 3600 * NS_PER_S
 SETTINGS = Settings(minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 
 
-def make_mission(route_id='home', start_ns=NOW_NS):
-    return Mission(route_id, (steady_leg(step_s=300.0, start_ns=start_ns),))
-
-
 def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
     """Return a Stepwise planner that was restarted with these choices, a route and a cold battery."""
     planner = Stepwise(VEHICLE, Settings(**settings) if settings else SETTINGS,
                        choices=choices.after_restart(now_ns))
     planner.refresh(now_ns)
-    planner.accept_mission(mission or make_mission())
+    planner.accept_mission(mission or steady_mission())
     planner.accept_battery(measured(now_ns), now_ns)
     return planner
 
@@ -57,6 +53,11 @@ def test_an_opt_out_counts_for_a_day(age_ns, is_off):
     assert answer(start(DriverChoices(NOW_NS - age_ns))) == (OFF if is_off else HEATS)
 
 
+def test_an_opt_out_does_not_end_while_the_process_lives():
+    planner = start(DriverChoices(NOW_NS - 24 * HOUR_NS))
+    assert planner.command(NOW_NS + HOUR_NS).reason is Status.DISABLED
+
+
 # A trip: its publisher latches the route, another node has cancelled it
 
 def cancelled_choices():
@@ -76,25 +77,29 @@ def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
 
 
 @pytest.mark.parametrize('mission', [
-    make_mission('work'), make_mission(start_ns=NOW_NS + NS_PER_S)], ids=['another', 'sent again'])
+    steady_mission('work'), steady_mission(start_ns=NOW_NS + NS_PER_S)], ids=['another', 'sent again'])
 def test_any_other_route_heats_after_a_restart(mission):
     now_ns = NOW_NS + 60 * NS_PER_S
     planner = start(cancelled_choices(), now_ns, mission)
     assert (answer(planner), planner.state.inbox.choices) == (HEATS, NO_CHOICES)
     # Then the first route may be driven after all.
-    planner.accept_mission(make_mission())
+    planner.accept_mission(steady_mission())
     assert answer(planner) == HEATS
 
 
 def test_a_cancellation_counts_for_a_day():
     now_ns = NOW_NS + 24 * HOUR_NS
-    tomorrow = make_mission(start_ns=NOW_NS)
     choices = DriverChoices(None, CancelledTrip('home', NOW_NS, NOW_NS))
-    assert answer(start(choices, now_ns, tomorrow)) == CANCELLED
+    assert answer(start(choices, now_ns)) == CANCELLED
     assert choices.after_restart(now_ns + 1) == NO_CHOICES
 
 
-# The battery
+def test_a_second_cancellation_says_nothing_of_another_trip():
+    planner = start()
+    planner.cancel()
+    planner.cancel()
+    assert planner.state.inbox.choices == cancelled_choices()
+
 
 SEEN = LastSeen(11.0, 0.5, NOW_NS - 9 * HOUR_NS)
 
@@ -108,15 +113,3 @@ def test_last_seen_is_that_from_before_the_restart_until_the_battery_tells(estim
     seen = planner.state.last_seen
     assert (seen.temperature_c, seen.soc, seen.stamp_ns) == (
         pytest.approx(-7.0, abs=0.01), pytest.approx(0.75, abs=1e-4), NOW_NS)
-
-
-def test_an_opt_out_does_not_end_while_the_process_lives():
-    planner = start(DriverChoices(NOW_NS - 24 * HOUR_NS))
-    assert planner.command(NOW_NS + HOUR_NS).reason is Status.DISABLED
-
-
-def test_a_second_cancellation_says_nothing_of_another_trip():
-    planner = start()
-    planner.cancel()
-    planner.cancel()
-    assert planner.state.inbox.choices == cancelled_choices()

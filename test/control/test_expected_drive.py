@@ -30,11 +30,16 @@ MISSION = Mission('two legs', (
     leg(START_S + 580, [7e3], cabin_w=9000.0)))
 
 
-def between(from_s, to_s, mission=MISSION):
+TIMETABLE = Timetable.of(MISSION)
+
+
+def ns(at_s):
+    return round((START_S + at_s) * NS_PER_S)
+
+
+def between(from_s, to_s, timetable=TIMETABLE):
     """Return (DriveInputs, heater power left by the cabin [W]) of the single step between two instants."""
-    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
-    timetable = None if mission is None else Timetable.of(mission)
-    interval, = intervals_between(edges_ns, VEHICLE, timetable, SourcePowers())
+    interval, = intervals_between([ns(from_s), ns(to_s)], VEHICLE, timetable, SourcePowers())
     return interval.drive, interval.limit_w
 
 
@@ -59,24 +64,15 @@ def test_beyond_the_route_nothing_is_known(from_s, to_s):
 
 
 def test_without_a_route_nothing_is_known():
-    assert between(0.0, 1.0, mission=None) == (None, 0.0)
-
-
-def along(places, from_s, to_s):
-    """Return the DriveInputs between two instants of a vehicle at (second, distance [m]) places."""
-    timetable = Timetable.of(MISSION)
-    for at_s, distance_m in places:
-        stamp_ns = round((START_S + at_s) * NS_PER_S)
-        timetable = timetable.at_progress(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
-    edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
-    interval, = intervals_between(edges_ns, VEHICLE, timetable, SourcePowers())
-    return interval.drive
+    assert between(0.0, 1.0, None) == (None, 0.0)
 
 
 def test_who_is_half_as_fast_takes_half_the_power():
     """The same energy per metre; cabin and auxiliaries keep their power."""
-    at_s = [100.0, 102.0, 104.0]
-    drive = along([(second, 1300.0 + 10.5 * (second - 100.0)) for second in at_s], 102.0, 104.0)
+    timetable = TIMETABLE
+    for at_s, distance_m in (100.0, 1300.0), (102.0, 1321.0), (104.0, 1342.0):
+        timetable = timetable.at_progress(Progress(distance_m, ns(at_s), 'two legs'), ns(at_s), Settings())
+    drive, _ = between(102.0, 104.0, timetable)
     planned, _ = between(65.0, 66.0)
     for field, share in (('speed_mps', 0.5), ('propulsion_power_w', 0.5),
                          ('power_variance_w2', 0.25), ('propulsion_power_magnitude_w', 0.5),

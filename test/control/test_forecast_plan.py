@@ -161,9 +161,6 @@ def test_plans_know_the_lag_and_the_consumption_of_this_car(asked):
     assert asked[-1].route.propulsion_power_w == pytest.approx(np.full(20, 25e3))
 
 
-# The heater
-
-
 @pytest.mark.parametrize('lag_s', [60.0, 100.0, 600.0])
 def test_a_target_that_is_too_far_is_predicted_with_the_heat_that_arrives_in_time(lag_s):
     plan = make(make_estimate(-10.0, heat_lag=math.log(lag_s / 40.0))).plan

@@ -2,10 +2,12 @@
 """The heater's power: commands, compared with sums over every millisecond, and the answers of its controller."""
 
 from dataclasses import replace
+from math import inf
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from simulated_drives import drive
 
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
 from bev_preheat.control.heater import CommandHistory, HeaterAnswers, HeaterStatus, SourcePower
@@ -19,10 +21,9 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater import HeaterFault
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.supervised_drive import moments, START_NS
+from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
@@ -119,24 +120,19 @@ def measured(answer, measured_w, now_ns):
         now_ns, answer.requested_w, answer.active_w, answer.refusal, answer.sentence, measured_w=measured_w)
 
 
-def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, state=STATE, period_s=PERIOD_S,
-           route=ROUTE, goal=GOAL):
-    """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
-    vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
-        sensors=Sensors(period_s=period_s), heater_faults=faults))
-    supervisor = Supervisor(VEHICLE, settings)
-    steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
-        car, supervisor, lambda: car.time_s >= until_s, told_by_heater)]
-    return supervisor, car, steps
+def driven(until_s, told_by_heater=None, state=STATE, vehicle=VEHICLE, route=ROUTE, goal=GOAL, period_s=PERIOD_S,
+           **how):
+    """Yield a Seen for each command of a drive until an instant [s]."""
+    return drive(vehicle, DrivePhase(route, goal), state, until_s, told_by_heater,
+                 sensors=Sensors(period_s=period_s), **how)
 
 
 @pytest.mark.parametrize('estimation', [True, False])
 def test_what_the_car_refuses_is_not_promised(estimation):
-    settings = replace(SETTINGS, estimation=estimation)
-    supervisor, car, steps = driven(
-        as_it_is, 500.0 if estimation else 1000.0, HeatingGates(minimum_soc=0.95), settings=settings, state=COLD)
-    decision = supervisor.state.decision
+    gated = replace(VEHICLE, heating_gates=HeatingGates(minimum_soc=0.95))
+    steps = list(driven(500.0 if estimation else 1000.0, as_it_is, COLD, gated, planned_for=VEHICLE,
+                        estimation=estimation))
+    _, command, decision, planner, car = steps[-1]
     assert decision.status is Status.TARGET_UNREACHABLE
     assert decision.sentence is None or decision.explanation == decision.sentence
     assert decision.explanation.startswith(
@@ -147,11 +143,11 @@ def test_what_the_car_refuses_is_not_promised(estimation):
     assert decision.plan.arrival_temperature_c == pytest.approx(unheated.arrival_temperature_c, abs=0.3)
     assert car.plant.energy_wh.hvch_electric == 0.0
     # Never claimed, although heat is commanded, so that it begins as soon as the car allows it.
-    assert all(decision.status is not Status.HEATING for _, decision, _ in steps if decision is not None)
-    assert steps[-1][2].battery_heating_power_w > 0.0
+    assert all(seen.decision.status is not Status.HEATING for seen in steps)
+    assert command.battery_heating_power_w > 0.0
     # The heater does as its controller says.
     if estimation:
-        assert supervisor.state.estimate.heater.heater is Heater.ANSWERS
+        assert planner.state.estimate.heater.heater is Heater.ANSWERS
 
 
 def test_refusal_that_ends_is_forgotten():
@@ -161,45 +157,39 @@ def test_refusal_that_ends_is_forgotten():
             return HeaterStatus(now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'coolant is low')
         return as_it_is(answer, measured_w, now_ns)
 
-    supervisor, _, steps = driven(refuses_for_a_while, 600.0)
-    said = [decision.explanation for time_s, decision, _ in steps if decision is not None and time_s < 480.0]
-    assert 'The heater does not heat (HEATER_FAULT): coolant is low.' in said[-1]
-    assert supervisor.state.decision.status is Status.WAITING
-    assert 'does not heat' not in supervisor.state.decision.explanation
+    steps = list(driven(600.0, refuses_for_a_while))
+    refused, served = next(seen for seen in steps if seen.at_s >= 479.0), steps[-1]
+    assert 'The heater does not heat (HEATER_FAULT): coolant is low.' in refused.decision.explanation
+    assert served.decision.status is Status.WAITING
+    assert 'does not heat' not in served.decision.explanation
 
 
 def test_honest_answers_change_no_drive():
     # Heated for some minutes in the middle.
-    short = {'route': ROUTE.before(600.0), 'goal': Goal(-4.6)}
-    *_, silent = driven(None, 590.0, **short)
-    _, _, honest = driven(measured, 590.0, **short)
-    by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
-                   if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
-    assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0) and by_command[0][0][0] > 60.0
+    silent_s, honest_s = (
+        [seen.at_s for seen in driven(590.0, told_by_heater, route=ROUTE.before(600.0), goal=Goal(-4.6))
+         if seen.command.total_w > 0.0] for told_by_heater in (None, measured))
+    assert silent_s[0] == pytest.approx(honest_s[0], abs=40.0) and silent_s[0] > 60.0
     # A heater is on or off, and half a minute more or less is worth little.
-    assert len(by_command[0]) == pytest.approx(len(by_command[1]), abs=30.0)
+    assert len(silent_s) == pytest.approx(len(honest_s), abs=30.0)
 
 
 def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
-    supervisor, car, steps = driven(
-        measured, 300.0, faults=(HeaterFault(0.0, share=0.0),), state=COLD, period_s=1.0)
-    commanded_s = next(time_s for time_s, _, command in steps
-                       if command is not None and command.battery_heating_power_w > 0.0)
-    refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
-                     and 'it reports 0 W' in decision.explanation)
+    steps = list(driven(300.0, measured, COLD, faults=(HeaterFault(0.0, share=0.0),), period_s=1.0))
+    commanded_s = next(seen.at_s for seen in steps if seen.command.total_w > 0.0)
+    refused_s = next(seen.at_s for seen in steps if 'it reports 0 W' in seen.decision.explanation)
     assert refused_s - commanded_s <= CONFIRMED_WITHIN_S + LEAST_STATUS_S + 1.0
-    assert supervisor.state.heater_answer.doubt == ''
+    assert steps[-1].planner.state.heater_answer.doubt == ''
 
 
-@pytest.mark.parametrize('lie, fault, words', [
-    (as_it_is, HeaterFault(0.0, share=0.0), 'battery temperature and power show no heat'),
+@pytest.mark.parametrize('lie, faults, words', [
+    (as_it_is, (HeaterFault(0.0, share=0.0),), 'battery temperature and power show no heat'),
     (lambda answer, measured_w, now_ns: HeaterStatus(
-        now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'broken'), None,
-     'battery temperature and power show more heat than it reports'),
-], ids=['claims heat', 'denies heat'])
-def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words):
-    supervisor, car, _ = driven(lie, 1400.0, faults=() if fault is None else (fault,), state=COLD)
-    answer = supervisor.state.heater_answer
+        now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'broken'), (),
+     'battery temperature and power show more heat than it reports')], ids=['claims heat', 'denies heat'])
+def test_answers_that_battery_and_power_contradict_are_doubted(lie, faults, words):
+    *_, last = driven(1400.0, lie, COLD, faults=faults)
+    answer = last.planner.state.heater_answer
     assert words in answer.doubt
     assert answer.doubt.startswith('hvch_status is in doubt: it reports ')
     assert answer.refusal == ''
@@ -210,15 +200,15 @@ def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words
     (-7.0, 0.0, (HeaterFault(0.0, stuck_on=True),), {Heater.STUCK_ON})])
 def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measured_w, faults, accused):
     told, doubts = {Heater.ANSWERS}, ['']
-    supervisor = Supervisor(VEHICLE, SETTINGS)
-    car = ImperfectCar(VEHICLE, DrivePhase(ROUTE, GOAL), BatteryState(from_c, 0.9), Imperfections(
-        sensors=Sensors(period_s=PERIOD_S), heater_faults=faults))
-    # On for half a minute after the doubt.
-    for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: measured(
-            answer, measured_w, now_ns)):
-        if supervisor.state.estimate is not None and supervisor.state.heater_answer is not None:
-            told.add(supervisor.state.estimate.heater.heater)
-            doubts.append(supervisor.state.heater_answer.doubt)
+    for seen in driven(inf, lambda answer, _, now_ns: measured(answer, measured_w, now_ns), BatteryState(
+            from_c, 0.9), faults=faults):
+        state = seen.planner.state
+        if state.estimate is not None and state.heater_answer is not None:
+            told.add(state.estimate.heater.heater)
+            doubts.append(state.heater_answer.doubt)
+        # On for half a minute after the doubt.
+        if doubts[-30:][0]:
+            break
     assert told == {Heater.ANSWERS} | accused
     assert doubts[-1].startswith(f'hvch_status is in doubt: it reports {measured_w:.0f} W')
 
@@ -263,23 +253,17 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     (False, HeatingGates(maximum_temperature_c=-3.0)), (True, HeatingGates(minimum_soc=0.87)),
     (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
 def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
-    vehicle = replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, DrivePhase(ROUTE.before(900.0), GOAL), STATE, Imperfections(
-        sensors=Sensors(period_s=PERIOD_S)))
-    supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
+    def is_open(seen):
+        state = seen.planner.state.measurement.state
+        return state.temperature_c < gates.maximum_temperature_c and state.soc >= gates.minimum_soc
+
     heated_w = set()
-    for moment in moments(car, supervisor, lambda: car.time_s >= 850.0):
-        command, measured = moment.output.command, supervisor.state.measurement
-        if command is not None and command.battery_heating_power_w > 0.0:
-            assert measured.state.temperature_c < gates.maximum_temperature_c
-            assert measured.state.soc >= gates.minimum_soc
-            heated_w.add(command.battery_heating_power_w)
-    assert heated_w
-    if not gates.power_steps_w:
-        # The gate has closed.
-        assert (measured.state.temperature_c >= gates.maximum_temperature_c
-                or measured.state.soc < gates.minimum_soc)
-    assert not gates.power_steps_w or heated_w == {4000.0}
+    for seen in driven(850.0, vehicle=replace(VEHICLE, heating_gates=gates), route=ROUTE.before(900.0),
+                       estimation=estimation, minimum_on_time_s=600.0):
+        if seen.command.total_w > 0.0:
+            assert is_open(seen)
+            heated_w.add(seen.command.total_w)
+    assert heated_w == {4000.0} if gates.power_steps_w else heated_w and not is_open(seen)
 
 
 def test_any_confirmed_heat_is_no_refusal():

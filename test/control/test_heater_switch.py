@@ -24,6 +24,31 @@ def asked(switch, now_s, wanted_w, limit_w=LIMIT_W):
 HEATING = asked(HeaterSwitch(), 1000.0, FULL_W)
 
 
+# A request below 0 means no heating.
+@pytest.mark.parametrize('wanted_w, power_w', [(0.5, 0.5), (0.0, 0.0), (-1.0, 0.0)])
+def test_the_least_power_switches_the_heater_on_and_none_does_not(wanted_w, power_w):
+    for before in HeaterSwitch(), HEATING:
+        switch = asked(before, 1020.0, wanted_w)
+        assert (switch.is_on, switch.power_w) == (power_w > 0.0, power_w)
+
+
+@pytest.mark.parametrize('later_ns, power_w', [
+    (0, FULL_W), (1, FULL_W), (20 * S - 1, FULL_W), (20 * S, 0.0), (-1, 0.0)])
+def test_the_least_time_on_lasts_from_the_very_instant_to_its_end(later_ns, power_w):
+    assert HEATING.asked(1000 * S + later_ns, 0.0, LIMIT_W, ON_S, OFF_S).power_w == power_w
+
+
+def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
+    switch = HeaterSwitch()
+    for number in range(20):
+        for at_s, power_w in (180 * number, FULL_W), (180 * number + 90, 0.0):
+            switch = switch.asked(at_s * S, power_w, LIMIT_W, 0.0, 0.0)
+            assert switch.power_w == power_w
+    switch = switch.asked(3600 * S - S // 1000, FULL_W, LIMIT_W, 0.0, 0.0)
+    assert (switch.power_w, switch.pause.left_s) == (0.0, pytest.approx(0.001))
+    assert switch.asked(3600 * S, FULL_W, LIMIT_W, 0.0, 0.0).power_w == FULL_W
+
+
 WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, FULL_W]),
                             st.sampled_from(['ask', 'ask', 'ask', 'force', 'allow'])), max_size=60)
 

@@ -166,8 +166,6 @@ def test_who_drives_on_is_heated_again_at_once():
     assert drive.feed(2001.0)[0] == HEATS
 
 
-# Stops
-
 def two_legs():
     return Mission('home', with_stops(
         (a_leg(start_ns=START_NS), a_leg(departure=BatteryState(24.0, 0.7))), (300.0,)))
@@ -184,8 +182,6 @@ def test_a_late_stop_ends_later():
     assert later.start_ns == START_NS + ns(1050.0)
     assert drive.feed(1051.0) == (HEATS, COLD, 599.0)
 
-
-# Refused routes
 
 @pytest.mark.parametrize('arrives_s, goes_on', [(699.0, False), (701.0, True)])
 def test_a_refused_update_is_held_against_the_arrival_by_place(arrives_s, goes_on):

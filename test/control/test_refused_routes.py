@@ -30,7 +30,6 @@ def make_trip_with_stop(start_ns=NOW_NS):
 def feed(supervisor, now_ns):
     """Give a valid state; return the supervisor's answer (power [W], status)."""
     supervisor.accept_battery(measured(now_ns), now_ns)
-    supervisor.replan(now_ns)
     return outcome(supervisor, now_ns)
 
 
@@ -155,12 +154,9 @@ def test_stops_behind_may_be_left_out():
     assert feed_on(supervisor)[0] > 0.0
 
 
-# Cancellation
-
 def test_a_cancelled_trip_is_off_and_stays_off():
     supervisor = heating_supervisor(steady_mission())
     supervisor.cancel()
-    supervisor.replan(NOW_NS)
     outcomes = {outcome(supervisor, NOW_NS)} | {
         feed(supervisor, at(second)) for second in range(1, 5)}
     # Regardless of the battery state, because no route asks for heat.

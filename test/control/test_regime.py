@@ -16,14 +16,14 @@ DESCENT = PlannedPower(-14000.0, -22000.0, -5000.0, 2100.0, -20000.0, -14000.0)
 CITY = PlannedPower(2600.0, -900.0, 4000.0, 2100.0, 300.0, 2500.0)
 
 
-def watch(powers_w, planned=ROAD, period_s=1.0, **evidence):
-    """Return the instants [s] and RegimeReports of powers [W], one every `period_s`."""
+def watch(powers_w, planned=ROAD, **evidence):
+    """Return the instants [s] and RegimeReports of powers [W], one a second."""
     regimes, reports = RegimeWatch(), []
     for number, power_w in enumerate(powers_w):
-        instant_s = START_S + number * period_s
-        at = {name: value(instant_s) if callable(value) else value for name, value in evidence.items()}
-        regimes = regimes.seen(Evidence(
-            round(instant_s * NS_PER_S), power_w, at.pop('command_w', 0.0), planned, **at))
+        instant_s = START_S + number
+        at = {name: value(instant_s) if callable(value) else value for name, value in {
+            'command_w': 0.0, 'planned': planned, **evidence}.items()}
+        regimes = regimes.seen(Evidence(instant_s * NS_PER_S, power_w, **at))
         reports.append((instant_s - START_S, regimes.report))
     return reports
 
@@ -212,34 +212,24 @@ def test_charging_by_the_charge_ends_when_it_falls_or_stays():
     assert full[450].regime is Regime.CHARGING and full[599].regime is Regime.STANDING
 
 
-def test_a_status_outranks_the_charge():
-    assert {report.regime for _, report in watch_charges(
-        [(300, -50000.0)], supply=SupplyStatus.DISCHARGING)} == {Regime.UNKNOWN}
-
-
-@pytest.mark.parametrize('power_w, planned, step, noise', [
-    (17400.0, ROAD, 0.0, 0.002), (6000.0, ROAD, 0.01, 0.0), (5000.0, CITY, 0.001, 0.0),
-    (-20000.0, DESCENT, 0.001, 0.0), (-30000.0, DESCENT, 0.01, 0.0), (-22000.0, ROAD, 0.01, 0.0)])
-def test_the_charge_of_a_drive_is_no_charging_and_no_standing(power_w, planned, step, noise):
-    # The last one is a descent on no map.
-    reports = watch_charges([(290, power_w)] if power_w < 0 else [(3000, power_w)], planned, step, noise)
-    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
-
-
-@pytest.mark.parametrize('soc', [0.995, 0.008])
-def test_a_display_at_its_end_is_no_standing(soc):
+@pytest.mark.parametrize('powers_w, how', [
+    ([(3000, 17400.0)], {'step': 0.0, 'noise': 0.002}), ([(3000, 6000.0)], {'step': 0.01}),
+    ([(3000, 5000.0)], {'planned': CITY}), ([(290, -20000.0)], {'planned': DESCENT}),
+    ([(290, -30000.0)], {'planned': DESCENT, 'step': 0.01}), ([(290, -22000.0)], {'step': 0.01}),
     # The true charge goes on falling.
-    assert {report.regime for _, report in watch_charges([(1500, 0.0)], soc=soc)} == {Regime.UNKNOWN}
+    ([(1500, 0.0)], {'soc': 0.995}), ([(1500, 0.0)], {'soc': 0.008}),
+    ([(400, 17400.0), (1, -0.05 * FULL_J), (400, 17400.0)], {}), ([(1800, 17400.0)], {'command_w': 6000.0}),
+    ([(300, -50000.0)], {'supply': SupplyStatus.DISCHARGING})], ids=[
+        'noise', 'whole percent', 'city', 'descent', 'descent in whole percent', 'descent on no map',
+        'display at its upper end', 'display at its lower end', 'corrected display',
+        'heater that does not follow', 'status of a discharge'])
+def test_what_shows_neither_charging_nor_standing_leaves_the_regime_unknown(powers_w, how):
+    assert {report.regime for _, report in watch_charges(powers_w, **how)} == {Regime.UNKNOWN}
 
 
 def test_a_display_that_is_renewed_every_five_minutes_is_no_standing():
     shown = charges([(3000, 10000.0)])
     reports = watch([None] * 3000, soc=lambda at_s: shown(START_S + (at_s - START_S) // 300 * 300), full_j=FULL_J)
-    assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
-
-
-def test_a_corrected_display_is_no_charging():
-    reports = watch_charges([(400, 17400.0), (1, -0.05 * FULL_J), (400, 17400.0)])
     assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
 
 
@@ -256,23 +246,15 @@ def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
 def test_a_slow_stretch_after_a_fast_one_is_no_standing():
     # 40 kW, then 6 min with a sixteenth; the route's least mean of 300 s follows late, as a mean does.
     powers_w = [40000.0] * 600 + [2500.0] * 360 + [20000.0] * 600
-    soc = charges([(1, power_w) for power_w in powers_w])
-    regimes, seen = RegimeWatch(), set()
-    for number in range(len(powers_w)):
+
+    def planned(at_s):
+        number = at_s - START_S
         least_w = sum(powers_w[max(0, number - 299):number + 1]) / 300.0
-        regimes = regimes.seen(Evidence(
-            (START_S + number) * NS_PER_S, None, 0.0, PlannedPower(least_w, 0.0, 40000.0, 2100.0, 0.0, least_w),
-            soc=soc(START_S + number), full_j=FULL_J))
-        seen.add(regimes.report.regime)
-    assert seen == {Regime.UNKNOWN}
+        return PlannedPower(least_w, 0.0, 40000.0, 2100.0, 0.0, least_w)
 
-
-def test_a_heater_that_does_not_follow_is_no_standing():
-    reports = watch_charges([(1800, 17400.0)], command_w=6000.0)
+    reports = watch_charges([(1, power_w) for power_w in powers_w], planned)
     assert {report.regime for _, report in reports} == {Regime.UNKNOWN}
 
-
-# Time
 
 def test_a_silence_ends_what_was_known():
     regimes = RegimeWatch()

@@ -5,12 +5,12 @@ Heat sources beside the HVCH in the planner's step: one gate, one lease, one hea
 Their steps of power, least times and the price of a start are counted from the commands of drives.
 """
 
-from collections import deque
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from simulated_drives import drive
 
 from bev_preheat.control.decision import Unserved
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
@@ -27,10 +27,8 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterFault
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -43,22 +41,20 @@ ROUTE = make_route({
     CAR.defaults)
 
 
-def driven(until_s=np.inf, goal=Goal(40.0), start_c=-10.0, car=CAR, route=ROUTE, faults=(), sensors=Sensors(),
-           **settings):
-    """Yield (instant [s], command, Supervisor, ImperfectCar) of a drive to its end, or until an instant [s]."""
-    simulated = ImperfectCar(car, DrivePhase(route, goal), BatteryState(start_c, 0.8),
-                             Imperfections(sensors=sensors, heater_faults=tuple(faults)))
-    supervisor = Supervisor(car, Settings(**settings))
-    for moment in moments(simulated, supervisor, lambda: (
-            simulated.plant.is_standing or simulated.time_s >= until_s)):
-        assert not moment.output.failure
-        if moment.output.command is not None:
-            yield moment.time_s, moment.output.command, supervisor, simulated
+def driven(until_s=np.inf, goal=Goal(40.0), start_c=-10.0, car=CAR, route=ROUTE, **how):
+    """Yield a Seen for each command of a drive to its end, or until an instant [s]."""
+    return drive(car, DrivePhase(route, goal), BatteryState(start_c, 0.8), until_s, **how)
+
+
+def state_after_the_start():
+    """Return the planner's State 2 s after the start of a drive."""
+    *_, last = driven(2.0)
+    return last.planner.state
 
 
 @pytest.mark.parametrize('estimation', [True, False])
 def test_all_heat_within_their_limits(estimation):
-    commands = {int(time_s // 60): command for time_s, command, _, _ in driven(290.0, estimation=estimation)}
+    commands = {seen.at_s // 60.0: seen.command for seen in driven(290.0, estimation=estimation)}
     for name, powers_w in {'motor': [3000.0, 3000.0, 0.0, 3000.0, 3000.0], 'heat_pump': [2500.0] * 5,
                            'hvch': [6000.0, 6000.0, 6000.0, 0.0, 6000.0]}.items():
         assert [command.power_w(name) for command in commands.values()] == pytest.approx(powers_w)
@@ -67,41 +63,36 @@ def test_all_heat_within_their_limits(estimation):
 
 
 def test_what_is_commanded_is_what_is_learned_from():
-    _, _, supervisor, car = deque(driven(700.0), maxlen=1)[0]
-    estimate = supervisor.state.estimate
-    assert estimate.temperature_c == pytest.approx(car.plant.temperature_c, abs=0.3)
+    *_, last = driven(700.0)
+    state, estimate = last.planner.state, last.planner.state.estimate
+    assert estimate.temperature_c == pytest.approx(last.car.plant.temperature_c, abs=0.3)
     assert estimate.log_factors == pytest.approx(0.0, abs=0.06)
     assert estimate.heater.heater.value == 'answers'
-    state = supervisor.state
     assert state_bytes(state_of(state_bytes(state))) == state_bytes(state)
 
 
 def test_any_doubt_stops_all():
-    last = [command for _, command, _, _ in driven(70.0, sensors=Sensors(drop_outs=((50.0, 1e9),)))][-1]
-    assert (last.reason, last.total_w, last.sources_w) == (Status.STALE_INPUT, 0.0, ())
+    *_, last = driven(70.0, sensors=Sensors(drop_outs=((50.0, 1e9),)))
+    assert (last.command.reason, last.command.total_w, last.command.sources_w) == (Status.STALE_INPUT, 0.0, ())
 
 
 def test_gates_of_the_car_stop_all():
     gated = replace(CAR, heating_gates=replace(CAR.heating_gates, minimum_soc=0.85))
-    assert all(command.total_w == 0.0 for _, command, _, _ in driven(60.0, car=gated))
+    assert all(seen.command.total_w == 0.0 for seen in driven(60.0, car=gated))
 
 
 def test_without_a_source_that_refuses_the_others_heat():
-    supervisor = Supervisor(CAR, Settings())
-    simulated = ImperfectCar(CAR, DrivePhase(ROUTE, Goal(0.0)), BatteryState(-10.0, 0.8))
-    seen = {}
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 700.0):
-        command, now_ns = moment.output.command, supervisor.state.now_ns
-        if command is None:
-            continue
-        seen[int(moment.time_s)] = command, supervisor.state.decision.explanation
-        if moment.time_s >= 300.0:
+    heats, sentences = [], set()
+    for seen in driven(700.0, Goal(0.0)):
+        now_ns = seen.planner.state.now_ns
+        sentences.add(seen.decision.explanation)
+        if seen.at_s > 310.0 and seen.command.total_w > 0.0:
+            heats.append(seen.command)
+        if seen.at_s >= 300.0:
             fault = HeaterStatus(now_ns, 0.0, 0.0, Refusal.HEATER_FAULT, 'no refrigerant')
-            output = supervisor.step(now_ns, SourceStatusArrived(fault, 'heat_pump'))
-            assert not output.refusals
-    heats = [command for time_s, (command, _) in seen.items() if time_s > 310 and command.total_w > 0.0]
+            assert not seen.planner.step(now_ns, SourceStatusArrived(fault, 'heat_pump')).refusals
     words = 'The heat_pump does not heat (HEATER_FAULT): no refrigerant.'
-    assert any(words in sentence for _, sentence in seen.values())
+    assert any(words in sentence for sentence in sentences)
     # It is asked on, and draws nothing; the others reach the target.
     assert heats and all(command.power_w('heat_pump') > 0.0 for command in heats)
     assert all(command.power_w('motor') + command.power_w('hvch') > 0.0 for command in heats)
@@ -120,16 +111,15 @@ def test_a_dead_source_is_named_and_no_other():
         route = route.followed_by(route)
     accused = set()
     # The heat pump heats alone until it fails.
-    for at_s, command, supervisor, _ in driven(
-            1900.0, goal=Goal(12.0), faults=[HeaterFault(60.0, share=0.0, source='heat_pump')], route=route):
-        assert at_s > 60.0 or command.power_w('hvch') == 0.0
-        accused = {name for name, report in supervisor.state.learning.reports.items()
+    for seen in driven(1900.0, Goal(12.0), faults=[HeaterFault(60.0, share=0.0, source='heat_pump')], route=route):
+        assert seen.at_s > 60.0 or seen.command.power_w('hvch') == 0.0
+        accused = {name for name, report in seen.planner.state.learning.reports.items()
                    if report.heater is not Heater.ANSWERS}
         assert accused <= {'heat_pump'}
-        if supervisor.state.decision.explanation.startswith('The heat_pump does not respond to its command. '):
+        if seen.decision.explanation.startswith('The heat_pump does not respond to its command. '):
             break
     assert accused == {'heat_pump'}
-    assert command.power_w('heat_pump') == 0.0 < command.total_w
+    assert seen.command.power_w('heat_pump') == 0.0 < seen.command.total_w
 
 
 @pytest.mark.parametrize('odds, tried', [
@@ -161,8 +151,7 @@ def moment_without(state, vehicle, *unserved):
     (0.0, None, 8750.0, 5000.0, 6000.0, 2000.0), (1.0, (True, 0.0), 8500.0, 2000.0, 2000.0, 2500.0),
     (1.0, (False, 0.0), 8500.0, 2000.0, 2000.0, 0.0)])
 def test_the_others_make_up_for_what_a_source_lacks(hvch_share, pump, limit_w, heat_w, hvch_w, pump_w):
-    _, _, supervisor, _ = deque(driven(2.0), maxlen=1)[0]
-    state, unserved = supervisor.state, () if pump is None else (Unserved('heat_pump', '', *pump),)
+    state, unserved = state_after_the_start(), () if pump is None else (Unserved('heat_pump', '', *pump),)
     division = HeatDivision(
         moment_without(state, CAR, *unserved), replace(state.decision, command_share=hvch_share), ())
     assert division.limit_w == pytest.approx(limit_w)
@@ -197,10 +186,10 @@ class Drive:
                  faults=(), **sensors):
         self.uses, self.powers_w, self.commands = [], set(), []
         since_s = None
-        for at_s, command, supervisor, simulated in driven(
-                until_s, goal, start_c, car, route or route_of(), faults, Sensors(period_s=4.0, **sensors),
-                command_period_s=2.0):
-            self.plant, reports, power_w = simulated.plant, supervisor.state.source_reports, command.power_w(name)
+        for at_s, command, _, planner, simulated in driven(
+                until_s, goal, start_c, car, route or route_of(), faults=faults,
+                sensors=Sensors(period_s=4.0, **sensors), command_period_s=2.0):
+            self.plant, reports, power_w = simulated.plant, planner.state.source_reports, command.power_w(name)
             self.commands.append((at_s, command))
             self.powers_w.add(power_w)
             if power_w > 0.0 and since_s is None:
@@ -241,16 +230,12 @@ def test_a_doubt_switches_it_off_at_once_and_it_rests_then():
 
 
 def test_a_pump_that_refuses_is_asked_on_and_serves_again():
-    car = car_with(**PUMP)
-    simulated = ImperfectCar(car, DrivePhase(route_of(), Goal(45.0)), BatteryState(-20.0, 0.9))
-    supervisor = Supervisor(car, Settings())
-    for moment in moments(simulated, supervisor, lambda: simulated.time_s >= 30.0):
-        now_ns, power_w = supervisor.state.now_ns, supervisor.state.latest_command.power_w('heat_pump')
-        is_refused = 10.0 < moment.time_s < 20.0
-        output = supervisor.step(now_ns, SourceStatusArrived(HeaterStatus(
-            now_ns, power_w, 0.0 if is_refused else power_w, Refusal(6 * is_refused)), 'heat_pump'))
-        assert not output.failure and not moment.output.failure
-        assert moment.time_s < 1.0 or power_w == 2500.0
+    for seen in drive(car_with(**PUMP), DrivePhase(route_of(), Goal(45.0)), BatteryState(-20.0, 0.9), 30.0):
+        now_ns, power_w = seen.planner.state.now_ns, seen.command.power_w('heat_pump')
+        is_refused = 10.0 < seen.at_s < 20.0
+        assert not seen.planner.step(now_ns, SourceStatusArrived(HeaterStatus(
+            now_ns, power_w, 0.0 if is_refused else power_w, Refusal(6 * is_refused)), 'heat_pump')).failure
+        assert seen.at_s < 1.0 or power_w == 2500.0
 
 
 def test_a_derated_source_is_commanded_in_its_own_steps():
@@ -263,8 +248,7 @@ def test_a_derated_source_is_commanded_in_its_own_steps():
 @pytest.mark.parametrize('heat_w, pump_w', [(0.0, 1000.0), (1500.0, 1000.0), (3750.0, 2500.0)])
 def test_a_derated_source_that_must_run_keeps_its_least_step(heat_w, pump_w):
     """Of the pump's 1000 W, 600 W become the heat of 1500 W of the HVCH."""
-    _, _, supervisor, _ = deque(driven(2.0), maxlen=1)[0]
-    state = supervisor.state
+    state = state_after_the_start()
     running = HeaterSwitch().asked(state.now_ns, 2500.0, 2500.0, 300.0, 180.0)
     division = HeatDivision(moment_without(
         state, car_with(**PUMP), Unserved('heat_pump', '', False, 0.6)), state.decision, (('heat_pump', running),))

@@ -2,7 +2,6 @@
 """The supervisor: the permitted heater power for every state of its inputs; in doubt 0 W."""
 
 from dataclasses import replace
-import random
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
@@ -33,13 +33,11 @@ def make_supervisor(temperature_c=-7.0, stamp_ns=NOW_NS, settings=SETTINGS, **mi
     supervisor = Stepwise(VEHICLE, settings)
     supervisor.accept_mission(steady_mission(**mission))
     supervisor.accept_battery(measured(stamp_ns, temperature_c), NOW_NS)
-    supervisor.replan(NOW_NS)
     return supervisor
 
 
 def feed(supervisor, now_ns, **measurement):
     supervisor.accept_battery(measured(now_ns, **measurement), now_ns)
-    return supervisor.replan(now_ns)
 
 
 def heats_after_pause(supervisor, from_s):
@@ -57,14 +55,6 @@ def refused_battery(supervisor, now_ns, **measurement):
     """Give a measurement that must be refused, and return the message."""
     with pytest.raises(InvalidInput) as refusal:
         supervisor.accept_battery(measured(**measurement), now_ns)
-    supervisor.replan(now_ns)
-    return str(refusal.value)
-
-
-def refused_mission(supervisor, **mission):
-    with pytest.raises(InvalidInput) as refusal:
-        supervisor.accept_mission(steady_mission(**mission))
-    supervisor.replan(NOW_NS)
     return str(refusal.value)
 
 
@@ -78,7 +68,6 @@ def test_one_input_alone_does_not_heat(has_route, has_battery, reason):
         supervisor.accept_mission(steady_mission())
     if has_battery:
         feed(supervisor, NOW_NS)
-    supervisor.replan(NOW_NS)
     assert outcome(supervisor) == (0.0, reason)
 
 
@@ -224,7 +213,30 @@ def test_a_clock_set_back_heats_on_nothing_from_its_future(back_s):
     assert outcome(make_supervisor(), NOW_NS - ns(back_s)) == (0.0, Status.STALE_INPUT)
 
 
+@pytest.mark.parametrize('back_ns, restarted', [
+    (0, False), (NS_PER_S // 2, False), (NS_PER_S, False), (NS_PER_S + 1, True), (40 * NS_PER_S, True)])
+def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, restarted):
+    inbox, _ = Inbox(VEHICLE, Settings()).taken(BatteryStateArrived(measured()), NOW_NS)
+    assert not inbox.changes.clock_restarted
+    # With the previous stamp, because stamps must not go back unless the clock does.
+    measurement = measured(NOW_NS - back_ns if restarted else NOW_NS)
+    inbox, _ = inbox.taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
+    assert inbox.changes.clock_restarted is restarted
+    assert inbox.measurement == measurement
+
+
 # Refusals
+
+
+@pytest.mark.parametrize('hint', ['', 'percentage must be 0 ... 1, not 0 ... 100'])
+def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
+    inbox, sentences = Inbox(VEHICLE, Settings()), []
+    for second, soc in ((0.0, 1.2), (8.0, 0.8), (9.0, 0.7)):
+        inbox, refusal = inbox.taken(BatteryStateArrived(measured(at(second), soc=soc), hint), at(second))
+        sentences.append(str(refusal))
+    assert hint in sentences[0]
+    assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentences[1]
+    assert inbox.scale_verdict.since_ns == at(8.0)
 
 
 @pytest.mark.parametrize('hint', ['', 'percentage must be 0 ... 1, not 0 ... 100'])
@@ -244,9 +256,9 @@ def test_a_good_route_does_not_excuse_a_refused_state(is_mended):
     supervisor = make_supervisor()
     refused_battery(supervisor, NOW_NS, soc=2.0)
     if is_mended:
-        refused_mission(supervisor, minimum_arrival_soc=2.0)
+        with pytest.raises(InvalidInput):
+            supervisor.accept_mission(steady_mission(minimum_arrival_soc=2.0))
     supervisor.accept_mission(steady_mission())
-    supervisor.replan(NOW_NS)
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
 
 
@@ -282,19 +294,6 @@ def test_time_alone_switches_on_at_full_power():
         (0.0, Status.WAITING), (pytest.approx(FULL_POWER_W), Status.HEATING)]
 
 
-@pytest.mark.costly
-def test_a_partial_step_does_not_round_above_what_the_cabin_leaves():
-    seeded = random.Random(7)
-    excess_w = []
-    for _ in range(200):
-        supervisor = make_supervisor(temperature_c=seeded.uniform(10.0, 23.0), settings=PATIENT)
-        start_s = supervisor.state.decision.plan.heating_start_s
-        if start_s is not None:
-            power_w, _ = outcome(supervisor, at(start_s + 1e-6))
-            excess_w.append(power_w - FULL_POWER_W)
-    assert len(excess_w) > 100 and max(excess_w) <= 0.0
-
-
 def test_the_cabin_comes_first_in_each_segment():
     # The cabin takes all, then nearly all, then nothing.
     cabin_w = [7500.0, 6900.0, 0.0] + [CABIN_W] * 37
@@ -302,8 +301,6 @@ def test_the_cabin_comes_first_in_each_segment():
     powers_w = [outcome(supervisor, at(at_s))[0] for at_s in (15.0, 45.0, 75.0)]
     assert powers_w == pytest.approx([0.0, 100.0, 7000.0])
 
-
-# Targets
 
 @pytest.mark.parametrize('of_route_c, of_settings_c, expected_c', [
     (18.0, 21.0, 18.0), (None, 21.0, 21.0), (None, None, 25.0), (0.0, 21.0, 0.0)],
@@ -313,9 +310,6 @@ def test_target_comes_from_route_then_settings_then_vehicle(
     inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
     goal = inbox.goal_of(steady_mission(target_temperature_c=of_route_c).legs[0])
     assert goal.target_temperature_c == expected_c
-
-
-# Arbitrary inputs in arbitrary order
 
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():

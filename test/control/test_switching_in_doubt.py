@@ -2,6 +2,7 @@
 """Switching of the heater by a supervisor with intermittently invalid inputs."""
 
 from dataclasses import replace
+from itertools import pairwise
 import random
 from random import Random
 
@@ -9,7 +10,6 @@ import pytest
 from steady_drives import NOW_NS, ns, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.command import Commander
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
@@ -19,7 +19,6 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -48,13 +47,14 @@ class Car:
 
     def __init__(self, settings=SETTINGS, temperature_c=-10.0, **trip):
         self.planner, self.temperature_c = Stepwise(VEHICLE, settings), temperature_c
-        self.powers_w, self.switch_ons_s = [], []
+        self.commands, self.powers_w, self.switch_ons_s = [], [], []
         self.give(0.0, RouteArrived(mission(**trip)))
 
-    def state(self, at_s):
+    def state(self, at_s, stamp_s=None):
+        stamp_s = at_s if stamp_s is None else stamp_s
         # A charge that stayed would be that of a parked car.
         return BatteryStateArrived(Measurement(
-            BatteryState(self.temperature_c, 0.8 - 6e-5 * at_s), NOW_NS + ns(at_s)))
+            BatteryState(self.temperature_c, 0.8 - 6e-5 * at_s), NOW_NS + ns(stamp_s)))
 
     def give(self, at_s, *events):
         self.planner.step_through(NOW_NS + ns(at_s), *events)
@@ -65,17 +65,11 @@ class Car:
             if power_w > 0.0 and not (self.powers_w and self.powers_w[-1] > 0.0):
                 self.switch_ons_s.append(at_s)
             self.powers_w.append(power_w)
+            self.commands.append((at_s, output.command))
 
     @property
     def reason(self):
         return self.planner.state.latest_command.reason
-
-
-def test_one_nan_among_good_states_ten_times_a_second_is_one_switching():
-    car = Car()
-    for number in range(300):
-        car.give(number / 10.0, BatteryStateUnreadable(UNREADABLE) if number == 100 else car.state(number / 10.0))
-    assert car.switch_ons_s == [0.0, pytest.approx(20.0, abs=0.2)]
 
 
 @pytest.mark.parametrize('doubt, reason, words', [
@@ -103,19 +97,6 @@ def test_what_does_not_want_heat_does_not_wait_for_the_end_of_a_pause():
             car.give(2.0, BatteryStateUnreadable(UNREADABLE))
         car.give(second, car.state(second))
         assert car.reason is reason
-
-
-def test_a_heater_that_was_switched_on_too_often_waits_to_heat():
-    car = Car()
-    car.give(1.0, car.state(1.0))
-    state, switch = car.planner.state, HeaterSwitch()
-    for number in range(MOST_SWITCH_ONS):
-        for wanted_w, after_s in (5e3, 0.0), (0.0, 90.0):
-            switch = switch.asked(NOW_NS + ns(180.0 * number + after_s - 3590.0), wanted_w, 5e3, 0.0, 0.0)
-    _, command = Commander(switch, Status.STALE_INPUT).give(
-        replace(state.moment, now_ns=NOW_NS + ns(2.0)), state.decision, None)
-    assert state.decision.status is Status.TARGET_UNREACHABLE
-    assert (command.battery_heating_power_w, command.reason) == (0.0, Status.WAITING)
 
 
 @pytest.mark.parametrize('every_s, timeout_s, doubted', [
@@ -212,37 +193,29 @@ def test_attacks_never_switch_on_more_often_than_stated(share, seed):
     assert len(car.switch_ons_s) <= 1 + MOST_SWITCH_ONS * (1 + int(at_s // 3600.0))
 
 
-# 20 min in the cold towards a target that needs heat all the way.
-COLUMNS = {'duration_s': [60.0] * 20, 'speed_mps': [25.0], 'propulsion_power_w': [15e3],
-           'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [400.0]}
 TIMEOUT_S, PHASE_S = 5.0, 0.37
 
 
 def commands(stamp_s, seconds, period_s=1.0, silent_after_s=1e9):
     """
-    Return [(instant [s], power [W], end of the lease [s], reason)] of a drive of some seconds.
+    Return [(instant [s], Command)] of a drive of some seconds.
 
     A state arrives every `period_s` [s] with the stamp `stamp_s(instant)`, until the feed ends; the command is
     repeated just before each state, where stamps are oldest.
     """
-    supervisor, given = Supervisor(VEHICLE, Settings(battery_state_timeout_s=TIMEOUT_S)), []
-
-    def step(at_s, *events):
-        command = supervisor.step(NOW_NS + round(at_s * NS_PER_S), *events).command
-        given.append((at_s, command.battery_heating_power_w, (command.valid_until_ns - NOW_NS) / NS_PER_S,
-                      command.reason))
-
-    leg = Leg(make_route(COLUMNS, VEHICLE.defaults), NOW_NS, True, 25.0)
-    supervisor.step(NOW_NS, RouteArrived(Mission('home', (leg,))))
-    at_s, temperature_c = PHASE_S, -7.0
+    car, at_s = Car(Settings(battery_state_timeout_s=TIMEOUT_S)), PHASE_S
     while at_s < seconds:
-        step(at_s - 0.001)
+        car.give(at_s - 0.001)
         if at_s < silent_after_s:
-            temperature_c += 0.01 * period_s
-            step(at_s, BatteryStateArrived(Measurement(
-                BatteryState(temperature_c, 0.8), NOW_NS + round(stamp_s(at_s) * NS_PER_S))))
+            car.temperature_c += 0.01 * period_s
+            car.give(at_s, car.state(at_s, stamp_s(at_s)))
         at_s += period_s
-    return given
+    return car.commands
+
+
+def until_s(command):
+    """Return the end of a command's lease [s]."""
+    return (command.valid_until_ns - NOW_NS) / NS_PER_S
 
 
 def of_step(step_s):
@@ -263,11 +236,11 @@ def jittering(most_s):
     (late_by(4.9), 1.0), (jittering(4.0), 1.0), (jittering(4.0), 0.25)],
     ids=['steps of 1 s', '2 s', '5 s', '5 s at 4 Hz', '4 s late', '4.9 s late', 'jitter', 'jitter at 4 Hz'])
 def test_coarse_late_or_jittering_stamps_within_the_limit_do_not_interrupt_heating(stamp_s, period_s):
-    given = commands(stamp_s, 40.0, period_s)[2:]
-    assert {power_w > 0.0 for _, power_w, _, _ in given} == {True}
+    # From the first state on.
+    given = commands(stamp_s, 40.0, period_s)[3:]
+    assert all(command.total_w > 0.0 for _, command in given)
     # The lease never ends before the next command.
-    for (_, _, until_s, _), (next_s, *_) in zip(given, given[1:]):
-        assert until_s > next_s
+    assert all(until_s(command) > next_s for (_, command), (next_s, _) in pairwise(given))
 
 
 @pytest.mark.parametrize('stamp_s, most_s', [
@@ -277,10 +250,10 @@ def test_heat_ends_with_the_feed(stamp_s, most_s):
     """After the last state the lease ends with its age limit, and 2 s after a state that came near the limit."""
     silent_after_s = 30.0
     given = commands(stamp_s, 60.0, silent_after_s=silent_after_s)
-    last_s = max(at_s for at_s, *_ in given if at_s < silent_after_s)
-    assert max(until_s for _, power_w, until_s, _ in given if power_w > 0.0) <= last_s + most_s + 1e-6
-    assert {power_w for at_s, power_w, _, _ in given if at_s >= last_s + most_s} == {0.0}
-    assert given[-1][-1] is Status.STALE_INPUT
+    last_s = max(at_s for at_s, _ in given if at_s < silent_after_s)
+    assert max(until_s(command) for _, command in given if command.total_w > 0.0) <= last_s + most_s + 1e-6
+    assert {command.total_w for at_s, command in given if at_s >= last_s + most_s} == {0.0}
+    assert given[-1][1].reason is Status.STALE_INPUT
 
 
 def test_jitter_does_not_hide_a_second_battery():

@@ -59,9 +59,6 @@ class Driven:
         return (self.timetable.planned_ns(NOW_NS + ns(at_s)) - NOW_NS) / NS_PER_S
 
 
-# By place
-
-
 @pytest.mark.parametrize('at_s, distance_m, delay_s', [
     # 10 m are 0.5 s at 20 m/s and 0.4 s at 25 m/s.
     (80.0, 1000.0, 80.0 - 50.5), (30.0, 1000.0, 30.0 - 49.5),

@@ -96,6 +96,15 @@ def test_deviation_is_that_of_many_drives(name):
     assert deviation_k == pytest.approx(np.std(arrivals_c), rel=0.2)
 
 
+def added_k(trip, plan, covariance, lag_s):
+    """Return the part of an arrival's deviation by a covariance, with a lag of the heat [s]."""
+    mean = np.zeros(SIZE)
+    mean[HEAT_LAG] = math.log(lag_s / 40.0)
+    known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
+        np.zeros((SIZE, SIZE)), covariance))
+    return math.sqrt(unknown**2 - known**2)
+
+
 @pytest.mark.parametrize('lag_s, left', [(40.0, 1.0), (160.0, 0.5)])
 def test_heat_that_is_in_the_battery_counts_whether_or_not_the_core_has_it(lag_s, left):
     """Of 1 K that is either in the core or under way, the heat that is still outside is missing on arrival."""
@@ -105,12 +114,8 @@ def test_heat_that_is_in_the_battery_counts_whether_or_not_the_core_has_it(lag_s
     covariance[TEMPERATURE, UNDER_WAY] = covariance[UNDER_WAY, TEMPERATURE] = -1.0
     short = route.before(60.0)
     trip, plan = make_trip(vehicle, short), plan_preheating(vehicle, short, state, Goal(TARGET_C))
-    mean = np.zeros(SIZE)
-    mean[HEAT_LAG] = math.log(lag_s / 40.0)
-    known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
-        np.zeros((SIZE, SIZE)), covariance))
     missing_k = left * math.exp(-60.0 / (left * lag_s))
-    assert math.sqrt(unknown**2 - known**2) == pytest.approx(missing_k, rel=0.02)
+    assert added_k(trip, plan, covariance, lag_s) == pytest.approx(missing_k, rel=0.02)
 
 
 @pytest.mark.parametrize('lag_s, outside_s', [(40.0, 40.0), (160.0, 80.0)])
@@ -119,16 +124,14 @@ def test_heat_of_the_plan_may_be_earlier_or_later_with_the_lag_outside_the_batte
     route = route.before(300.0)
     trip, plan = make_trip(vehicle, route), plan_preheating(vehicle, route, state, Goal(60.0))
     assert (plan.command_w > 0.0).all()
-    mean, uncertain = np.zeros(SIZE), np.zeros((SIZE, SIZE))
-    mean[HEAT_LAG], uncertain[HEAT_LAG, HEAT_LAG] = math.log(lag_s / 40.0), 0.2**2
-    known, unknown = (arrival_deviation_k(trip, plan, replace(estimate_with(own), mean=mean)) for own in (
-        np.zeros((SIZE, SIZE)), uncertain))
+    uncertain = np.zeros((SIZE, SIZE))
+    uncertain[HEAT_LAG, HEAT_LAG] = 0.2**2
     # Of the heat of each second, the part that has arrived in the time left.
     ages_s = np.arange(0.5, 300.0)
     power_w = plan.command_w[np.searchsorted(route.time_s, 300.0 - ages_s, side='right') - 1]
     late_k, soon_k = (0.87 / 377376.0 * float(power_w @ (1.0 - np.exp(-ages_s / (outside_s * factor))))
                       for factor in (math.exp(0.1), math.exp(-0.1)))
-    assert math.sqrt(unknown**2 - known**2) == pytest.approx(soon_k - late_k, rel=0.01)
+    assert added_k(trip, plan, uncertain, lag_s) == pytest.approx(soon_k - late_k, rel=0.01)
 
 
 def test_without_thermal_the_core_may_lack_heat_that_the_sensor_shows():

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The native core compared with the Python equations, at random points, and its refusals."""
-from ctypes import addressof
 from dataclasses import replace
 from math import inf, isfinite, nan
 
@@ -151,6 +150,17 @@ def test_more_factors_than_the_core_has_are_left_to_python():
         vehicle_in_core(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve)))
 
 
+def trip_of_situation():
+    vehicle, route, *_ = drawn_situations.draw(5, 12)
+    return make_trip(replace(vehicle, heat_path=HeatPath()), route)
+
+
+def status_of_run(trip, vehicle, integrator=2, first=0):
+    """Return the status of bev_run for the address of a vehicle."""
+    states = np.full((2, len(trip.route) + 1), 0.5)
+    return core().bev_run(vehicle, integrator, trip_in_core(trip).address, first, None, None, *map(place, states))
+
+
 @pytest.mark.parametrize('field, value', [
     ('capacity_ah', 0.0), ('capacity_ah', nan), ('heat_capacity_j_per_k', -1.0), ('highest_c', nan),
     ('hottest_c', inf), ('heater_efficiency', 0.0), ('heat_share', nan), ('heater_lag_s', -1.0),
@@ -161,24 +171,15 @@ def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
     setattr(native.struct, field, value)
     assert core().bev_check_vehicle(native.address) == -2
     # Nor is it run with.
-    trip, states = one_step((30.0, 1e4, 0.0, 0.0, 50.0)), np.full((2, 2), 0.5)
-    assert core().bev_run(native.address, 2, trip.address, 0, None, None, *map(place, states)) == -2
+    assert status_of_run(trip_of_situation(), native.address) == -2
 
 
-def trip_of_situation():
-    vehicle, route, *_ = drawn_situations.draw(5, 12)
-    return make_trip(replace(vehicle, heat_path=HeatPath()), route)
-
-
-@pytest.mark.parametrize('arguments', [(None, 0), (2, -1), (2, 13), (3, 0)])
-def test_a_call_that_makes_no_sense_is_refused(arguments):
+def test_a_call_that_makes_no_sense_is_refused():
     trip = trip_of_situation()
-    steps = len(trip.route)
-    integrator, first = arguments
-    vehicle = None if integrator is None else vehicle_in_core(trip.vehicle).address
-    states = np.zeros((2, steps + 1))
-    assert core().bev_run(vehicle, integrator or 0, trip_in_core(trip).address, first if first < 13 else steps + 1,
-                          None, None, *map(place, states)) == -1
+    vehicle = vehicle_in_core(trip.vehicle).address
+    assert status_of_run(trip, vehicle) == 0
+    for arguments in (None, 2, 0), (vehicle, 2, -1), (vehicle, 2, len(trip.route) + 1), (vehicle, 3, 0):
+        assert status_of_run(trip, *arguments) == -1, arguments
 
 
 @pytest.mark.parametrize('make_integrator', [make_euler, make_midpoint, make_runge_kutta_4])
@@ -207,9 +208,5 @@ def test_an_axis_that_does_not_rise_is_refused():
 @pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
 def test_an_input_that_is_no_number_is_refused(column):
     trip = trip_of_situation()
-    native = trip_in_core(trip)
     trip.columns.column(column)[0] = nan
-    states = np.full((2, len(trip.route) + 1), 0.5)
-    assert core().bev_run(vehicle_in_core(trip.vehicle).address, 2, native.address, 0, None, None,
-                          *map(place, states)) == -3
-    assert addressof(native.struct) == native.address
+    assert status_of_run(trip, vehicle_in_core(trip.vehicle).address) == -3

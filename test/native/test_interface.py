@@ -41,19 +41,11 @@ def macros():
     return read_macros(COMMENT.sub('', text).replace('\\\n', ' '))
 
 
-@pytest.mark.parametrize('name', sorted({*HEADERS.structs, *BINDINGS.structs}))
-def test_structs_have_the_fields_of_the_header(name):
-    assert BINDINGS.structs[name] == HEADERS.structs[name]
-
-
-@pytest.mark.parametrize('name', sorted({*HEADERS.functions, *BINDINGS.functions}))
-def test_functions_have_the_prototypes_of_the_header(name):
-    assert BINDINGS.functions[name] == HEADERS.functions[name]
-
-
-@pytest.mark.parametrize('name', sorted({*HEADERS.memory, *BINDINGS.memory}))
-def test_functions_get_the_memory_of_the_header(name):
-    assert BINDINGS.memory[name] == HEADERS.memory[name]
+@pytest.mark.parametrize('kind, name', [
+    (kind, name) for kind in ('structs', 'functions', 'memory')
+    for name in sorted({*getattr(HEADERS, kind), *getattr(BINDINGS, kind)})])
+def test_fields_prototypes_and_memory_are_those_of_the_header(kind, name):
+    assert getattr(BINDINGS, kind)[name] == getattr(HEADERS, kind)[name]
 
 
 @pytest.mark.parametrize('name', NUMBERS)

@@ -22,32 +22,18 @@ COLUMNS = [name for name in TRIP_COLUMNS if hasattr(Trip, name)]
 BAD_ARGUMENT = -1
 
 
-def call(steps=3, null=None, duration_s=30.0):
+def call(null=None, steps=3):
     """Return the status of bev_make_trip."""
     terms = TripTermsStruct(5.0, 0.1, 0.08, 600.0, 7e3, 1.0, 0.0)
-    route = np.ones((8, 3))
-    route[0] = duration_s
+    route = np.ones((8, steps))
     return core().bev_make_trip(
         None if null == 'terms' else addressof(terms), steps, None if null == 'route' else place(route),
-        None if null == 'columns' else place(np.empty(len(TRIP_COLUMNS) * 3 + 1)))
-
-
-def drawn(number):
-    """Return a vehicle, a route, the share of the heater that is there, and the heat's lag [s]."""
-    random = np.random.default_rng([37, number])
-    steps = int(random.integers(1, 60))
-    vehicle = drawn_situations.car(drawn_situations.CARS[number % len(drawn_situations.CARS)])
-    mean_w = random.uniform(-40e3, 90e3, steps)
-    route = make_route({
-        'duration_s': random.uniform(0.5, LONGEST_STEP_S, steps), 'speed_mps': random.uniform(0.0, 40.0, steps),
-        'propulsion_power_w': mean_w, 'propulsion_power_rms_w': np.abs(mean_w) * random.uniform(1.0, 2.0, steps),
-        'ambient_temperature_c': random.uniform(-20.0, 30.0, steps),
-        'cabin_heating_power_w': random.uniform(0.0, 9e3, steps), 'auxiliary_power_w': [430.0]}, vehicle.defaults)
-    return vehicle, route, float(random.choice([1.0, 0.4])), float(random.choice([0.0, 47.0, 900.0]))
+        None if null == 'columns' else place(np.empty(len(TRIP_COLUMNS) * steps + 1)))
 
 
 def test_a_changed_trip_has_the_other_columns_of_the_old_one():
-    trip = uncached_trip(*drawn(3))
+    vehicle, route, *_ = drawn_situations.draw(3, 20)
+    trip = uncached_trip(vehicle, route, 1.0, 0.0)
     limit_w = 0.3 * trip.heater_limit_w
     changed = trip.changed(heater_limit_w=limit_w)
     assert changed.heater_limit_w.tolist() == limit_w.tolist()

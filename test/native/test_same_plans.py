@@ -13,7 +13,6 @@ from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.core_library import core_in_words, without_core
-from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SAME_INSTANT_S = 1e-3
@@ -83,20 +82,10 @@ def test_plans_of_10_000_situations_are_the_same(part):
     assert sum(check(range(1000 * part, 1000 * (part + 1)), most_steps=120).values()) == 1000
 
 
-PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
-
-
-def situation(number, soc=None):
-    """Return (trip, state, goal) in which limits matter, each second one with a heat path."""
-    drawn = draw_limit_trip(drawn_situations.car('reference'), 31, number)
-    path = PATHS[number // 2 % len(PATHS)] if number % 2 else HeatPath()
-    state = drawn.state if soc is None else replace(drawn.state, soc=soc)
-    return make_trip(replace(drawn.vehicle, heat_path=path), drawn.route), state, drawn.goal
-
-
 def test_where_the_charge_runs_out_the_outcome_is_the_same():
-    trip, state, _ = situation(4, soc=0.05)
-    run = run_unheated(trip, state)
+    drawn = draw_limit_trip(drawn_situations.car('reference'), 31, 4)
+    trip = make_trip(drawn.vehicle, drawn.route)
+    run = run_unheated(trip, replace(drawn.state, soc=0.05))
     assert run.empty_at_s is not None
     with without_core():
         expected = find_outcome(trip, run)

@@ -17,14 +17,13 @@ from bev_preheat.vehicle.core_structs import room, StrandingStruct, VALUE_KEPT_E
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
 BAD_ARGUMENT, BAD_INPUT = -1, -3
 
 
 def situation(number):
-    """Return (trip, state, goal) in which limits matter, each second one with a heat path."""
+    """Return (trip, state, goal) in which limits matter, with a heat path if the number is odd."""
     drawn = draw_limit_trip(drawn_situations.car('reference'), 15, number)
-    path = PATHS[number // 2 % len(PATHS)] if number % 2 else HeatPath()
+    path = HeatPath(45.0, 16e3, 280.0) if number % 2 else HeatPath()
     return make_trip(replace(drawn.vehicle, heat_path=path), drawn.route), drawn.state, drawn.goal
 
 

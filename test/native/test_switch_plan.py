@@ -30,7 +30,6 @@ from bev_preheat.vehicle.model import make_terminal_limits
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = -1, -2, -3
 START = BatteryState(-4.0, 0.8)
-PATHS = (HeatPath(35.0), HeatPath(0.0, 14e3, 320.0), HeatPath(45.0, 16e3, 280.0))
 
 
 def steady_route(steps=40, power_w=14e3, cabin_w=1500.0, **columns):
@@ -61,7 +60,7 @@ def test_switching_instants_and_runs_are_the_same_to_the_last_bit(part):
 
 
 def test_two_switches_of_what_cannot_be_are_refused():
-    trip = make_trip(replace(FORMULAS, heat_path=PATHS[2]), steady_route(12))
+    trip = make_trip(replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0)), steady_route(12))
     vehicle = vehicle_in_core(trip.vehicle)
     idle = roll_heated(trip, (0.8, -4.0, 0.0, 0.0), np.zeros(12))
 

@@ -2,9 +2,9 @@
 """The joint program of drive and session: against scans of its own, and against the best target."""
 
 from dataclasses import replace
-import math
 
 import numpy as np
+from own_car import Car
 import pytest
 
 from bev_preheat.charging.equations import heated_c, heater_power_of
@@ -14,7 +14,6 @@ from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.nonlinear_program import symbols
-from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
@@ -84,28 +83,12 @@ def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
     for heated_steps in (*np.arange(0.0, 25.0), *np.arange(-0.9, 1.0, 0.1)):
         if len(costs) >= 25:
             heated_steps += int(np.argmin(costs[:25]))
-        soc, temperature_c = state.soc, state.temperature_c
-        for k in range(25):
-            heater_w = limit_w * min(max(heated_steps - (24 - k), 0.0), 1.0)
-            for _ in range(20):
-                soc, temperature_c = own_step(vehicle, soc, temperature_c, heater_w, 3.0)
+        heater_w = limit_w * np.clip(heated_steps - np.arange(24, -1, -1), 0.0, 1.0)
+        soc, temperature_c, _ = Car(vehicle).drive(route, state, heater_w)[-1].tolist()
         costs.append(heating.choose(BatteryState(temperature_c, soc)).cost)
     assert attempt.driven.cost == pytest.approx(min(costs), rel=2e-5)
     # The program's own cost has rounded corners and longer steps.
     assert attempt.program_cost == pytest.approx(attempt.driven.cost, rel=1e-3)
-
-
-def own_step(vehicle, soc, temperature_c, heater_w, step_s):
-    """Return state of charge and temperature after an Euler step on the route of CASES['usual']."""
-    battery = vehicle.battery
-    u = battery.open_circuit_voltage.function(FLOATS)(soc, temperature_c)
-    r = 4.3125 / (temperature_c + 45.0)
-    current_a = (u - math.sqrt(u * u - 4.0 * r * (16900.0 + heater_w))) / (2.0 * r)
-    leakage = battery.leakage.gamma_0_w_per_k + 25.0 * battery.leakage.gamma_v_w_per_k_per_mps
-    heat_w = (0.87 * heater_w + r * current_a**2 + leakage * (-8.0 - temperature_c)
-              + vehicle.drivetrain.heat_share * 15e3)
-    return (soc - step_s * current_a / (3600.0 * battery.capacity_ah),
-            temperature_c + step_s * heat_w / battery.heat_capacity_j_per_k)
 
 
 @pytest.mark.deep

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from drives import route_of
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -15,7 +16,6 @@ from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Hvch
@@ -38,11 +38,9 @@ DISCHARGE_SHARE = DISCHARGE_W * STEP_S / (VOLTAGE_V * CHARGE_AS)
 CHARGE_SHARE = -CHARGE_W * STEP_S / (VOLTAGE_V * CHARGE_AS)
 
 
-def one_step(propulsion_w, cabin_w=0.0):
-    return make_trip(CAR, make_route({
-        'duration_s': [STEP_S], 'speed_mps': [20.0], 'propulsion_power_w': [propulsion_w],
-        'ambient_temperature_c': [5.0], 'cabin_heating_power_w': [cabin_w],
-        'auxiliary_power_w': [0.0]}, CAR.defaults))
+def one_step(propulsion_w):
+    return make_trip(CAR, route_of(
+        (1, propulsion_w), step_s=STEP_S, ambient_c=5.0, cabin_w=0.0, auxiliary_w=0.0))
 
 
 def driven(trip, soc, take_surplus=False):

@@ -6,12 +6,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from own_plant import OwnPlant, table
+from own_sources import ALONE, driven, REFERENCE, vehicle_with
 import pytest
-import yaml
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.input_files import find_configuration
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.planning.heat_mix import HeatMix
 from bev_preheat.planning.plan import energy_gap_wh
@@ -20,9 +18,8 @@ from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.vehicle.core_library import without_core
-from bev_preheat.vehicle.loading import load_vehicle, vehicle_of_text
+from bev_preheat.vehicle.loading import load_vehicle
 
-REFERENCE = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text(encoding='utf-8'))
 CHILLER = {'maximum_power_w': {'temperature_c': [20, 25], 'values': [0, 3000]},
            'heat_per_watt': {'ambient_c': [20, 45], 'temperature_c': [20, 45],
                              'values': [[-2.5, -3.2], [-1.6, -2.2]]}}
@@ -30,13 +27,7 @@ RADIATOR = {'maximum_power_w': {'temperature_c': [36, 44], 'values': [0, 200]}, 
             'only_while': 'driving'}
 
 
-def vehicle_with(sources, **changes):
-    contents = {**REFERENCE, **changes, 'heat_sources': sources}
-    return vehicle_of_text(yaml.safe_dump(contents, sort_keys=False), 'the file')
-
-
 VEHICLE, BOTH = vehicle_with({'chiller': CHILLER}), vehicle_with({'chiller': CHILLER, 'radiator': RADIATOR})
-ALONE = load_vehicle('reference')
 
 
 def summer(name='reference', air_c=35.0):
@@ -71,17 +62,9 @@ def test_an_arrival_below_the_target_is_refused(most_c):
 @pytest.mark.parametrize(('temperature_c', 'most_c'), [(45.0, 35.0), (30.0, 40.0), (50.0, 25.0)])
 def test_the_battery_arrives_as_planned_in_another_plant(temperature_c, most_c):
     plan = planned(temperature_c=temperature_c, most_c=most_c)
-    power_w = plan.source_power_w['chiller']
-    cold = table({('soc' if name == 'ambient_c' else name): axis
-                  for name, axis in CHILLER['heat_per_watt'].items()})
-    heat_w = power_w * [cold(35.0, start_c) for start_c in plan.battery_temperature_c[:-1]]
-    as_hvch_w = heat_w / REFERENCE['hvch']['efficiency']
-    route = replace(ROUTE, auxiliary_power_w=ROUTE.auxiliary_power_w + power_w - as_hvch_w)
-    driven = OwnPlant('reference').drive(route, BatteryState(temperature_c, 0.9), as_hvch_w)
-    assert driven.temperature_c == pytest.approx(most_c, abs=0.03)
-    assert driven.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
-    assert plan.energy_wh.hvch_heat == pytest.approx(heat_w @ ROUTE.duration_s / 3600.0, rel=1e-6)
-    assert plan.energy_wh.hvch_electric == pytest.approx(power_w @ ROUTE.duration_s / 3600.0)
+    run = driven(plan, ROUTE, {'chiller': CHILLER}, 0.9)
+    assert run.temperature_c == pytest.approx(most_c, abs=0.03)
+    assert run.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
     assert plan.heating_start_s is None and plan.intervals == ()
     assert plan.status is Status.WAITING_TO_COOL
     assert f'degC, at most {most_c:.1f} degC. Sources: chiller.' in plan.explanation

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forward runs and their accounts: heat and energy balances on random trips, undeliverable power."""
 
+import drives
 from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,19 +25,15 @@ CARS = pytest.mark.parametrize('vehicle', [
 
 # The pack with formulas delivers all of these powers; the pack with tables may run empty, and the accounts must
 # close then too.
-SEGMENTS = st.lists(st.fixed_dictionaries({
-    'duration_s': st.floats(1e-3, 60.0), 'speed_mps': st.floats(0.0, 40.0),
-    'propulsion_power_w': st.floats(-40e3, 40e3), 'deviation_w': st.floats(0.0, 30e3),
-    'ambient_temperature_c': st.floats(-25.0, 15.0),
-    'cabin_heating_power_w': st.floats(0.0, 8e3), 'auxiliary_power_w': st.floats(0.0, 2e3),
-    'heater_share': st.floats(0.0, 1.0), 'brake_share': st.floats(0.0, 1.0)}),
-    min_size=1, max_size=30)
+SEGMENTS = drives.segments(
+    max_size=30, duration_s=(1e-3, 60.0), speed_mps=(0.0, 40.0), propulsion_power_w=(-40e3, 40e3),
+    deviation_w=(0.0, 30e3), ambient_temperature_c=(-25.0, 15.0), heater_share=(0.0, 1.0), brake_share=(0.0, 1.0))
 STARTS = st.tuples(st.floats(0.35, 0.95), st.floats(-25.0, 30.0))
 
 
 def trip_of(vehicle, segments):
     """Trip of random segments, and the power of heater and friction brake in each."""
-    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    columns = drives.columns_of(segments)
     columns['propulsion_power_rms_w'] = np.hypot(
         columns['propulsion_power_w'], columns.pop('deviation_w'))
     heater_share, brake_share = columns.pop('heater_share'), columns.pop('brake_share')
@@ -55,13 +52,9 @@ def run(trip, make_integrator, start, heater_power_w, brake_power_w=None):
         soc=soc, temperature_c=temperature_c, make_integrator=make_integrator))
 
 
-def steady_trip(vehicle, count=60, duration_s=30.0, **changes):
-    columns = {'duration_s': [duration_s] * count, 'speed_mps': [21.0],
-               'propulsion_power_w': [17e3], 'propulsion_power_rms_w': [23e3],
-               'ambient_temperature_c': [-11.0], 'cabin_heating_power_w': [1300.0],
-               'auxiliary_power_w': [450.0]}
-    columns.update({name: np.atleast_1d(value) for name, value in changes.items()})
-    return make_trip(vehicle, make_route(columns, vehicle.defaults))
+def trip_on(vehicle, *parts, **how):
+    return make_trip(vehicle, drives.route_of(
+        *parts, speed_mps=21.0, ambient_c=-11.0, cabin_w=1300.0, auxiliary_w=450.0, **how))
 
 
 @pytest.mark.costly
@@ -113,7 +106,7 @@ def test_runge_kutta_energy_is_the_area_under_the_voltage(segments, start):
 
 
 def test_joule_heat_of_one_euler_step_by_hand():
-    trip = steady_trip(FORMULA_CAR, count=1, duration_s=36.0)
+    trip = trip_on(FORMULA_CAR, (1, 17e3), step_s=36.0, rms=23.0 / 17.0)
     _, _, accounts = run(trip, make_euler, (0.8, -10.0), np.array([600.0]))
     current = current_a(0.8, -10.0, 17e3 + 1300.0 + 450.0 + 600.0)
     joule_w = 4.2 / 35.0 * (current**2 + (23e3**2 - 17e3**2) / (365.0 + 75.0 * 0.8 + 15.0 * 0.8**3)**2)
@@ -121,7 +114,7 @@ def test_joule_heat_of_one_euler_step_by_hand():
 
 
 def test_friction_brake_takes_power_and_waste_heat_from_the_battery():
-    trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=-17e3)
+    trip = trip_on(FORMULA_CAR, (1, -17e3))
     free, braked = trip.inputs(0.0), trip.inputs(0.0, 6e3)
     # Of -17 kW only -11 kW remain, and 0.08 of 6 kW less heat.
     assert [after[0] - before[0] for before, after in zip(free, braked)] == pytest.approx(
@@ -139,10 +132,7 @@ def test_deliverable_power_by_hand():
 @INTEGRATORS
 @given(power_w=st.floats(0.2e6, 2e6), at=st.integers(0, 5), start=STARTS)
 def test_undeliverable_power_gives_finite_numbers(vehicle, make_integrator, power_w, at, start):
-    powers_w = np.full(6, 5e3)
-    powers_w[at] = power_w
-    trip = steady_trip(vehicle, count=6, propulsion_power_w=powers_w,
-                       propulsion_power_rms_w=powers_w)
+    trip = trip_on(vehicle, (at, 5e3), (1, power_w), (5 - at, 5e3))
     soc, temperature_c, accounts = run(trip, make_integrator, start, np.zeros(6))
     numbers = [*soc, *temperature_c, *vars(accounts.energy_wh).values(),
                *accounts.undeliverable_power_w]
@@ -151,17 +141,14 @@ def test_undeliverable_power_gives_finite_numbers(vehicle, make_integrator, powe
 
 @INTEGRATORS
 def test_missing_watts_are_reported_in_their_step(make_integrator):
-    powers_w = np.array([12e3, 390e3, 12e3])
-    trip = steady_trip(FORMULA_CAR, count=3, propulsion_power_w=powers_w,
-                       propulsion_power_rms_w=powers_w)
+    trip = trip_on(FORMULA_CAR, (1, 12e3), (1, 390e3), (1, 12e3))
     soc, temperature_c, accounts = run(trip, make_integrator, (0.5, -17.0), np.zeros(3))
     most_w = voltage_v(soc[1])**2 / (4 * resistance_ohm(temperature_c[1]))
     assert accounts.undeliverable_power_w == pytest.approx([0.0, 390e3 + 1300.0 + 450.0 - most_w, 0.0], rel=1e-12)
 
 
 def test_energy_balance_closes_with_undeliverable_power():
-    trip = steady_trip(FORMULA_CAR, count=1, propulsion_power_w=390e3,
-                       propulsion_power_rms_w=390e3)
+    trip = trip_on(FORMULA_CAR, (1, 390e3))
     soc, _, accounts = run(trip, make_euler, (0.5, -17.0), np.zeros(1))
     # At the limit the current is U/2R for 30 s, whatever the demand.
     voltage_v = 365.0 + 37.5 + 1.875

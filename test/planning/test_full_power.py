@@ -2,8 +2,10 @@
 """Plans that heat until arrival, because the heat under way reaches the battery at the charger."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
+from drives import route_of
 import numpy as np
 import pytest
 
@@ -15,7 +17,6 @@ from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 
@@ -26,18 +27,11 @@ COUNTED = replace(GOAL, heats_until_arrival=True)
 PRICES = Prices(0.37, 29.0)
 
 
-def drive(power_w):
-    """Return a Route of 40 one-minute steps, at -9 degC."""
-    steps = np.full(40, 1.0)
-    return make_route({
-        'duration_s': 60.0 * steps, 'speed_mps': 24.0 * steps, 'propulsion_power_w': power_w,
-        'ambient_temperature_c': -9.0 * steps, 'cabin_heating_power_w': 1300.0 * steps,
-        'auxiliary_power_w': 350.0 * steps}, REFERENCE.defaults)
-
-
-FLAT = drive(np.full(40, 14e3))
+# Of 40 one-minute steps, at -9 degC.
+drive = partial(route_of, step_s=60.0, speed_mps=24.0, ambient_c=-9.0, cabin_w=1300.0, auxiliary_w=350.0)
+FLAT = drive((40, 14e3))
 # Regeneration, which a cold battery may not take, and then a climb.
-HILLY = drive(np.concatenate((np.full(12, 12e3), np.full(8, -45e3), np.full(12, 11e3), np.full(8, 60e3))))
+HILLY = drive((12, 12e3), (8, -45e3), (12, 11e3), (8, 60e3))
 
 
 @pytest.mark.parametrize('route, target_c', [(FLAT, 11.0), (HILLY, 21.0)], ids=['flat', 'hilly'])

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from functools import cache
 from math import sqrt
 
+import drives
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
@@ -33,11 +34,9 @@ COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per
 BOTH = HeatPath(45.0, 15e3, 300.0)
 SLOW = (LAG, COOLANT, BOTH)
 PATHS = st.sampled_from([LAG, COOLANT, BOTH, HeatPath(5.0, 40e3, 250.0)])
-SEGMENT = st.fixed_dictionaries({
-    'duration_s': st.floats(5.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-3e3, 30e3), 'ambient_temperature_c': st.floats(-15.0, 6.0),
-    'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)})
-SEGMENTS = st.lists(SEGMENT, min_size=10, max_size=40)
+SEGMENTS = drives.segments(
+    min_size=10, duration_s=(5.0, 90.0), propulsion_power_w=(-3e3, 30e3), ambient_temperature_c=(-15.0, 6.0),
+    cabin_heating_power_w=(0.0, 4e3))
 
 
 def segments_of(*columns):
@@ -126,9 +125,6 @@ def between(on_s, off_s):
     return lambda instant_s, segment: limit_w[segment] if on_s <= instant_s < off_s else 0.0
 
 
-# --- No heat path ---
-
-
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', ['reference', 'alpine_pass'])
 def test_a_path_of_zeros_changes_no_bit(method, name):
@@ -179,8 +175,7 @@ def test_switched_off_sooner_or_later_it_costs_more(path):
 @example(FROM_THE_FIRST_INSTANT, 0.0, 1.0 / 3.0, HeatPath(5.0, 40e3, 250.0))
 @example(OFF_EARLY, 0.0, 0.75, COOLANT)
 def test_on_drawn_trips_it_meets_the_target_and_keeps_its_accounts(segments, start_c, share, path):
-    route = make_route({name: [segment[name] for segment in segments] for name in segments[0]},
-                       REFERENCE.defaults)
+    route = make_route(drives.columns_of(segments), REFERENCE.defaults)
     vehicle, state = slow(path), BatteryState(start_c, 0.8)
     cold, hot = (plan_preheating(vehicle, route, state, Goal(target_c), 'optimal_switch',
                                  no_regret=False) for target_c in (-40.0, 60.0))

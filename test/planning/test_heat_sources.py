@@ -5,13 +5,11 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from own_plant import OwnPlant, table
+from own_sources import ALONE, as_curve, driven, REFERENCE, vehicle_with
 import pytest
-import yaml
 
 from bev_preheat.code_generation.ecu_export import vehicle_source
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.input_files import find_configuration
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.planning.heat_mix import HeatMix
 from bev_preheat.planning.methods import KeptValues
@@ -23,9 +21,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.description import STANDING_MPS
-from bev_preheat.vehicle.loading import load_vehicle, vehicle_of_text
 
-REFERENCE = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text(encoding='utf-8'))
 MOTOR = {'maximum_power_w': 2300, 'heat_per_watt': 0.7, 'only_while': 'driving'}
 PUMP = {
     'maximum_power_w': {'temperature_c': [-12, -8], 'values': [0, 2600]},
@@ -36,37 +32,14 @@ GOAL = Goal(25.0)
 NO_NAME = 'is no name for a source beside hvch; lower-case letters, digits and _ are allowed'
 
 
-def vehicle_with(sources, **changes):
-    contents = {**REFERENCE, **changes, 'heat_sources': sources}
-    return vehicle_of_text(yaml.safe_dump(contents, sort_keys=False), 'the file')
-
-
 VEHICLE = vehicle_with(SOURCES)
 STEPPED = vehicle_with({'motor': {**MOTOR, 'power_steps_w': [2300]}, 'heat_pump': {
     **PUMP, 'power_steps_w': [900, 1800, 2400], 'minimum_on_time_s': 300, 'minimum_off_time_s': 180}})
 ROUTE = load_route('reference', VEHICLE.defaults)
-ALONE = load_vehicle('reference')
 
 
 def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.9, **how):
     return plan_preheating(vehicle, route, BatteryState(temperature_c, soc), goal, **how)
-
-
-def as_curve(value):
-    """Return f(ambient_c, temperature_c) of a number or a table, by the tests' own interpolation."""
-    if not isinstance(value, dict):
-        return lambda ambient_c, temperature_c: value
-    return table({('soc' if name == 'ambient_c' else name): axis for name, axis in value.items()})
-
-
-def heat_of(plan, route=ROUTE, sources=SOURCES):
-    """Return the heat of a plan's electrical powers [W] (N,), as the file describes the sources."""
-    heat_w = REFERENCE['hvch']['efficiency'] * plan.source_power_w['hvch']
-    for name, source in sources.items():
-        heat_w = heat_w + plan.source_power_w[name] * [
-            as_curve(source['heat_per_watt'])(*at) for at in zip(
-                route.ambient_temperature_c.tolist(), plan.battery_temperature_c[:-1].tolist())]
-    return heat_w
 
 
 @pytest.mark.parametrize(('sources', 'changes', 'problem'), [
@@ -149,15 +122,9 @@ def test_a_source_with_steps_has_the_power_of_the_step_below_its_limit():
 def test_the_battery_arrives_as_planned_in_another_plant(temperature_c):
     plan = planned(temperature_c=temperature_c)
     assert plan.status is Status.WAITING
-    as_hvch_w = heat_of(plan) / REFERENCE['hvch']['efficiency']
-    drawn_w = sum(plan.source_power_w.values())
-    # The power of the sources beyond that of an HVCH with the same heat.
-    route = replace(ROUTE, auxiliary_power_w=ROUTE.auxiliary_power_w + drawn_w - as_hvch_w)
-    driven = OwnPlant('reference').drive(route, BatteryState(temperature_c, 0.9), as_hvch_w)
-    assert driven.temperature_c == pytest.approx(25.0, abs=0.03)
-    assert driven.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
-    assert plan.energy_wh.hvch_heat == pytest.approx(heat_of(plan) @ ROUTE.duration_s / 3600.0, rel=1e-6)
-    assert plan.energy_wh.hvch_electric == pytest.approx(drawn_w @ ROUTE.duration_s / 3600.0)
+    run = driven(plan, ROUTE, SOURCES, 0.9)
+    assert run.temperature_c == pytest.approx(25.0, abs=0.03)
+    assert run.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
 
 
 def test_two_sources_like_the_hvch_are_one_larger_hvch():
@@ -238,12 +205,9 @@ def test_limits_hold_with_all_sources():
     route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-18.0, 0.97)
     plan = planned(temperature_c=-18.0, route=route, soc=0.97)
     assert plan.undeliverable_power_w == 0.0 and plan.friction_brake_power_w.any()
-    as_hvch_w = heat_of(plan, route) / REFERENCE['hvch']['efficiency']
-    more_w = sum(plan.source_power_w.values()) - as_hvch_w
-    driven = OwnPlant('reference').drive(replace(route, auxiliary_power_w=route.auxiliary_power_w + more_w), state,
-                                         as_hvch_w, plan.friction_brake_power_w)
-    assert driven.beyond_w.max() < 100.0
-    assert driven.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.05)
+    run = driven(plan, route, SOURCES, 0.97, plan.friction_brake_power_w)
+    assert run.beyond_w.max() < 100.0
+    assert run.temperature_c == pytest.approx(plan.arrival_temperature_c, abs=0.05)
     again = as_driven(plan, VEHICLE, route, state, GOAL)
     assert again.energy_wh.battery_total == pytest.approx(plan.energy_wh.battery_total, abs=0.1)
 

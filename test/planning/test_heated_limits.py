@@ -4,6 +4,7 @@
 from contextlib import nullcontext
 from dataclasses import replace
 
+import drives
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -27,17 +28,15 @@ LAG = HeatPath(heater_lag_s=60.0)
 COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
 BOTH = HeatPath(45.0, 15e3, 300.0)
 PATHS = st.sampled_from([LAG, COOLANT, BOTH])
-SEGMENT = st.fixed_dictionaries({
-    'duration_s': st.floats(5.0, 60.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-60e3, 120e3), 'ambient_temperature_c': st.floats(-20.0, 5.0),
-    'cabin_heating_power_w': st.floats(0.0, 7e3), 'wanted_share': st.floats(0.0, 1.0)})
-SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=25)
+SEGMENTS = drives.segments(
+    max_size=25, duration_s=(5.0, 60.0), propulsion_power_w=(-60e3, 120e3), ambient_temperature_c=(-20.0, 5.0),
+    cabin_heating_power_w=(0.0, 7e3), wanted_share=(0.0, 1.0))
 STATES = st.builds(BatteryState, st.floats(-20.0, 30.0), st.floats(0.3, 0.99),
                    st.floats(0.0, 7e3), st.floats(-2.0, 15.0))
 
 
 def driven(segments, state, path, take_surplus=True):
-    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    columns = drives.columns_of(segments)
     share = columns.pop('wanted_share')
     trip = make_trip(replace(REFERENCE, heat_path=path), make_route(columns, REFERENCE.defaults))
     return trip, drive_as_planned(trip, state, share * trip.heater_limit_w, take_surplus)
@@ -110,16 +109,12 @@ def test_surplus_is_used_until_it_lasts_no_longer_than_the_heater_needs_to_switc
     assert (run.heater_power_w > 0.0).tolist() == [True] * 11 + [False] * 19
 
 
-def stranded_run():
-    """Return a trip and its run with half of the heater's power; the charge runs out in the middle of a step."""
+def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():
+    # With half of the heater's power the charge runs out in the middle of a step.
     segment = {'duration_s': 30.0, 'speed_mps': 20.0, 'propulsion_power_w': 40e3, 'ambient_temperature_c': -10.0,
                'cabin_heating_power_w': 0.0, 'wanted_share': 0.5}
-    return driven([segment] * 40, BatteryState(-5.0, 0.1, 3e3, 10.0), BOTH)
-
-
-def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():
     with without_core():
-        trip, run = stranded_run()
+        trip, run = driven([segment] * 40, BatteryState(-5.0, 0.1, 3e3, 10.0), BOTH)
     standing, coolant_c = trip.time_s[:-1] >= run.empty_at_s, run.temperature_c + run.heat.coolant_excess_k
     heat_j = (REFERENCE.battery.heat_capacity_j_per_k * run.temperature_c
               + BOTH.coolant_heat_capacity_j_per_k * coolant_c)

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import drives
 from formula_car import current_a, resistance_ohm, SHIPPED_CAR, voltage_v, with_limits
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -26,12 +27,8 @@ CHARGE_W = ((-12e3, -130e3), (0.0, -20e3))
 CAR = with_limits(*(Table((0.0, 1.0), (-30.0, 30.0), corners_w) for corners_w in (DISCHARGE_W, CHARGE_W)))
 
 # Strong regeneration and strong climbs, for a cold battery.
-SEGMENTS = st.lists(st.fixed_dictionaries({
-    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-80e3, 150e3), 'deviation_w': st.floats(0.0, 20e3),
-    'ambient_temperature_c': st.floats(-25.0, 10.0),
-    'cabin_heating_power_w': st.floats(0.0, 8e3), 'auxiliary_power_w': st.floats(0.0, 2e3),
-    'wanted_share': st.floats(0.0, 1.0)}), min_size=1, max_size=30)
+SEGMENTS = drives.segments(
+    max_size=30, propulsion_power_w=(-80e3, 150e3), deviation_w=(0.0, 20e3), wanted_share=(0.0, 1.0))
 STATES = st.builds(BatteryState, st.floats(-25.0, 25.0), st.floats(0.4, 1.0))
 
 
@@ -51,20 +48,12 @@ def battery_power_w(soc, temperature_c, terminal_w, variance_w2):
 
 def trip_of(segments):
     """Trip of random segments, and the heater power wanted in each."""
-    columns = {name: np.array([segment[name] for segment in segments]) for name in segments[0]}
+    columns = drives.columns_of(segments)
     columns['propulsion_power_rms_w'] = np.hypot(
         columns['propulsion_power_w'], columns.pop('deviation_w'))
     share = columns.pop('wanted_share')
     trip = make_trip(CAR, make_route(columns, CAR.defaults))
     return trip, share * trip.heater_limit_w
-
-
-def steady_trip(count=20, **changes):
-    columns = {'duration_s': [30.0] * count, 'speed_mps': [20.0], 'propulsion_power_w': [-50e3],
-               'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1500.0],
-               'auxiliary_power_w': [400.0]}
-    columns.update({name: np.atleast_1d(value) for name, value in changes.items()})
-    return make_trip(CAR, make_route(columns, CAR.defaults))
 
 
 def run(trip, state, wanted_w, take_surplus=True):
@@ -86,9 +75,6 @@ def power_in_steps_w(trip, schedule):
     return (battery_power_w(soc, temperature_c, terminal_w,
                             trip.route.propulsion_power_variance_w2),
             bilinear(CHARGE_W, soc, temperature_c), bilinear(DISCHARGE_W, soc, temperature_c))
-
-
-# Terminal power
 
 
 @pytest.mark.parametrize('which, corners_w', [(0, CHARGE_W), (1, DISCHARGE_W)],
@@ -144,8 +130,7 @@ def test_surplus_goes_to_the_heater_before_the_brake(segments, state):
 
 def test_brake_keeps_a_battery_from_being_overfilled():
     # This battery's limits allow 18 kW at 25 degC although it is full.
-    trip = steady_trip(4, propulsion_power_w=-19e3)
-    schedule = run(trip, BatteryState(25.0, 0.9995), [0.0] * 4)
+    schedule = run(make_trip(CAR, drives.route_of((4, -19e3))), BatteryState(25.0, 0.9995), [0.0] * 4)
     assert schedule.soc.max() == 1.0
     # Cabin and auxiliaries use 1.9 kW; the rest has to go somewhere.
     assert schedule.brake_power_w[-1] == pytest.approx(19e3 - 1.9e3, rel=1e-6)
@@ -195,6 +180,6 @@ def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_lim
 
 def test_heater_is_off_at_the_highest_temperature():
     # The brake takes the power that the battery cannot accept.
-    schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
-                   [5500.0] * 3)
+    trip = make_trip(CAR, drives.route_of((3, -50e3), ambient_c=60.0))
+    schedule = run(trip, BatteryState(60.0, 1.0), [5500.0] * 3)
     assert schedule.heater_power_w.tolist() == [0.0] * 3

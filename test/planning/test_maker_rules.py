@@ -3,21 +3,20 @@
 
 from dataclasses import replace
 
+from drives import route_of
 import numpy as np
 import pytest
 
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 
 REFERENCE = load_vehicle('reference')
 
 
-def drive(minutes=80, ambient_c=-3.0, speed_mps=20.0):
+def drive(minutes=80, ambient_c=-3.0):
     """Return a Route of one-minute steps."""
-    return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
-        speed_mps, 15e3, 15e3, ambient_c, 1500.0, 400.0, 15e3)))
+    return route_of((minutes, 15e3), step_s=60.0, ambient_c=ambient_c)
 
 
 @pytest.mark.parametrize('rule, ambient_c, minutes, start_min', [

@@ -3,8 +3,10 @@
 
 from bisect import bisect_left
 from dataclasses import fields, replace
+from functools import partial
 import math
 
+import drives
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -20,7 +22,6 @@ from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Leakage
 
@@ -28,23 +29,13 @@ from bev_preheat.vehicle.description import Leakage
 CARS = {name: load_vehicle(name) for name in ('reference', 'small_car', 'mid_size_lfp')}
 PLANTS = {name: OwnPlant(name) for name in CARS}
 REFERENCE = CARS['reference']
+route_of = partial(drives.route_of, ambient_c=-8.0, cabin_w=2500.0)
 REFERENCE_ROUTE = load_route('reference', REFERENCE.defaults)
 COLD = -7.0
 # The plant's steps are shorter, and of first order: tolerances of the difference over an hour.
 SAME_SOC, SAME_TIME_S, SAME_POWER_W, SAME_POWER_SHARE = 3e-4, 10.0, 150.0, 4e-3
 # For a property whose every example takes two plans of a whole trip: more examples only in `make test-deep`.
 DEAR = settings(max_examples=12 if settings.default.derandomize else settings.default.max_examples)
-
-
-def route_of(*parts, speed=20.0, ambient_c=-8.0, cabin_w=2500.0, auxiliary_w=400.0, rms=1.0,
-             step_s=30.0):
-    """Route of parts (number of steps, propulsion power [W])."""
-    power_w = np.concatenate([np.full(count, float(value)) for count, value in parts])
-    return make_route({
-        'duration_s': np.full(len(power_w), step_s), 'speed_mps': [speed],
-        'propulsion_power_w': power_w, 'propulsion_power_rms_w': rms * np.abs(power_w),
-        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [cabin_w],
-        'auxiliary_power_w': [auxiliary_w]}, REFERENCE.defaults)
 
 
 def unheated(name, route, state):
@@ -175,6 +166,11 @@ def test_a_climb_that_heat_makes_possible_is_still_heated_for():
     assert PLANTS['small_car'].drive(route, state, unpaid.hvch_battery_power_w).deficit_w < 500.0
     assert {interval.reason for interval in unpaid.intervals} == {Reason.CLIMB}
     assert unpaid.status is not Status.NOT_WORTH_IT
+    # The reserve comes before the climb: with the charge of the unheated arrival as reserve nothing is heated.
+    reserve = float(plan_preheating(CARS['small_car'], route, state, Goal(-40.0, charging_planned=False)).soc[-1])
+    held = plan_preheating(CARS['small_car'], route, state, Goal(-10.0, reserve))
+    assert held.arrival_soc >= reserve - 1e-5 and held.energy_wh.hvch_electric < 1.0
+    assert held.status is Status.POWER_LIMITED
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -196,7 +192,7 @@ def test_where_heating_does_not_pay_the_target_is_what_comes_of_none(method):
 @pytest.mark.parametrize('uncertainty', [None, Uncertainty(1.5)])
 def test_no_heating_for_a_climb_strands_a_car_that_may_use_all_its_charge(method, uncertainty):
     # Heat would help on the climb, but takes more than the 1.4 % left on arrival.
-    route = route_of((25, 2258.0), (35, 5128.0), (13, 12580.0), speed=11.0, ambient_c=-5.4,
+    route = route_of((25, 2258.0), (35, 5128.0), (13, 12580.0), speed_mps=11.0, ambient_c=-5.4,
                      cabin_w=0.0, auxiliary_w=326.0, rms=1.2)
     state = BatteryState(-4.7, 0.0798)
     cold = unheated('mid_size_lfp', route, state)
@@ -282,10 +278,7 @@ def test_what_a_hot_battery_is_cooled_by_is_leakage():
 def test_a_battery_that_cools_within_seconds_is_integrated_with_steps_that_are_short_enough():
     # 20 kJ/K and 1000 W/K: 20 s. At rest the closed form is an exponential.
     car = car_with(heat_capacity_j_per_k=20e3, leakage=Leakage(1000.0, 0.0))
-    route = make_route({
-        'duration_s': [300.0], 'speed_mps': [0.0], 'propulsion_power_w': [0.0],
-        'ambient_temperature_c': [-20.0], 'cabin_heating_power_w': [0.0],
-        'auxiliary_power_w': [0.0]}, car.defaults)
+    route = route_of((1, 0.0), step_s=300.0, speed_mps=0.0, ambient_c=-20.0, cabin_w=0.0, auxiliary_w=0.0)
     plan = plan_preheating(car, route, BatteryState(30.0, 0.5), Goal(0.0, charging_planned=False))
     closed_c = -20.0 + 50.0 * np.exp(-plan.time_s / 20.0)
     assert plan.battery_temperature_c == pytest.approx(closed_c, abs=0.02)
@@ -305,7 +298,7 @@ def situations(draw, within_limits=False):
         parts.append((draw(st.integers(2, 30)), size * draw(st.floats(low_w, high_w))))
     ambient_c = draw(st.floats(-24.0, 4.0))
     route = route_of(
-        *parts, speed=draw(st.floats(0.0, 35.0)), ambient_c=ambient_c,
+        *parts, speed_mps=draw(st.floats(0.0, 35.0)), ambient_c=ambient_c,
         cabin_w=draw(st.floats(0.0, 5000.0)), auxiliary_w=draw(st.floats(0.0, 800.0)),
         rms=draw(st.floats(1.0, 1.4)))
     state = BatteryState(ambient_c + draw(st.floats(0.0, 8.0)),
@@ -369,7 +362,7 @@ def hold_against_lower_targets(name, route, state, goal, method):
             assert other.arrival_temperature_c <= plan.arrival_temperature_c + TARGET_K
 
 
-CLIMB_TO_AN_EMPTY_BATTERY = route_of((6, 2e3), (9, 12578.0), (30, 11927.5), speed=15.0, ambient_c=-12.0,
+CLIMB_TO_AN_EMPTY_BATTERY = route_of((6, 2e3), (9, 12578.0), (30, 11927.5), speed_mps=15.0, ambient_c=-12.0,
                                      cabin_w=2462.0, auxiliary_w=800.0)
 
 
@@ -391,7 +384,7 @@ def test_power_that_lacks_in_the_end_leaves_the_heat_that_there_is_power_for(met
 @DEAR
 @given(situations(within_limits=True), JUST_ENOUGH)
 # A heater that gives way to the drive arrives colder than a lower target's.
-@example(('mid_size_lfp', route_of((9, 2e3), (8, 9050.5), speed=0.0, ambient_c=0.0, cabin_w=0.0,
+@example(('mid_size_lfp', route_of((9, 2e3), (8, 9050.5), speed_mps=0.0, ambient_c=0.0, cabin_w=0.0,
                                    auxiliary_w=164.0), BatteryState(4.0, 0.0), Goal(11.0)), 0.01)
 def test_a_wish_that_is_held_back_is_as_warm_as_any_lower_target(method, situation, more_soc):
     name, route, state, goal = situation

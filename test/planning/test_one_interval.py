@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method `optimal_switch`: properties on drawn trips, against forward runs written here."""
+"""Method `optimal_switch`: properties on drawn trips, against forward runs of a car of the tests."""
 
 from itertools import product
-import math
 from types import SimpleNamespace
 
-from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
+import drives
+from formula_car import FORMULA_CAR
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
+from own_car import Car
 import pytest
 import short_stretches
-from varying_power import spread_magnitude_w
 
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.methods import plan_optimal_switch
@@ -24,74 +24,39 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LEAST_SAVING_WH
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
+CAR = Car(FORMULA_CAR)
 # The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
 # this power, and stays within the model's range of charge.
-SEGMENT = st.fixed_dictionaries({
-    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-5e3, 35e3), 'spread_w': st.floats(0.0, 15e3),
-    'ambient_temperature_c': st.floats(-15.0, 6.0), 'cabin_heating_power_w': st.floats(0.0, 7e3),
-    'auxiliary_power_w': st.floats(0.0, 2e3)})
-SEGMENTS = st.lists(SEGMENT, min_size=1, max_size=40)
+SEGMENTS = drives.segments(
+    propulsion_power_w=(-5e3, 35e3), spread_w=(0.0, 15e3), ambient_temperature_c=(-15.0, 6.0),
+    cabin_heating_power_w=(0.0, 7e3))
 START_C = st.floats(-10.0, 12.0)
 SOC = st.floats(0.6, 0.97)
 # Position of the target between the unheated and the fully heated arrival.
 SHARE = st.floats(0.01, 0.99)
 
 
-def change(segment, soc, t, heater_w):
-    """Rates of (soc, temperature), eqs. (1)-(5)."""
-    power_w = segment['propulsion_power_w']
-    terminal_w = (power_w + segment['cabin_heating_power_w'] + segment['auxiliary_power_w']
-                  + heater_w)
-    u, r, current = voltage_v(soc), resistance_ohm(t), current_a(soc, t, terminal_w)
-    ripple_w = r * segment['spread_w']**2 / u**2
-    heat_w = (0.87 * heater_w + 0.8 * (1.0 - 0.9) * spread_magnitude_w(power_w, segment['spread_w'])
-              + r * current**2 + ripple_w
-              + (33.0 + 0.5 * segment['speed_mps']) * (segment['ambient_temperature_c'] - t))
-    return np.array([-(current + ripple_w / u) / (3600.0 * 200.0), heat_w / 378500.0])
-
-
-def heater_limit_w(segment):
-    return max(7000.0 - segment['cabin_heating_power_w'], 0.0)
-
-
-def arrival_c(segments, state, heater_w):
-    """Arrival temperature of a Runge-Kutta run under heater powers, one per segment."""
-    y = np.array([state.soc, state.temperature_c])
-    for segment, heater in zip(segments, heater_w):
-        h = segment['duration_s']
-        k1 = change(segment, *y, heater)
-        k2 = change(segment, *(y + h / 2 * k1), heater)
-        k3 = change(segment, *(y + h / 2 * k2), heater)
-        k4 = change(segment, *(y + h * k3), heater)
-        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return float(y[1])
+def arrival_c(segments, state, heater_w=None):
+    """Arrival temperature under heater powers, one per segment; None: all the power that the cabin leaves."""
+    route = route_of(segments)
+    return float(CAR.drive(route, state, CAR.heater_limit_w(route) if heater_w is None else heater_w)[-1, 1])
 
 
 def span_c(segments, state):
     """Arrival temperatures without heating and with all the power that the cabin leaves."""
-    return (arrival_c(segments, state, [0.0] * len(segments)),
-            arrival_c(segments, state, map(heater_limit_w, segments)))
-
-
-def target_within(segments, state, share):
-    """A target that partial heating reaches."""
-    idle_c, full_c = span_c(segments, state)
-    return idle_c + share * (full_c - idle_c)
+    return arrival_c(segments, state, np.zeros(len(segments))), arrival_c(segments, state)
 
 
 def drawn_target(segments, state, share):
-    """The same for drawn trips, on which the cabin may leave the heater next to no power."""
+    """A target that partial heating reaches, unless the cabin leaves the heater next to no power."""
     idle_c, full_c = span_c(segments, state)
     assume(full_c - idle_c > 0.01)
-    return target_within(segments, state, share)
+    return idle_c + share * (full_c - idle_c)
 
 
 def route_of(segments):
-    columns = {name: [segment[name] for segment in segments]
-               for name in segments[0] if name != 'spread_w'}
-    columns['propulsion_power_rms_w'] = [
-        math.hypot(segment['propulsion_power_w'], segment['spread_w']) for segment in segments]
+    columns = drives.columns_of(segments)
+    columns['propulsion_power_rms_w'] = np.hypot(columns['propulsion_power_w'], columns.pop('spread_w'))
     return make_route(columns, FORMULA_CAR.defaults)
 
 
@@ -111,7 +76,7 @@ def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one
     # The same integrator written twice differs by rounding.
     assert plan.arrival_temperature_c == pytest.approx(
         arrival_c(segments, state, plan.hvch_battery_power_w), abs=1e-9)
-    limit_w = np.array([heater_limit_w(segment) for segment in segments])
+    limit_w = CAR.heater_limit_w(route_of(segments))
     after = int(np.searchsorted(plan.time_s, plan.heating_start_s, side='right'))
     part = (plan.time_s[after] - plan.heating_start_s) / segments[after - 1]['duration_s']
     expected_w = np.concatenate((

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reasons for heating: each on a trip designed for it, and properties of all intervals."""
 
+from drives import route_of
 from formula_car import SHIPPED_CAR, with_limits
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +11,6 @@ import pytest
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import Reason
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.curves import Table
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
@@ -18,21 +18,13 @@ from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 CAR = with_limits(Table((0.0,), (-30.0, 30.0), ((60e3, 240e3),)), Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)))
 
 
-def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0, car=CAR):
+def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0):
     """Plan of a drive of parts (steps of half a minute, propulsion power [W])."""
-    power_w = np.concatenate([np.full(count, float(value)) for count, value in parts])
-    route = make_route({
-        'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': power_w,
-        'ambient_temperature_c': [ambient_c], 'auxiliary_power_w': [400.0],
-        'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w))}, car.defaults)
-    return plan_preheating(car, route, BatteryState(start_c, 0.85), Goal(target_c))
+    return plan_preheating(CAR, route_of(*parts, ambient_c=ambient_c), BatteryState(start_c, 0.85), Goal(target_c))
 
 
 def reasons(plan):
     return [interval.reason for interval in plan.intervals]
-
-
-# Each reason on a trip designed for it
 
 
 def test_heating_with_what_the_battery_may_not_take_is_surplus():
@@ -60,8 +52,6 @@ def test_heating_before_a_climb_and_before_arrival_has_two_reasons_each_with_its
     assert plan.intervals[0].energy_wh == pytest.approx(
         plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
 
-
-# Properties
 
 @pytest.mark.costly
 @given(number=st.integers(0, 24 if settings.default.derandomize else 10**6))

@@ -4,6 +4,7 @@
 from dataclasses import replace
 import math
 
+import drives
 from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,16 +18,12 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle.curves import Table
 
 START = BatteryState(temperature_c=-7.0, soc=0.88)
 NAN = math.nan
 
-SEGMENTS = st.lists(st.fixed_dictionaries({
-    'duration_s': st.floats(1.0, 90.0), 'speed_mps': st.floats(0.0, 35.0),
-    'propulsion_power_w': st.floats(-30e3, 45e3), 'ambient_temperature_c': st.floats(-25.0, 5.0),
-    'cabin_heating_power_w': st.floats(0.0, 4e3), 'auxiliary_power_w': st.floats(0.0, 2e3)}),
-    min_size=1, max_size=40)
+SEGMENTS = drives.segments(
+    propulsion_power_w=(-30e3, 45e3), ambient_temperature_c=(-25.0, 5.0), cabin_heating_power_w=(0.0, 4e3))
 
 
 class Algorithms:
@@ -77,8 +74,7 @@ class Algorithms:
 
 
 def route_of(segments):
-    return make_route({name: [segment[name] for segment in segments] for name in segments[0]},
-                      FORMULA_CAR.defaults)
+    return make_route(drives.columns_of(segments), FORMULA_CAR.defaults)
 
 
 def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
@@ -87,10 +83,9 @@ def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0)
              'auxiliary_power_w': 500.0}] * round(minutes * 60 / step_s)
 
 
-def plan_of(segments, target_c=18.0, state=START, charging_planned=True, **options):
-    return plan_preheating(FORMULA_CAR, route_of(segments), state,
-                           Goal(target_c, charging_planned=charging_planned),
-                           method='paper', no_regret=False, **options)
+def plan_of(segments, target_c=18.0, state=START, **options):
+    return plan_preheating(FORMULA_CAR, route_of(segments), state, Goal(target_c), method='paper', no_regret=False,
+                           **options)
 
 
 @given(segments=SEGMENTS, cold_c=st.floats(-25.0, 10.0), rise_k=st.floats(0.0, 1.0),
@@ -128,32 +123,18 @@ def discharge_limit_w(soc, temperature_c):
         np.interp(temperature_c, table.temperature_c, row) for row in table.values])
 
 
-# More than the circuit can give at any temperature.
-NO_LIMIT_W = 2e6
-
-
-def too_much_to_ask_for(limit_w=discharge_limit_w):
-    """Plan of a drive that asks a deeply cold battery for too much, twice; and the worst deficit."""
+def test_power_limited_says_when_and_by_how_much():
+    # A drive that asks a deeply cold battery for too much, twice.
     segments = drive(ambient_c=-30.0)
     segments[2] = dict(segments[2], propulsion_power_w=230e3)
     segments[9] = dict(segments[9], propulsion_power_w=480e3)
-    vehicle = FORMULA_CAR
-    if limit_w is not discharge_limit_w:
-        vehicle = replace(FORMULA_CAR, battery=replace(
-            FORMULA_CAR.battery, discharge_power_limit=Table((0.0,), (0.0,), ((NO_LIMIT_W,),))))
-    plan = plan_preheating(
-        vehicle, route_of(segments), BatteryState(temperature_c=-30.0, soc=0.88), Goal(59.0),
-        method='paper', no_regret=False)
+    plan = plan_of(segments, 59.0, BatteryState(-30.0, 0.88))
     soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
-    most_a = min(limit_w(soc, temperature_c) / u, u / (2 * r))
+    most_a = min(discharge_limit_w(soc, temperature_c) / u, u / (2 * r))
     # The heater needs its share too.
-    return plan, 480e3 + 1978.0 + 500.0 + 5022.0 - (u * most_a - r * most_a**2)
-
-
-def test_power_limited_says_when_and_by_how_much():
-    plan, deficit_w = too_much_to_ask_for()
+    deficit_w = 480e3 + 1978.0 + 500.0 + 5022.0 - (u * most_a - r * most_a**2)
     # Segment 9 starts at 4:30.
     assert (plan.status, plan.undeliverable_at_s, plan.explanation) == (
         Status.POWER_LIMITED, 270.0, f'In 4:30 min the route needs {deficit_w / 1000:.1f} kW '

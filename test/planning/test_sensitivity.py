@@ -9,7 +9,7 @@ seconds adds eta P / k (1 - exp(-k h / C)), and a kelvin of the start arrives as
 from dataclasses import replace
 import math
 
-import numpy as np
+from drives import route_of
 import pytest
 
 from bev_preheat.planning import sensitivity as module
@@ -19,7 +19,6 @@ from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
-from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import RESOLUTION_K, SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
@@ -46,10 +45,7 @@ def steady_car(leakage_w_per_k):
 
 def steady_drive(minutes):
     """Return a drive that rolls: the drivetrain gives no heat."""
-    return make_route({
-        'duration_s': np.full(minutes, 60.0), 'speed_mps': [SPEED_MPS], 'propulsion_power_w': [0.0],
-        'propulsion_power_rms_w': [0.0], 'ambient_temperature_c': [AMBIENT_C], 'cabin_heating_power_w': [CABIN_W],
-        'auxiliary_power_w': [300.0]}, REFERENCE.defaults)
+    return route_of((minutes, 0.0), step_s=60.0, speed_mps=SPEED_MPS, ambient_c=AMBIENT_C, cabin_w=CABIN_W)
 
 
 def kept(minutes, leakage_w_per_k):
@@ -115,11 +111,7 @@ def test_bounds_are_where_the_planner_changes_its_answer(name, state, target_c):
 
 def test_heat_from_surplus_is_not_needed_heat():
     # A cold battery accepts little of these 40 kW; the heater can have the rest.
-    power_w = np.concatenate((np.full(10, -40e3), np.full(60, 15e3)))
-    route = make_route({
-        'duration_s': np.full(70, 30.0), 'speed_mps': [20.0], 'propulsion_power_w': power_w,
-        'propulsion_power_rms_w': np.abs(power_w), 'ambient_temperature_c': [-22.0],
-        'cabin_heating_power_w': [2500.0], 'auxiliary_power_w': [400.0]}, REFERENCE.defaults)
+    route = route_of((10, -40e3), (60, 15e3), ambient_c=-22.0, cabin_w=2500.0)
     state = BatteryState(-22.0, 0.5)
     free = plan_unheated(REFERENCE, route, state, Goal(0.0))
     goal = Goal(free.arrival_temperature_c - 0.5)

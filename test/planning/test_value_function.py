@@ -8,6 +8,7 @@ If not everything can be had, it gives up first the target, then the power of cl
 from dataclasses import replace
 from itertools import product
 
+from drives import route_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -16,15 +17,10 @@ import pytest
 
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.methods import plan_by_values
-from bev_preheat.planning.outcome import power_deficit
-from bev_preheat.planning.planner import (
-    plan_preheating,
-    plan_unheated,
-)
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route import make_route
 from bev_preheat.tunables import HEATING_PRICE
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
@@ -75,12 +71,8 @@ def test_it_costs_what_the_program_costs(seed, number):
     assert plan.undeliverable_power_w == 0.0
 
 
-def short_descent():
-    """Return a route with a descent that the cold battery may not take."""
-    return make_route({
-        'duration_s': np.full(8, 120.0), 'speed_mps': np.full(8, 20.0),
-        'propulsion_power_w': [14e3, 14e3, -48e3, -52e3, -52e3, 12e3, 12e3, 12e3],
-        'ambient_temperature_c': np.full(8, -12.0), 'cabin_heating_power_w': np.full(8, 500.0)}, VEHICLE.defaults)
+# A descent that the cold battery may not take.
+SHORT_DESCENT = route_of((2, 14e3), (1, -48e3), (2, -52e3), (3, 12e3), step_s=120.0, cabin_w=500.0)
 
 
 @pytest.mark.parametrize(('heat_path', 'shares'), [
@@ -89,7 +81,7 @@ def short_descent():
 def test_nothing_else_that_can_be_switched_costs_less(target_c, heat_path, shares):
     """Every pattern of off and full power, and of half power where heat arrives at once, is driven."""
     state, goal = BatteryState(-9.0, 0.8), Goal(target_c)
-    trip = make_trip(replace(VEHICLE, heat_path=heat_path), short_descent())
+    trip = make_trip(replace(VEHICLE, heat_path=heat_path), SHORT_DESCENT)
     mine = plan_by_values(trip, state, goal)
 
     def cost_wh(schedule):
@@ -102,43 +94,6 @@ def test_nothing_else_that_can_be_switched_costs_less(target_c, heat_path, share
              for pattern in product(shares, repeat=8)]
     # Switching on costs half a watt-hour, which this does not count.
     assert cost_wh(mine) < min(map(cost_wh, tried)) + 1.0
-
-
-# Order of sacrifices.
-
-def climb(power_w, cold_c, soc, reserve, target_c=5.0):
-    route = make_route({
-        'duration_s': np.full(60, 30.0), 'speed_mps': np.full(60, 20.0),
-        'propulsion_power_w': [*[15e3] * 40, *[power_w] * 6, *[15e3] * 14],
-        'ambient_temperature_c': np.full(60, cold_c)}, VEHICLE.defaults)
-    state = BatteryState(cold_c, soc)
-    return make_trip(VEHICLE, route), route, state, Goal(target_c, reserve)
-
-
-def lacking_w(trip, schedule):
-    return power_deficit(trip, schedule).worst_w
-
-
-def test_a_climb_that_heat_makes_possible_is_heated_for_and_given_up_for_the_reserve():
-    trip, route, state, goal = climb(150e3, -12.0, 0.7, 0.0)
-    unheated = run_unheated(trip, state)
-    assert lacking_w(trip, unheated) > 1e3
-    heated = plan_by_values(trip, state, goal)
-    assert lacking_w(trip, heated) == 0.0
-    # The unheated drive leaves this much, so no heat can be paid for.
-    reserve = float(unheated.soc[-1])
-    held = plan_preheating(VEHICLE, route, state, Goal(5.0, reserve), 'value_function')
-    assert held.arrival_soc >= reserve - 1e-5
-    assert held.energy_wh.hvch_electric < 1.0
-    assert held.status is Status.POWER_LIMITED
-
-
-# Drawn trips.
-
-def hottest_arrival_c(trip):
-    """Return the arrival temperature with all the heating that limits and cabin allow."""
-    steps = make_trip(trip.vehicle, trip.route)
-    return float(drive_as_planned(steps, trip.state, steps.heater_limit_w, take_surplus=True).temperature_c[-1])
 
 
 @pytest.mark.costly
@@ -161,10 +116,11 @@ def test_limits_hold_and_what_can_be_reached_is_reached(number, target_c):
             plan.undeliverable_power_w, abs=SAME_POWER_W, rel=SAME_POWER_SHARE)
         assert beyond_w[0] < SAME_POWER_W or plan.undeliverable_power_w > 0.0
     # The reserve, as far as the drive alone keeps it; then the target.
-    cold = run_unheated(make_trip(trip.vehicle, trip.route), trip.state)
-    if cold.soc[-1] > trip.goal.minimum_arrival_soc:
+    steps = make_trip(trip.vehicle, trip.route)
+    if run_unheated(steps, trip.state).soc[-1] > trip.goal.minimum_arrival_soc:
         assert plan.arrival_soc >= trip.goal.minimum_arrival_soc - 1e-5
-    if hottest_arrival_c(trip) > target_c + 0.01 and without_reserve.arrival_soc > 0.06:
+    hottest = drive_as_planned(steps, trip.state, steps.heater_limit_w, take_surplus=True)
+    if hottest.temperature_c[-1] > target_c + 0.01 and without_reserve.arrival_soc > 0.06:
         assert without_reserve.shortfall_k <= 1e-3
 
 
@@ -179,18 +135,6 @@ def test_heating_never_leads_beyond_the_highest_temperature(number, start_c, tar
     assert (plan.battery_temperature_c[1:][heated] <= 60.0 + 1e-6).all()
 
 
-# Climbs, descents, cabin.
-
-def drive(*parts, cabin_w=1500.0, ambient_c=-12.0, step_s=30.0):
-    """Return a Route of parts (number of steps, propulsion power [W])."""
-    power_w = np.concatenate([np.full(count, float(value)) for count, value in parts])
-    return make_route({
-        'duration_s': np.full(len(power_w), step_s), 'speed_mps': [20.0],
-        'propulsion_power_w': power_w, 'ambient_temperature_c': [ambient_c],
-        'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w)),
-        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
-
-
 START = BatteryState(-12.0, 0.8)
 
 
@@ -199,7 +143,7 @@ def plan_of(route, target_c=10.0, state=START, **goal):
 
 
 def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where():
-    route = drive((20, 15e3), (5, 190e3), (60, 20e3))
+    route = route_of((20, 15e3), (5, 190e3), (60, 20e3))
     plan = plan_of(route, 20.0)
     lacks_w = PLANT.drive(route, START, plan.hvch_battery_power_w).deficit_w
     assert (plan.status, plan.undeliverable_at_s) == (Status.POWER_LIMITED, 600.0)
@@ -211,15 +155,6 @@ def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where()
     assert plan.hvch_battery_power_w[:20] == pytest.approx(5500.0)
     assert not plan.hvch_battery_power_w[20:25].any()
     assert plan.arrival_temperature_c == pytest.approx(20.0, abs=1e-3)
-
-
-def test_surplus_of_a_descent_heats_although_the_target_is_met_anyway():
-    # All that a cold battery cannot accept of 40 kW is free; a kelvin lets it accept more.
-    plan = plan_of(drive((10, 5e3), (20, -40e3), (10, 15e3)), target_c=-12.0)
-    assert plan.hvch_battery_power_w[10:14] == pytest.approx(5500.0)
-
-
-# Heat above the target.
 
 
 @pytest.mark.costly
@@ -239,29 +174,30 @@ def test_heat_above_the_target_brings_more_energy_than_it_costs(number):
 # Extremes: a status and finite numbers, neither an exception nor a warning.
 
 EXTREMES = {
-    'one_segment': (drive((1, 90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
-    'one_segment_of_regeneration': (drive((1, -90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
-    'all_descent': (drive((40, -60e3)), 10.0, START, None),
-    'no_heater': (drive((20, 15e3), (5, -60e3), (5, 170e3), cabin_w=7000.0), 10.0, START, Status.POWER_LIMITED),
-    'cabin_takes_all_heat': (drive((40, 15e3), cabin_w=7500.0), 10.0, START, Status.TARGET_UNREACHABLE),
-    'no_heater_at_the_end': (drive(
+    'one_segment': (route_of((1, 90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
+    'one_segment_of_regeneration': (route_of((1, -90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
+    'all_descent': (route_of((40, -60e3)), 10.0, START, None),
+    'no_heater': (route_of((20, 15e3), (5, -60e3), (5, 170e3), cabin_w=7000.0), 10.0, START, Status.POWER_LIMITED),
+    'cabin_takes_all_heat': (route_of((40, 15e3), cabin_w=7500.0), 10.0, START, Status.TARGET_UNREACHABLE),
+    'no_heater_at_the_end': (route_of(
         (20, 15e3), (5, -60e3), cabin_w=np.repeat([0.0, 9e3], [15, 10])), 10.0, START, None),
-    'target_below_start': (drive((20, 15e3)), -30.0, START, Status.NOT_NEEDED),
+    'target_below_start': (route_of((20, 15e3)), -30.0, START, Status.NOT_NEEDED),
     # Free heat is used.
-    'descent_and_target_below_start': (drive((20, 15e3), (5, -60e3)), -30.0, START, Status.WAITING),
-    'full_with_regeneration': (drive((20, -60e3), (20, 15e3)), 10.0, BatteryState(-12.0, 1.0), None),
-    'lowest_charge': (drive((20, 15e3)), 10.0, BatteryState(-12.0, 0.05), Status.POWER_LIMITED),
-    'empty': (drive((20, 15e3)), 10.0, BatteryState(-12.0, 0.0), Status.OUT_OF_CHARGE),
-    'highest_temperatures': (drive((20, -60e3), (20, 50e3), ambient_c=60.0), 60.0, BatteryState(60.0, 0.8), None),
-    'lowest_temperatures': (drive((20, -60e3), (20, 50e3), ambient_c=-40.0), -40.0, BatteryState(-40.0, 0.8),
+    'descent_and_target_below_start': (route_of((20, 15e3), (5, -60e3)), -30.0, START, Status.WAITING),
+    'full_with_regeneration': (route_of((20, -60e3), (20, 15e3)), 10.0, BatteryState(-12.0, 1.0), None),
+    'lowest_charge': (route_of((20, 15e3)), 10.0, BatteryState(-12.0, 0.05), Status.POWER_LIMITED),
+    'empty': (route_of((20, 15e3)), 10.0, BatteryState(-12.0, 0.0), Status.OUT_OF_CHARGE),
+    'highest_temperatures': (route_of((20, -60e3), (20, 50e3), ambient_c=60.0), 60.0, BatteryState(60.0, 0.8),
+                             None),
+    'lowest_temperatures': (route_of((20, -60e3), (20, 50e3), ambient_c=-40.0), -40.0, BatteryState(-40.0, 0.8),
                             None),
-    'coldest_to_hottest': (drive((20, -60e3), (20, 150e3), ambient_c=-40.0), 60.0, BatteryState(-40.0, 0.8),
+    'coldest_to_hottest': (route_of((20, -60e3), (20, 150e3), ambient_c=-40.0), 60.0, BatteryState(-40.0, 0.8),
                            Status.POWER_LIMITED),
-    'stops_only': (drive((40, 0.0), cabin_w=0.0), 10.0, START, Status.TARGET_UNREACHABLE),
-    'far_too_much': (drive((20, 400e3), step_s=900.0), 10.0, BatteryState(-12.0, 0.9), Status.OUT_OF_CHARGE),
-    'many_steps': (drive((1200, 15e3), (300, -60e3), (300, 20e3), step_s=0.25), 10.0, START, None),
-    'long_steps': (drive((4, -60e3), (4, 30e3), step_s=3600.0), 10.0, START, None),
-    'quarter_seconds': (drive((9600, 15e3), (2400, -60e3), (2400, 20e3), step_s=0.25), 10.0, START, None)}
+    'stops_only': (route_of((40, 0.0), cabin_w=0.0), 10.0, START, Status.TARGET_UNREACHABLE),
+    'far_too_much': (route_of((20, 400e3), step_s=900.0), 10.0, BatteryState(-12.0, 0.9), Status.OUT_OF_CHARGE),
+    'many_steps': (route_of((1200, 15e3), (300, -60e3), (300, 20e3), step_s=0.25), 10.0, START, None),
+    'long_steps': (route_of((4, -60e3), (4, 30e3), step_s=3600.0), 10.0, START, None),
+    'quarter_seconds': (route_of((9600, 15e3), (2400, -60e3), (2400, 20e3), step_s=0.25), 10.0, START, None)}
 
 
 @pytest.mark.costly
