@@ -65,13 +65,9 @@ def told(supervisor, at_s, **fields):
     return said(supervisor, now_ns)
 
 
-def entries(supervisor, now_ns):
-    return [status for status in planner_diagnostics(supervisor.state, now_ns)
-            if status.name == 'route progress']
-
-
 def said(supervisor, now_ns):
-    status, = entries(supervisor, now_ns)
+    status, = (status for status in planner_diagnostics(supervisor.state, now_ns)
+               if status.name == 'route progress')
     return status.level, status.message
 
 
