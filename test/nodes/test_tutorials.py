@@ -41,8 +41,6 @@ PATIENT = ('-p', 'battery_state_timeout:=60.0')
 # Your bus
 
 YOUR_BUS = TUTORIALS / 'your_bus.md'
-COMMANDS = [shlex.split(line) for block in re.findall(r'```bash\n(.*?)```', YOUR_BUS.read_text(), re.DOTALL)
-            for line in block.splitlines()]
 
 
 @pytest.fixture
@@ -51,8 +49,8 @@ def car(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, content in files_of(YOUR_BUS).items():
         (tmp_path / name).write_text(content)
-    words = [sys.executable, *COMMANDS[0][1:]]
-    with open(tmp_path / 'car.log', 'w') as output, subprocess.Popen(words, stdout=output) as process:
+    with (open(tmp_path / 'car.log', 'w') as output,
+          subprocess.Popen([sys.executable, 'play_car.py'], stdout=output) as process):
         yield lambda: (tmp_path / 'car.log').read_text().splitlines()
         assert process.poll() is None
         process.kill()
@@ -61,13 +59,11 @@ def car(tmp_path, monkeypatch):
 @pytest.mark.deep
 @pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')
 def test_your_bus_leads_to_the_first_command_of_the_heater(car, bench):
-    assert COMMANDS[0] == ['python3', 'play_car.py']
-    shown = re.search(r'```text\n(heater: .*?)\n```', YOUR_BUS.read_text(), re.DOTALL)[1].splitlines()
+    text = YOUR_BUS.read_text()
+    assert '\npython3 play_car.py\n' in text
+    shown = re.search(r'```text\n(heater: .*?)\n```', text, re.DOTALL)[1].splitlines()
     poll_until(car, 'the car plays')
-    processes = {}
-    for words in COMMANDS[1:]:
-        assert words[:3] == ['ros2', 'run', 'bev_preheat'] and words[4] == '--ros-args'
-        processes[words[3]] = bench.start(words[3], *words[5:])
+    processes = {name: bench.start(name, *ros_arguments) for name, ros_arguments in node_commands_of(text)}
     poll_until(lambda: len(car()) >= len(shown), 'the first command')
     # It may take seconds; meanwhile the battery cools a little.
     assert [line.split(',')[0] for line in car()[:len(shown)]] == [line.split(',')[0] for line in shown]
