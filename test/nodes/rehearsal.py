@@ -41,13 +41,19 @@ CLASSES = {
     'heater_controller': ('nodes.heater_controller_node', 'HeaterControllerNode'),
     'route_publisher': ('nodes.route_publisher_node', 'RoutePublisherNode'),
     'vehicle_simulator': ('nodes.vehicle_simulator_node', 'VehicleSimulatorNode'),
-    'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode')}
+    'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode'),
+    'dashboard': ('monitoring.dashboard_node', 'DashboardNode')}
 
 
 def class_of(name):
     """Return the class of an executable's node."""
     module, class_name = CLASSES[name]
     return getattr(import_module(f'bev_preheat.{module}'), class_name)
+
+
+def program_of(name):
+    """Return an executable's NodeProgram."""
+    return import_module(f'bev_preheat.{CLASSES[name][0]}').PROGRAM
 
 
 class HandTimer:
@@ -208,10 +214,6 @@ class Recorder(Record):
         """Unsubscribe; recorded messages stay."""
         self._subscription.destroy()
 
-    def wait_for_publisher(self):
-        self._rehearsal.wait_until(lambda: self._rehearsal.count_publishers(self._subscription.topic_name),
-                                   f'{self._topic}: a publisher')
-
 
 class SilentNode(Node):
     """Takes the place of rclpy's Node below a node's own class; a subclass sets its context and arguments."""
@@ -261,19 +263,12 @@ class RehearsedNode(Node):
                 timer_period_sec, callback, self, lambda: self.get_clock().now().nanoseconds)
         return self.rehearsal.add_timer(timer_period_sec, callback, self)
 
-    def destroy_publisher(self, publisher):
-        publisher.destroy()
-        return True
-
     def destroy_subscription(self, subscription):
         subscription.destroy()
         return True
 
     def count_publishers(self, topic_name):
         return self.rehearsal.count_publishers(self.resolve_topic_name(topic_name))
-
-    def count_subscribers(self, topic_name):
-        return len(self.rehearsal.topic(self.resolve_topic_name(topic_name)).subscriptions)
 
     def get_publishers_info_by_topic(self, topic_name, no_mangle=False):
         return [each.info() for each in self.rehearsal.topic(self.resolve_topic_name(topic_name)).publishers]
@@ -348,10 +343,10 @@ class Rehearsal:
     def record(self, message_type, topic, qos=10):
         return Recorder(self, message_type, topic, qos)
 
-    def subscribe(self, message_type, topic, qos, callback, raw=False):
+    def subscribe(self, message_type, topic, qos, callback):
         """Subscribe as the node /tester."""
         with self._acting():
-            return self.add_subscription(self._tester, message_type, _absolute(topic), qos, callback, raw)
+            return self.add_subscription(self._tester, message_type, _absolute(topic), qos, callback)
 
     def publisher(self, message_type, topic, qos=1):
         """Advertise as the node /tester."""
@@ -392,7 +387,7 @@ class Rehearsal:
                 return condition()
         raise AssertionError(f'{EVENTS_LIMIT} events')
 
-    def wait_until(self, condition, what, timeout_s=TIME_LIMIT_S):
+    def wait_until(self, condition, what):
         """Return the first truthy condition() as time passes."""
         found = []
 
@@ -400,7 +395,7 @@ class Rehearsal:
             found.append(condition())
             return found[-1]
 
-        assert self.comes_to(holds, timeout_s), f'{what}: not within {timeout_s:g} s'
+        assert self.comes_to(holds), f'{what}: not within {TIME_LIMIT_S:g} s'
         return found[-1]
 
     @contextmanager

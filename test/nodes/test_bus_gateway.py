@@ -7,8 +7,8 @@ from can_car import CanCar, VOLTAGE_V
 from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import can_map
 from node_bench import repeating
+from planner_car import command_at, has_entry
 import pytest
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
 from waiting import poll_until
 
@@ -19,15 +19,6 @@ pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')]
 LEASE_S, CURRENT_A = 1.5, 50.0
 # GenMsgCycleTime of the heater's frame in example_car.dbc.
 FRAME_PERIOD_S = 0.1
-
-
-def command(power_w, message=None):
-    now = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
-    message = HvchCommand() if message is None else message
-    message.battery_heating_power = power_w
-    for field, instant in ((message.header.stamp, now), (message.valid_until, now + round(LEASE_S * 1e9))):
-        field.sec, field.nanosec = divmod(instant, 10**9)
-    return message
 
 
 def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, tmp_path):
@@ -49,7 +40,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
         commands.wait_for_subscription()
         poll_until(car.commands, 'a frame')
         assert {power_w for power_w, *_ in car.commands()} == {0.0}
-        with repeating(lambda: commands.publish(command(3456.0)), 0.1):
+        with repeating(lambda: commands.publish(command_at(bench.now_ns, 3456.0, LEASE_S)), 0.1):
             # In steps of 10 W, rounded down.
             car.wait_for_power(3450.0)
             commands_before = len(car.commands())
@@ -62,20 +53,18 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
         after = [power_w for power_w, *_ in car.commands()[stopped:]]
         assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
 
-        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+        with repeating(lambda: commands.publish(command_at(bench.now_ns, 2000.0, LEASE_S)), 0.1):
             car.wait_for_power(2000.0)
-        commands.publish(command(math.nan))
+        commands.publish(command_at(bench.now_ns, math.nan, LEASE_S))
         car.wait_for_power(0.0)
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
-            for status in array.status))
+        diagnostics.wait_for(has_entry('bus_gateway: heater command', 'battery_heating_power: nan W'))
 
         # After doubt the heater stays off for a while, so one valid command is not enough.
-        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+        with repeating(lambda: commands.publish(command_at(bench.now_ns, 2000.0, LEASE_S)), 0.1):
             car.wait_for_power(2000.0)
             second = bench.publisher(HvchCommand, 'hvch_command', 1)
             second.wait_for_subscription()
-            second.publish(command(1000.0))
+            second.publish(command_at(bench.now_ns, 1000.0, LEASE_S))
             car.wait_for_power(0.0)
             second.destroy()
             car.wait_for_power(2000.0)
@@ -83,7 +72,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, 
             # The heater's own answer: 3 is "no_flow".
             car.refusal = 3
             car.wait_for_power(0.0)
-            diagnostics.wait_for(lambda array: any('no_flow' in status.message for status in array.status))
+            diagnostics.wait_for(has_entry('bus_gateway: heater command', 'no_flow'))
             car.refusal = 0
             car.wait_for_power(2000.0)
         process.end()
@@ -113,7 +102,7 @@ def test_a_heat_source_is_commanded_by_name_and_answers(bench, tmp_path):
         def publish():
             # That of another source is not taken for its own.
             for name, power_w in (('motor', 500.0), ('heat_pump', 2000.0)):
-                commands.publish(command(power_w, message=HeatSourceCommand(name=name)))
+                commands.publish(command_at(bench.now_ns, power_w, LEASE_S, HeatSourceCommand, name=name))
         with repeating(publish, 0.1):
             car.wait_for_power(2000.0)
             status = statuses.wait_for(lambda each: each.measured_power == 2000.0)
