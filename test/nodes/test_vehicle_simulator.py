@@ -87,7 +87,7 @@ def test_the_route_is_there_for_late_joiners(rehearsal, start_simulator):
 def test_time_runs_at_the_speed_asked_for_also_on_the_way_and_states_come_at_their_period(
         rehearsal, start_simulator):
     clock, states = rehearsal.record(Clock, '/clock', MANY), rehearsal.record(BatteryState, 'battery_state', MANY)
-    start_simulator(battery_state_period=1.5)
+    simulator = start_simulator(battery_state_period=1.5)
     clock.wait_for(lambda message: seconds(message.clock) >= 5.9)
     stamps_s = [seconds(state.header.stamp) for state in states.messages]
     assert stamps_s == pytest.approx([0.0, 1.5, 3.0, 4.5], abs=0.05)
@@ -98,11 +98,7 @@ def test_time_runs_at_the_speed_asked_for_also_on_the_way_and_states_come_at_the
     rehearsal.advance(2.0)
     assert seconds(clock.latest.clock) - before_s == pytest.approx(60.0, abs=1.0)
     assert np.all(np.diff([seconds(message.clock) for message in clock.messages]) >= 0.0)
-
-
-def leaves_target_to_planner(message):
-    return (message.charging_planned, message.has_target_battery_temperature,
-            message.target_battery_temperature) == (True, False, 0.0)
+    assert 'slower than speed_up' not in simulator.output()
 
 
 def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat(
@@ -140,18 +136,9 @@ def test_commands_that_are_renewed_heat_on_until_the_lease_ends(rehearsal, start
     assert outcome.without_command_s == pytest.approx(180.0 - 121.3, abs=1e-3)
 
 
-@pytest.fixture
-def held(rehearsal, route):
-    """Give the Rehearsal of a simulator whose clock is held, and in which some time has passed."""
-    clock = rehearsal.record(Clock, '/clock', MANY)
-    rehearsal.start('vehicle_simulator', *arguments_of(route, wait_for_planner='true'))
-    rehearsal.advance(3.0)
-    yield rehearsal
-    assert len(clock.messages) > 20 and {seconds(message.clock) for message in clock.messages} == {0.0}
-
-
-def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
-    message = held.record(BatteryState, 'battery_state', MANY).wait_for()
+def test_battery_state_tells_what_is_known_and_nan_for_the_rest(rehearsal, start_simulator):
+    start_simulator(wait_for_planner='true')
+    message = rehearsal.record(BatteryState, 'battery_state', MANY).wait_for()
     assert message.header.stamp == Time(sec=START_S)
     assert message.temperature == pytest.approx(4.0)
     assert message.percentage == pytest.approx(0.77)
@@ -180,8 +167,9 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(rehearsa
     rehearsal.record(BatteryState, 'battery_state', MANY)
     simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
                                 target_battery_temperature='.nan', exit_on_arrival='true')
-    # This is not a target.
-    assert leaves_target_to_planner(plans.wait_for())
+    plan = plans.wait_for()
+    assert plan.charging_planned
+    assert (plan.has_target_battery_temperature, plan.target_battery_temperature) == (False, 0.0)
     assert outcome_at_the_end(diagnostics).state == EMPTY
     assert simulator.wait() == 0
     assert 'The battery is empty after' in simulator.output()
