@@ -126,11 +126,12 @@ class PlannerCar:
         self.commands.clear()
         return self.commands.wait_for(heats, 'heat')
 
-    def entry(self, name, condition=lambda entry: True):
-        """Return the latest entry of the planner's diagnostics with a name, once a condition holds."""
+    def entry(self, name, condition=lambda entry: True, node='planner'):
+        """Return the first entry of a node's diagnostics with a name for which a condition holds."""
+        full_name = f'{self._namespace}/{node}: {name}'.lstrip('/')
+
         def found(array):
-            return next((each for each in array.status
-                         if each.name == f'planner: {name}' and condition(each)), None)
+            return next((each for each in array.status if each.name == full_name and condition(each)), None)
         return found(self.diagnostics.wait_for(found, f'an entry {name}'))
 
     def enable(self, is_on):

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from planner_car import heats, PlannerCar
+from planner_car import heats, PlannerCar, values_of
 import pytest
 from rclpy.action import ActionClient
 from refusals import problems_of
@@ -193,9 +193,7 @@ class Driver(PlannerCar):
 
     def figure(self, key):
         """Return a figure of the planner's diagnostics."""
-        def found(array):
-            return next((item.value for entry in array.status for item in entry.values if item.key == key), None)
-        return found(self.diagnostics.wait_for(found, key))
+        return values_of(self.entry('preheating', lambda entry: key in values_of(entry)))[key]
 
     def state(self, age_s=0.0, **fields):
         return super().state(age_s, temperature=3.0, **fields)
