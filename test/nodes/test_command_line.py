@@ -22,10 +22,9 @@ def test_an_installed_executable_ends_with_2_and_one_line(domain_id):
     assert line.startswith("charger_adviser: error: vehicle 'bicycle' is unknown")
 
 
-@pytest.mark.parametrize('option', ['--help', pytest.param('-h', marks=pytest.mark.deep)])
 @pytest.mark.parametrize('name', CLASSES)
-def test_help_is_printed_and_the_process_ends(call_main, name, option):
-    done = call_main(name, option)
+def test_help_is_printed_and_the_process_ends(call_main, name):
+    done = call_main(name, '--help')
     assert (done.returncode, done.stderr) == (0, '')
     for parameter in program_of(name).parameters:
         assert f'\n  {parameter.name} (default: ' in done.stdout
@@ -50,12 +49,12 @@ PROBLEMS = {
 }
 
 
-# Daily, each problem with one node, and one problem with each: all nodes read their arguments in one place.
-@pytest.mark.parametrize('name, arguments, text', [
-    pytest.param(name, arguments, text, id=f'{name}-{problem}',
-                 marks=[pytest.mark.deep] * (name != 'planner' and problem != 'unknown argument'))
-    for name in CLASSES for problem, (arguments, text) in PROBLEMS.items()])
-def test_what_is_wrong_is_one_line_and_2(refusal, name, arguments, text):
+# Each problem with one node, and one problem with each: all nodes read their arguments in one place.
+@pytest.mark.parametrize('name, problem', [
+    *(('planner', problem) for problem in PROBLEMS),
+    *((name, 'unknown argument') for name in CLASSES if name != 'planner')])
+def test_what_is_wrong_is_one_line_and_2(refusal, name, problem):
+    arguments, text = PROBLEMS[problem]
     assert text in refusal(name, *arguments)
 
 
