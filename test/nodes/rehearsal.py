@@ -13,7 +13,6 @@ service but for latching. These are tested over DDS.
 from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from importlib import import_module
 import inspect
 import sys
@@ -135,17 +134,6 @@ class Endpoint:
             endpoint_gid=list(self.gid), qos_profile=self.qos_profile)
 
 
-class _Sent:
-    """A message on its way, serialized once somebody receives it."""
-
-    def __init__(self, message, info):
-        self._message, self.info = message, info
-
-    @cached_property
-    def data(self):
-        return bytes(serialize_message(self._message))
-
-
 class Publisher(Endpoint):
     """Delivers messages to all subscriptions of its topic."""
 
@@ -156,9 +144,9 @@ class Publisher(Endpoint):
     def publish(self, message):
         self._count += 1
         sent_ns = time.time_ns()
-        self.latest = _Sent(message, {
+        self.latest = bytes(serialize_message(message)), {
             'source_timestamp': sent_ns, 'received_timestamp': sent_ns,
-            'publication_sequence_number': self._count, 'reception_sequence_number': None})
+            'publication_sequence_number': self._count, 'reception_sequence_number': None}
         self._rehearsal.deliver(self)
 
     def get_subscription_count(self):
@@ -189,9 +177,9 @@ class Subscription(Endpoint):
         except TypeError:
             self._has_info = True
 
-    def take(self, sent):
-        content = sent.data if self.raw else deserialize_message(sent.data, self.msg_type)
-        self._callback(*((content, sent.info) if self._has_info else (content,)))
+    def take(self, data, info):
+        content = data if self.raw else deserialize_message(data, self.msg_type)
+        self._callback(*((content, info) if self._has_info else (content,)))
 
     def destroy(self):
         self._rehearsal.topic(self.topic_name).subscriptions.remove(self)
@@ -431,7 +419,7 @@ class Rehearsal:
         self.topic(name).subscriptions.append(added)
         for publisher in self.topic(name).publishers:
             if added.is_latched and publisher.is_latched and publisher.latest is not None:
-                self._under_way.append((added, publisher.latest))
+                self._under_way.append((added, *publisher.latest))
         return added
 
     def add_service(self, name, service_type, callback):
@@ -448,7 +436,7 @@ class Rehearsal:
     def deliver(self, publisher):
         """Deliver the publisher's latest message, after those that are under way."""
         with self._acting():
-            self._under_way += [(subscription, publisher.latest) for subscription
+            self._under_way += [(subscription, *publisher.latest) for subscription
                                 in self.topic(publisher.topic_name).subscriptions
                                 if subscription.msg_type is publisher.msg_type]
 
@@ -472,8 +460,8 @@ class Rehearsal:
         try:
             yield
             while self._under_way:
-                subscription, sent = self._under_way.popleft()
-                subscription.take(sent)
+                subscription, data, info = self._under_way.popleft()
+                subscription.take(data, info)
                 if subscription.topic_name == '/clock':
                     for timer, _ in list(self._timers):
                         if timer.is_simulated:

@@ -38,8 +38,7 @@ class Tab:
     """The latest state of a tab, filled by its own connection whenever it is asked."""
 
     def __init__(self, host):
-        self.host, self.planners, self.view, self.events = host, [], {}, {}
-        self.plan, self.history, self._planner = {}, {}, None
+        self.host, self.planners, self.view, self.plan = host, [], {}, {}
 
     def watch(self, planner, condition, what):
         """Return the first view of a planner for which condition(this tab) holds."""
@@ -52,7 +51,7 @@ class Tab:
             while True:
                 text = await asyncio.wait_for(connection.read_message(), LIMIT_S)
                 values = json.loads(text, parse_constant=lambda name: pytest.fail(name))
-                for key in ('planners', 'view', 'events', 'plan', 'history'):
+                for key in ('planners', 'view', 'plan'):
                     setattr(self, key, values.get(key, getattr(self, key)))
                 if (self.view or not planner) and condition(self):
                     connection.close()

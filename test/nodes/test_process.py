@@ -8,7 +8,6 @@ import sys
 
 from ament_index_python.packages import get_package_prefix
 import pytest
-import rclpy
 from waiting import poll_until, TIME_LIMIT_S
 
 PROGRAM = """
@@ -86,29 +85,24 @@ sys.exit(run_node(Slow, None, loading_node))
 """
 
 
-def await_names(node, wanted):
-    poll_until(lambda: set(node.get_node_names()) - {node.get_name()} == wanted, f'the names {wanted}')
+def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterwards(node, domain_id):
+    def await_names(*names):
+        poll_until(lambda: set(node.get_node_names()) == {node.get_name(), *names}, f'the names {names}')
 
-
-def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterwards(domain_id):
-    rclpy.init(domain_id=domain_id)
-    onlooker = rclpy.create_node('onlooker')
     process = subprocess.Popen([sys.executable, '-c', LOADS, '--ros-args', '-r', '__ns:=/car'], text=True,
                                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)})
     try:
         assert process.stdout.readline() == 'joined\n'
-        await_names(onlooker, {'_slow_loads'})
+        await_names('_slow_loads')
         process.stdin.write('\n')
         process.stdin.flush()
-        await_names(onlooker, {'slow'})
-        assert ('slow', '/car') in onlooker.get_node_names_and_namespaces()
+        await_names('slow')
+        assert ('slow', '/car') in node.get_node_names_and_namespaces()
         process.terminate()
         assert process.wait(TIME_LIMIT_S) == 0
     finally:
         process.kill()
-        onlooker.destroy_node()
-        rclpy.shutdown()
 
 
 @pytest.mark.parametrize('value, text', [

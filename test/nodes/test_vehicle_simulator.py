@@ -41,18 +41,14 @@ def route(tmp_path_factory):
     return route, path
 
 
-def arguments_of(route, **parameters):
-    """Return the arguments of a simulator on `route`."""
-    values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
-              'initial_battery_temperature': 4.0, **parameters}
-    return [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
-
-
 @pytest.fixture
 def start_simulator(rehearsal, route):
     """Start a simulator on `route`; keywords are parameters."""
     def start_simulator(**parameters):
-        return rehearsal.start('vehicle_simulator', *arguments_of(route, **parameters))
+        values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
+                  'initial_battery_temperature': 4.0, **parameters}
+        return rehearsal.start('vehicle_simulator', *(
+            part for name, value in values.items() for part in ('-p', f'{name}:={value}')))
     return start_simulator
 
 
