@@ -137,25 +137,25 @@ class Typed:
         return message
 
 
-def typed(words):
-    """Return the Typed of the words after `ros2 topic pub`."""
-    once = words[0] == '--once'
-    topic, kind, values = words[once:]
-    package, _, name = kind.split('/')
-    return Typed(once, topic, getattr(import_module(f'{package}.msg'), name), yaml.safe_load(values))
-
-
-def typed_commands(text):
-    """Return the commands `ros2 topic pub` in the code blocks of a Markdown text, in order."""
-    blocks = re.findall(r'^```\w*\n(.*?)^```', text, re.MULTILINE | re.DOTALL)
+def typed_commands():
+    """Return the commands `ros2 topic pub` in the code blocks of the tutorial, in order."""
+    blocks = re.findall(r'^```\w*\n(.*?)^```', BY_HAND.read_text(), re.MULTILINE | re.DOTALL)
+    found = []
     # A backslash continues on the next line.
-    lines = '\n'.join(blocks).replace('\\\n', ' ').splitlines()
-    return [typed(shlex.split(line, comments=True)[3:]) for line in lines if line.startswith('ros2 topic pub ')]
+    for line in '\n'.join(blocks).replace('\\\n', ' ').splitlines():
+        if line.startswith('ros2 topic pub '):
+            words = shlex.split(line, comments=True)[3:]
+            once = words[0] == '--once'
+            topic, kind, values = words[once:]
+            package, _, name = kind.split('/')
+            message_type = getattr(import_module(f'{package}.msg'), name)
+            found.append(Typed(once, topic, message_type, yaml.safe_load(values)))
+    return found
 
 
 def command_for(message_type, cancels=False):
     """Return the one command of the tutorial that publishes a type."""
-    command, = [command for command in typed_commands(BY_HAND.read_text()) if command.message_type is message_type
+    command, = [command for command in typed_commands() if command.message_type is message_type
                 and (message_type is not RoutePlan
                      or is_cancellation(command.message(time_message(1))) is cancels)]
     return command
