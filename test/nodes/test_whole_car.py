@@ -29,7 +29,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 pytestmark = [pytest.mark.needs('cantools', 'can', 'crccheck', 'serial'), pytest.mark.deep]
 TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
 # The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state. The
-# bus's readings hold for 2 s: with such a timeout the planner would refuse the last of them as too old.
+# bus's readings hold for 2 s: with such a timeout the planner would refuse the last state as too old.
 LEASE_S, STATE_TIMEOUT_S = 1.5, 3.0
 # Timers and a computer at work.
 LATE_S = 0.5
