@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The example package of docs/how-to/own_method.md, installed by pip, through Python."""
+"""The example package of docs/how-to/own_method.md, installed by pip, through Python and the command line."""
 
 import shutil
 import subprocess
@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import bev_preheat as bp
+from bev_preheat.commands.main import main
 
 STATE = bp.BatteryState(-7.0, 0.9)
+SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
 METHODS = 'last_10_minutes', 'last_20_minutes', 'last_30_minutes'
 pytestmark = pytest.mark.costly
 
@@ -40,3 +42,10 @@ def test_it_plans_in_python(installed, vehicle, route):
     np.testing.assert_allclose(plan.hvch_battery_power_w, expected_w)
     warm = bp.plan(vehicle, route, bp.BatteryState(26.0, 0.9), method='last_20_minutes')
     assert warm.heating_start_s is None
+
+
+def test_without_the_package_there_is_no_such_method(capsys):
+    with pytest.raises(SystemExit):
+        main(['plan', *SITUATION, '--method', 'last_10_minutes'])
+    assert ("'last_10_minutes' is not one of value_function, optimal_switch, paper; see"
+            in capsys.readouterr().err)

@@ -49,6 +49,10 @@ BAD_SCALARS = [('minimum_arrival_soc', value) for value in (nan, -0.1, 1.1, 20.0
     ('target_battery_temperature', value) for value in (inf, -inf, 298.15, -90.0)] + [
     ('charger_power', value) for value in (-50e3, 150.0, inf, 5e-324)] + [
     ('charging_departure_soc', value) for value in (80.0, -0.1, inf)]
+BAD_PARAMETERS = [('command_period', 0.0), ('command_lease', nan), ('planning_step', -1.0),
+                  ('vehicle', 'no_such_car'), ('vehicle', '/dev/null/x.yaml'), ('method', 'magic'),
+                  ('battery_state_timeout', 1e9), ('command_lease', 0.5), ('estimation', 3),
+                  ('minimum_on_time', -1.0), ('command_period', 'soon')]
 
 
 @dataclass(frozen=True)
@@ -240,6 +244,11 @@ class Fuzz:
         self._planner.enable(on)
         self.book = replace(self.book, enabled=on)
 
+    def give_parameters(self):
+        name, value = self.random.choice(BAD_PARAMETERS)
+        result = self._planner.set(**{name: value})
+        assert not result.successful and result.reason, (name, value)
+
     def _note_clock(self):
         book = self.book
         if book.now_ns < book.latest_ns - RESTART_S * NS_PER_S:
@@ -287,15 +296,16 @@ def fuzz(rehearsal):
 @pytest.mark.parametrize('messages', [1000, pytest.param(MESSAGES, marks=pytest.mark.deep)])
 def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
     kinds = ((fuzz.give_state, 70), (fuzz.give_calm, 2), (fuzz.give_time, 17), (fuzz.give_route, 11),
-             (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_no_clock, 0.2))
+             (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5),
+             (fuzz.give_no_clock, 0.2))
     gives, weights = zip(*kinds)
     # The default examples are the first of the deep test's.
     for give in fuzz.random.choices(gives, weights, k=MESSAGES)[:messages]:
         fuzz.commands.clear()
         give()
         fuzz.check()
-        # Every input is answered by a command.
-        assert fuzz.commands.messages
+        # Every input except a refused parameter is answered by a command.
+        assert fuzz.commands.messages or give == fuzz.give_parameters
     # The oracle was exercised: the heater was often on in between.
     assert fuzz.heated > messages // 50
     # A few times in 10 000 messages; test/control/test_refused_routes.py has it daily.
