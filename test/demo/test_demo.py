@@ -91,33 +91,25 @@ def test_a_drive_to_a_known_charger_tells_the_session(start_demo):
     assert 'NOT_WORTH_IT: ' in output and 'At the charger, as predicted on the way: ' in output
 
 
-@pytest.mark.deep
-def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
-    demo = start_demo()
-    wait_for_line(demo, 'battery')
-    processes = psutil.Process(demo.pid).children()
-    planner = next(process for process in processes
-                   if any(part.endswith('/planner') for part in process.cmdline()))
-    planner.kill()
-    output, _ = demo.communicate(timeout=TIME_LIMIT_S)
-    assert demo.returncode == 1, output
-    assert 'demo: failed: planner ended with exit status -9' in output
-    assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
-
-
 # test/commands and test/nodes/test_process.py interrupt programs daily.
 @pytest.mark.deep
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_interruption_ends_everything(start_demo, number):
+@pytest.mark.parametrize('number, status, told', [
+    (signal.SIGINT, 130, 'demo: interrupted'), (signal.SIGTERM, 130, 'demo: interrupted'),
+    (None, 1, 'demo: failed: planner ended with exit status -9')], ids=['SIGINT', 'SIGTERM', 'planner killed'])
+def test_interruption_and_the_death_of_a_process_end_everything(start_demo, number, status, told):
     demo = start_demo()
     wait_for_line(demo, 'battery')
     processes = psutil.Process(demo.pid).children()
     assert len(processes) == 2
-    demo.send_signal(number)
+    if number is None:
+        planner, = (process for process in processes
+                    if any(part.endswith('/planner') for part in process.cmdline()))
+        planner.kill()
+    else:
+        demo.send_signal(number)
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
-    assert demo.returncode == 130, output
-    assert 'demo: interrupted' in output
-    assert 'Traceback' not in output
+    assert demo.returncode == status, output
+    assert told in output and 'Traceback' not in output
     assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
 
 

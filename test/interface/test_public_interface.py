@@ -14,20 +14,8 @@ import bev_preheat as bp
 from bev_preheat.commands.main import main
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
-STATE, WARMER = bp.BatteryState(-7.0, 0.9), bp.BatteryState(20.0, 0.9)
-# Of battery states on a drive [s], within all timeouts: each takes a plan.
-PERIOD_S = 4.0
+STATE = bp.BatteryState(-7.0, 0.9)
 SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
-
-
-@pytest.fixture(scope='module')
-def drive(vehicle, short_route):
-    return bp.drive(vehicle, short_route, WARMER, sensors=bp.Sensors(period_s=PERIOD_S))
-
-
-@pytest.fixture(scope='module')
-def worth(vehicle, route):
-    return bp.worth(vehicle, route, STATE, 150e3, 0.8)
 
 
 def json_of(capsys, *words):
@@ -112,8 +100,7 @@ def test_worth_is_that_of_the_command(worth, capsys):
     assert worth.to_dict()['targets'] == shown['targets']
 
 
-def test_a_session_is_that_of_the_command(vehicle, capsys):
-    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
+def test_a_session_is_that_of_the_command(session, capsys):
     shown, = json_of(capsys, 'charge', '--vehicle', 'reference', '--arrival-temperature', '5', '--arrival-soc',
                      '0.2', '--ambient', '-7', '--charger-power', '150000', '--departure-soc', '0.8')['sessions']
     assert float(session.charging_power_w @ np.diff(session.time_s)) / 3600.0 == pytest.approx(
@@ -134,8 +121,7 @@ def test_all_methods_beside_the_optimum(vehicle, route):
 
 
 @pytest.mark.needs('pandas')
-def test_the_frame_of_a_session(vehicle):
-    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
+def test_the_frame_of_a_session(session):
     frame = session.to_frame()
     assert frame.index[-1] == pytest.approx(session.charging_time_s)
     assert frame['soc'].iloc[0] == 0.2 and frame['soc'].iloc[-1] == pytest.approx(0.8, abs=1e-6)

@@ -28,14 +28,10 @@ def last_20_minutes(situation):
 
 
 @pytest.fixture(scope='module')
-def results(vehicle, route, short_route):
-    return {
-        'plan': bp.plan(vehicle, route, STATE),
-        'worth': bp.worth(vehicle, route, STATE, 150e3, 0.8),
-        'session': bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0),
-        'endless session': bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 1e3, 0.8, -7.0,
-                                               auxiliary_power_w=2e3),
-        'drive': bp.drive(vehicle, short_route, bp.BatteryState(20.0, 0.9), sensors=bp.Sensors(period_s=4.0))}
+def results(vehicle, route, worth, session, drive):
+    endless = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 1e3, 0.8, -7.0, auxiliary_power_w=2e3)
+    return {'plan': bp.plan(vehicle, route, STATE), 'worth': worth, 'session': session,
+            'endless session': endless, 'drive': drive}
 
 
 NAMES = ('plan', 'worth', 'session', 'endless session', 'drive')

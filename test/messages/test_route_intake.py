@@ -126,6 +126,14 @@ def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch)
         'route_plan refused: cannot be read: MemoryError. ')
 
 
+def test_other_parameters_do_not_bring_back_a_route_that_a_refused_one_has_ended(driver):
+    driver.refused(route_id='work', speed=[-1.0])
+    driver.configure(replace(SETTINGS, clock_tolerance_s=0.75))
+    # Heat waits for 10 s after doubt.
+    assert {driver.fed(second) for second in range(1, 13)} == {(0.0, Status.INVALID_INPUT)}
+    assert driver.supervisor.state.mission is None
+
+
 def test_a_route_that_does_not_fit_a_vehicle_comes_back_with_one_that_it_fits(driver):
     narrow = replace(VEHICLE, battery=replace(VEHICLE.battery, temperature_range_c=(-5.0, 60.0)))
     mission = driver.supervisor.state.mission

@@ -15,8 +15,6 @@ from bev_preheat.messages.route_progress import progress_event
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import RouteProgress
 
-START_NS = NOW_NS
-
 
 def a_message(**fields):
     message = RouteProgress(**{'route_id': 'home', 'distance': 1200.5, **fields})
@@ -31,7 +29,7 @@ def read(message):
 
 def test_a_message_is_read():
     assert read(a_message(route_stamp=Time(sec=1_700_000_000))) == Progress(
-        1200.5, START_NS + 60_250_000_000, 'home', START_NS)
+        1200.5, NOW_NS + 60_250_000_000, 'home', NOW_NS)
     assert read(a_message()).route_start_ns is None
 
 
@@ -51,35 +49,31 @@ def test_what_cannot_be_read_says_what_it_is(message, problem):
 
 # Diagnostics
 
-def a_supervisor(route_id='home'):
+def a_supervisor():
     supervisor = Supervisor(VEHICLE, Settings(route_progress_timeout_s=8.0))
-    supervisor.step(START_NS, RouteArrived(Mission(route_id, (steady_leg(600.0),))))
+    supervisor.step(NOW_NS, RouteArrived(Mission('home', (steady_leg(600.0),))))
     return supervisor
 
 
 def told(supervisor, at_s, **fields):
     """Take a position in; return level and message of the diagnostics."""
-    now_ns = START_NS + round(at_s * NS_PER_S)
+    now_ns = NOW_NS + round(at_s * NS_PER_S)
     supervisor.step(now_ns, ProgressArrived(Progress(**{
         'distance_m': 1000.0, 'stamp_ns': now_ns, 'route_id': 'home', **fields})))
     return said(supervisor, now_ns)
 
 
-def entries(supervisor, now_ns):
-    return [status for status in planner_diagnostics(supervisor.state, now_ns)
-            if status.name == 'route progress']
-
-
 def said(supervisor, now_ns):
-    status, = entries(supervisor, now_ns)
+    status, = (status for status in planner_diagnostics(supervisor.state, now_ns)
+               if status.name == 'route progress')
     return status.level, status.message
 
 
 def test_a_place_that_is_too_old_is_a_warning():
     supervisor = a_supervisor()
     told(supervisor, 110.5)
-    assert said(supervisor, START_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
-    assert said(supervisor, START_NS + round(119.0 * NS_PER_S)) == (
+    assert said(supervisor, NOW_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
+    assert said(supervisor, NOW_NS + round(119.0 * NS_PER_S)) == (
         DiagnosticStatus.WARN, 'The latest valid route_progress is 8.500 s old; at most 8 s are '
         'allowed: the planner continues by time from there.')
 

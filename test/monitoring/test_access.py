@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who may see the page."""
 
-
 import pytest
 
 from bev_preheat.errors import InvalidInput

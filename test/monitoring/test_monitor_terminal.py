@@ -4,16 +4,14 @@
 import os
 import signal
 import sys
-import time
 
 import pytest
 from terminal_process import CTRL_C, TerminalProcess
+from waiting import poll_until, TIME_LIMIT_S
 
 from bev_preheat.nodes.installed_drive import reserved_domain_id
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']
-# Process start and first view, on a busy computer.
-LIMIT_S = 240.0
 
 
 @pytest.fixture
@@ -33,14 +31,15 @@ def terminal(dds):
 
 def wait_for_view(process, condition):
     """Return the first view from now on that satisfies condition(lines)."""
-    views, end_s = process.views, time.monotonic() + LIMIT_S
-    while True:
+    views = process.views
+
+    def comes():
         process.read(0.05)
-        lines = process.view.split('\n')
-        if process.views > views + 1 and condition(lines):
-            return lines
         assert process.exit_status is None, process.tail
-        assert time.monotonic() < end_s, process.view
+        lines = process.view.split('\n')
+        return lines if process.views > views + 1 and condition(lines) else None
+
+    return poll_until(comes, 'the view')
 
 
 def has_size(columns, rows):
@@ -56,7 +55,7 @@ def test_it_fills_any_terminal_follows_its_size_and_gives_it_back_on_ctrl_c(term
         process.resize(*size)
         wait_for_view(process, has_size(*size))
     process.type(CTRL_C)
-    assert process.wait(LIMIT_S) == 0, process.tail
+    assert process.wait(TIME_LIMIT_S) == 0, process.tail
     assert process.has_left_terminal_as_it_was
     assert b'Traceback' not in process.tail
 
@@ -66,7 +65,7 @@ def test_a_signal_ends_it_and_the_terminal_is_as_before(terminal, number):
     process = terminal(80, 24)
     wait_for_view(process, has_size(80, 24))
     os.kill(process.process_id, number)
-    assert process.wait(LIMIT_S) == 0, process.tail
+    assert process.wait(TIME_LIMIT_S) == 0, process.tail
     assert process.has_left_terminal_as_it_was
     assert b'Traceback' not in process.tail
 
@@ -75,7 +74,5 @@ def test_it_ends_when_its_terminal_is_closed(terminal):
     process = terminal(80, 24)
     wait_for_view(process, has_size(80, 24))
     process.close()
-    end_s = time.monotonic() + LIMIT_S
-    while process.exit_status is None and time.monotonic() < end_s:
-        time.sleep(0.05)
+    poll_until(lambda: process.exit_status is not None, 'the end')
     assert process.exit_status == 0

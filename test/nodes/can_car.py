@@ -29,7 +29,7 @@ HEATER_EFFICIENCY, LEAKAGE_W_PER_K, VOLTAGE_V, RESISTANCE_OHM = 0.87, 20.0, 400.
 
 
 class CanCar:
-    """The car; `heated` has (instant [s, time.monotonic], power [W]) of each step, `commanded_w` the command."""
+    """The car; `heated` has (instant [s, time.monotonic], power [W]) of each step."""
 
     def __init__(self, temperature_c, heat_capacity_j_per_k, ambient_c, load_w, heat_lag_s, adapters):
         """Start to play; `load_w` [W] is drawn besides the heater, whose heat arrives `heat_lag_s` [s] late."""
@@ -38,15 +38,13 @@ class CanCar:
         self._heat_capacity_j_per_k, self._ambient_c, self._load_w = heat_capacity_j_per_k, ambient_c, load_w
         self._heat_lag_s, self._arriving_w = heat_lag_s, 0.0
         self.power_w, self.refusal, self.heated = 0.0, 0, []
-        self.commanded_w, self._heard_s, self._counts, self.current_a = 0.0, -math.inf, {}, 0.0
+        self._commanded_w, self._heard_s, self._counts, self.current_a = 0.0, -math.inf, {}, 0.0
         self._looked_at = [0] * adapters
         self.bad_frames = 0
         # Whether its temperature and charge stay.
         self.rests = False
-        # '', 'stuck counter', 'wrong checksum' or 'ten times the rate', of the battery's frames.
-        self.attack = ''
-        # Frames of an ECU that has stopped.
-        self.lost = ()
+        # Whether the checksums of the battery's frames are wrong.
+        self.is_attacked = False
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
@@ -81,20 +79,15 @@ class CanCar:
             self.heated.append((now_s, self.power_w))
             before_s, count = now_s, count + 1
             self._say(HEATER_STATUS, heater_frame(self.power_w, count % 16, self.refusal))
-            for number in range(10 if self.attack == 'ten times the rate' else 1):
-                self._say_battery(count + number)
+            self._say_battery(count)
 
     def _say_battery(self, count):
-        count = 7 if self.attack == 'stuck counter' else count
-        wrong = 1 if self.attack == 'wrong checksum' else 0
         frames = [(STATUS, status_frame(self.soc, VOLTAGE_V, self.current_a, count % 16))]
-        if count % 5 == 0 or self.attack:
-            of_message = count if self.attack else count // 5
+        if count % 5 == 0:
             frames.append((TEMPERATURES, temperature_frame(
-                self.temperature_c, of_message % 16, self.temperature_c - 1.5, self.temperature_c + 1.5)))
+                self.temperature_c, count // 5 % 16, self.temperature_c - 1.5, self.temperature_c + 1.5)))
         for identifier, data in frames:
-            if identifier not in self.lost:
-                self._say(identifier, data[:-1] + bytes([data[-1] ^ wrong]))
+            self._say(identifier, data[:-1] + bytes([data[-1] ^ self.is_attacked]))
 
     def _say(self, identifier, data):
         for port in self.ports:
@@ -112,10 +105,10 @@ class CanCar:
                     self.bad_frames += 1
                     continue
                 self._counts[number] = count
-                self.commanded_w, self._heard_s = power_w if enabled else 0.0, at_s
+                self._commanded_w, self._heard_s = power_w if enabled else 0.0, at_s
             self._looked_at[number] = len(frames)
         is_silent = now_s - self._heard_s > HEATER_TIMEOUT_S
-        self.power_w = 0.0 if is_silent or self.refusal else self.commanded_w
+        self.power_w = 0.0 if is_silent or self.refusal else self._commanded_w
 
     def _pass(self, elapsed_s):
         self.current_a = (self._load_w + self.power_w) / VOLTAGE_V

@@ -36,8 +36,7 @@ LONGEST = [f'{name}.py' for name in (
     'test_demo', 'test_whole_car', 'test_nlp_checker', 'test_scenarios', 'test_installed_drive',
     'test_dashboard_page', 'test_optimum', 'test_dashboard', 'test_target_choice', 'test_planner_over_dds',
     'test_bus_gateway', 'test_wheel', 'test_managed', 'test_tutorials', 'test_planner_node',
-    'test_vehicle_simulator', 'test_monitor', 'test_prepare_action',
-    'test_planning_commands', 'test_worker', 'test_exported_planner')]
+    'test_monitor', 'test_prepare_action', 'test_planning_commands', 'test_worker', 'test_exported_planner')]
 
 
 def pytest_collection_modifyitems(items):
@@ -182,6 +181,17 @@ def call_main(ros, monkeypatch, capfd):
         stdout, stderr = capfd.readouterr()
         return SimpleNamespace(returncode=end.value.code, stdout=stdout, stderr=stderr)
     return call_main
+
+
+@pytest.fixture
+def refusal(call_main):
+    """`refusal(name, *arguments)` runs a main function that must refuse its arguments; returns its one line."""
+    def refusal(name, *arguments):
+        done = call_main(name, *arguments)
+        line, = done.stderr.splitlines()
+        assert (done.returncode, done.stdout) == (2, '') and line.startswith(f'{name}: error: ')
+        return line
+    return refusal
 
 
 @pytest.fixture

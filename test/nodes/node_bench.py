@@ -3,7 +3,6 @@
 
 from contextlib import contextmanager
 import threading
-import time
 
 from spinning import take_down
 from waiting import poll_until, TIME_LIMIT_S
@@ -45,7 +44,7 @@ class Record:
         self._topic, self._received, self.latest = topic, [], None
 
     def receive(self, message):
-        self._received.append((time.monotonic(), message))
+        self._received.append(message)
         self.latest = message
 
     def _comes(self, condition, timeout_s):
@@ -55,11 +54,6 @@ class Record:
     @property
     def messages(self):
         """Return the messages so far, oldest first."""
-        return [message for _, message in self.timed]
-
-    @property
-    def timed(self):
-        """Return (instant of arrival [s, time.monotonic], message) so far, oldest first."""
         return list(self._received)
 
     def comes_to(self, condition, timeout_s):
@@ -84,8 +78,8 @@ class Record:
                 received, looked_at = self._received, 0
             while looked_at < len(received) and not found:
                 looked_at += 1
-                if condition(received[looked_at - 1][1]):
-                    found.append(received[looked_at - 1][1])
+                if condition(received[looked_at - 1]):
+                    found.append(received[looked_at - 1])
             return found
 
         assert self._comes(is_there, timeout_s), (
@@ -139,11 +133,11 @@ class Sender:
     def publish(self, message):
         self._publisher.publish(message)
 
-    def wait_for_subscription(self, count=1, timeout_s=TIME_LIMIT_S):
+    def wait_for_subscription(self, count=1):
         """Wait until at least `count` subscriptions are matched."""
         # During discovery the count of matches may include a subscription twice.
         poll_until(lambda: min(self._publisher.get_subscription_count(), len(self.subscriptions())) >= count,
-                   f'{self._topic}: {count} subscriptions', timeout_s)
+                   f'{self._topic}: {count} subscriptions')
 
     def subscriptions(self):
         """Return the identifiers of the topic's subscriptions in the graph."""
@@ -187,13 +181,13 @@ class Bench:
     def publisher(self, message_type, topic, qos=1):
         return Sender(self.node, message_type, topic, qos)
 
-    def call(self, service_type, name, request, timeout_s=TIME_LIMIT_S):
+    def call(self, service_type, name, request):
         """Wait for a service and return its response."""
         # Kept, because discovering a new client takes longer than any answer.
         if (service_type, name) not in self._clients:
             self._clients[service_type, name] = self.node.create_client(service_type, name)
         client = self._clients[service_type, name]
-        assert client.wait_for_service(timeout_s), f'{name}: no such service'
+        assert client.wait_for_service(TIME_LIMIT_S), f'{name}: no such service'
         futures = []
 
         def answered():
@@ -207,4 +201,4 @@ class Bench:
             except AssertionError:
                 return None
 
-        return poll_until(asked_and_answered, f'{name}: a response', timeout_s).result()
+        return poll_until(asked_and_answered, f'{name}: a response').result()

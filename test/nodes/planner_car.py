@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planner, a cold battery and a route that needs heat at once, in a Rehearsal or over DDS."""
 
+from contextlib import contextmanager
+
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
@@ -14,6 +16,10 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgr
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 STATE_PERIOD_S = 0.2
+# A planner counts as ended after a lease without commands: longer than any delay on a busy computer.
+LEASE_S = 5.0
+QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}', '-p', 'battery_state_timeout:=60.0',
+         '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0', '-p', 'estimation:=false')
 TOPICS = {BatteryState: ('battery_state', 1), RoutePlan: ('route_plan', LATCHED),
           RouteProgress: ('route_progress', 1)}
 
@@ -36,6 +42,13 @@ def route_at(instant_ns, **fields):
         instant_ns)
 
 
+def command_at(instant_ns, power_w, lease_s=1.0, kind=HvchCommand, **fields):
+    """Return a command to heat with a power [W], of an instant [ns] and with a lease [s]."""
+    return stamped(kind(**{
+        'battery_heating_power': power_w, 'reason': HvchCommand.HEATING,
+        'valid_until': time_message(instant_ns + round(lease_s * NS_PER_S)), **fields}), instant_ns)
+
+
 def heats(command):
     return command.battery_heating_power > 0.0
 
@@ -43,6 +56,12 @@ def heats(command):
 def is_off_for(status):
     """Return a condition: a command is 0 W for a reason."""
     return lambda command: (command.battery_heating_power, command.reason) == (0.0, int(status))
+
+
+def has_entry(name, text='', level=None):
+    """Return a condition: a DiagnosticArray has an entry with a name and a text, and with a level if given."""
+    return lambda array: any(entry.name == name and text in entry.message and level in (None, entry.level)
+                             for entry in array.status)
 
 
 def set_parameters(bench, node, service=SetParameters, **values):
@@ -107,11 +126,12 @@ class PlannerCar:
         self.commands.clear()
         return self.commands.wait_for(heats, 'heat')
 
-    def entry(self, name, condition=lambda entry: True):
-        """Return the latest entry of the planner's diagnostics with a name, once a condition holds."""
+    def entry(self, name, condition=lambda entry: True, node='planner'):
+        """Return the first entry of a node's diagnostics with a name for which a condition holds."""
+        full_name = f'{self._namespace}/{node}: {name}'.lstrip('/')
+
         def found(array):
-            return next((each for each in array.status
-                         if each.name == f'planner: {name}' and condition(each)), None)
+            return next((each for each in array.status if each.name == full_name and condition(each)), None)
         return found(self.diagnostics.wait_for(found, f'an entry {name}'))
 
     def enable(self, is_on):
@@ -134,6 +154,15 @@ class PlannerCar:
 
     def repeat(self):
         self.bench.fire_all()
+
+
+@contextmanager
+def driving(bench):
+    """Publish battery states continuously, and a latched route that needs heat at once; give the PlannerCar."""
+    car = PlannerCar(bench)
+    car.send_route()
+    with car.feeding():
+        yield car
 
 
 def values_of(entry):

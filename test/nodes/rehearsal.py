@@ -13,7 +13,6 @@ service but for latching. These are tested over DDS.
 from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from importlib import import_module
 import inspect
 import sys
@@ -41,13 +40,19 @@ CLASSES = {
     'heater_controller': ('nodes.heater_controller_node', 'HeaterControllerNode'),
     'route_publisher': ('nodes.route_publisher_node', 'RoutePublisherNode'),
     'vehicle_simulator': ('nodes.vehicle_simulator_node', 'VehicleSimulatorNode'),
-    'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode')}
+    'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode'),
+    'dashboard': ('monitoring.dashboard_node', 'DashboardNode')}
 
 
 def class_of(name):
     """Return the class of an executable's node."""
     module, class_name = CLASSES[name]
     return getattr(import_module(f'bev_preheat.{module}'), class_name)
+
+
+def program_of(name):
+    """Return an executable's NodeProgram."""
+    return import_module(f'bev_preheat.{CLASSES[name][0]}').PROGRAM
 
 
 class HandTimer:
@@ -129,17 +134,6 @@ class Endpoint:
             endpoint_gid=list(self.gid), qos_profile=self.qos_profile)
 
 
-class _Sent:
-    """A message on its way, serialized once somebody receives it."""
-
-    def __init__(self, message, info):
-        self._message, self.info = message, info
-
-    @cached_property
-    def data(self):
-        return bytes(serialize_message(self._message))
-
-
 class Publisher(Endpoint):
     """Delivers messages to all subscriptions of its topic."""
 
@@ -150,9 +144,9 @@ class Publisher(Endpoint):
     def publish(self, message):
         self._count += 1
         sent_ns = time.time_ns()
-        self.latest = _Sent(message, {
+        self.latest = bytes(serialize_message(message)), {
             'source_timestamp': sent_ns, 'received_timestamp': sent_ns,
-            'publication_sequence_number': self._count, 'reception_sequence_number': None})
+            'publication_sequence_number': self._count, 'reception_sequence_number': None}
         self._rehearsal.deliver(self)
 
     def get_subscription_count(self):
@@ -183,9 +177,9 @@ class Subscription(Endpoint):
         except TypeError:
             self._has_info = True
 
-    def take(self, sent):
-        content = sent.data if self.raw else deserialize_message(sent.data, self.msg_type)
-        self._callback(*((content, sent.info) if self._has_info else (content,)))
+    def take(self, data, info):
+        content = data if self.raw else deserialize_message(data, self.msg_type)
+        self._callback(*((content, info) if self._has_info else (content,)))
 
     def destroy(self):
         self._rehearsal.topic(self.topic_name).subscriptions.remove(self)
@@ -207,10 +201,6 @@ class Recorder(Record):
     def destroy(self):
         """Unsubscribe; recorded messages stay."""
         self._subscription.destroy()
-
-    def wait_for_publisher(self):
-        self._rehearsal.wait_until(lambda: self._rehearsal.count_publishers(self._subscription.topic_name),
-                                   f'{self._topic}: a publisher')
 
 
 class SilentNode(Node):
@@ -261,19 +251,12 @@ class RehearsedNode(Node):
                 timer_period_sec, callback, self, lambda: self.get_clock().now().nanoseconds)
         return self.rehearsal.add_timer(timer_period_sec, callback, self)
 
-    def destroy_publisher(self, publisher):
-        publisher.destroy()
-        return True
-
     def destroy_subscription(self, subscription):
         subscription.destroy()
         return True
 
     def count_publishers(self, topic_name):
         return self.rehearsal.count_publishers(self.resolve_topic_name(topic_name))
-
-    def count_subscribers(self, topic_name):
-        return len(self.rehearsal.topic(self.resolve_topic_name(topic_name)).subscriptions)
 
     def get_publishers_info_by_topic(self, topic_name, no_mangle=False):
         return [each.info() for each in self.rehearsal.topic(self.resolve_topic_name(topic_name)).publishers]
@@ -348,10 +331,10 @@ class Rehearsal:
     def record(self, message_type, topic, qos=10):
         return Recorder(self, message_type, topic, qos)
 
-    def subscribe(self, message_type, topic, qos, callback, raw=False):
+    def subscribe(self, message_type, topic, qos, callback):
         """Subscribe as the node /tester."""
         with self._acting():
-            return self.add_subscription(self._tester, message_type, _absolute(topic), qos, callback, raw)
+            return self.add_subscription(self._tester, message_type, _absolute(topic), qos, callback)
 
     def publisher(self, message_type, topic, qos=1):
         """Advertise as the node /tester."""
@@ -392,7 +375,7 @@ class Rehearsal:
                 return condition()
         raise AssertionError(f'{EVENTS_LIMIT} events')
 
-    def wait_until(self, condition, what, timeout_s=TIME_LIMIT_S):
+    def wait_until(self, condition, what):
         """Return the first truthy condition() as time passes."""
         found = []
 
@@ -400,7 +383,7 @@ class Rehearsal:
             found.append(condition())
             return found[-1]
 
-        assert self.comes_to(holds, timeout_s), f'{what}: not within {timeout_s:g} s'
+        assert self.comes_to(holds), f'{what}: not within {TIME_LIMIT_S:g} s'
         return found[-1]
 
     @contextmanager
@@ -436,7 +419,7 @@ class Rehearsal:
         self.topic(name).subscriptions.append(added)
         for publisher in self.topic(name).publishers:
             if added.is_latched and publisher.is_latched and publisher.latest is not None:
-                self._under_way.append((added, publisher.latest))
+                self._under_way.append((added, *publisher.latest))
         return added
 
     def add_service(self, name, service_type, callback):
@@ -453,7 +436,7 @@ class Rehearsal:
     def deliver(self, publisher):
         """Deliver the publisher's latest message, after those that are under way."""
         with self._acting():
-            self._under_way += [(subscription, publisher.latest) for subscription
+            self._under_way += [(subscription, *publisher.latest) for subscription
                                 in self.topic(publisher.topic_name).subscriptions
                                 if subscription.msg_type is publisher.msg_type]
 
@@ -477,8 +460,8 @@ class Rehearsal:
         try:
             yield
             while self._under_way:
-                subscription, sent = self._under_way.popleft()
-                subscription.take(sent)
+                subscription, data, info = self._under_way.popleft()
+                subscription.take(data, info)
                 if subscription.topic_name == '/clock':
                     for timer, _ in list(self._timers):
                         if timer.is_simulated:

@@ -7,8 +7,8 @@ from can_car import CanCar, VOLTAGE_V
 from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import can_map
 from node_bench import repeating
+from planner_car import command_at, has_entry
 import pytest
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
 from waiting import poll_until
 
@@ -21,83 +21,78 @@ LEASE_S, CURRENT_A = 1.5, 50.0
 FRAME_PERIOD_S = 0.1
 
 
-def command(power_w, message=None):
-    now = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
-    message = HvchCommand() if message is None else message
-    message.battery_heating_power = power_w
-    for field, instant in ((message.header.stamp, now), (message.valid_until, now + round(LEASE_S * 1e9))):
-        field.sec, field.nanosec = divmod(instant, 10**9)
-    return message
-
-
-def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(bench, tmp_path):
+@pytest.fixture
+def car():
+    """Give a CanCar that rests; to be used before `bench`, whose processes must end first."""
     car = CanCar(-8.2, 150e3, -7.0, 0.0, 0.0, 1)
     car.rests, car.current_a = True, CURRENT_A
+    yield car
+    car.close()
+
+
+def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(car, bench, tmp_path):
     states = bench.record(BatteryState, 'battery_state')
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
     process = bench.start('bus_gateway', '-p', f'signals:={can_map(tmp_path, car.ports[0].path)}', '-p',
                           'battery_state_period:=0.1')
-    try:
-        # Frames of before the car rested may wait in its port.
-        state = states.wait_for(lambda state: state.cell_temperature and state.current != 0.0)
-        assert (state.temperature, state.percentage, state.voltage) == pytest.approx((-8.2, 0.8, VOLTAGE_V))
-        # sensor_msgs: negative while it is discharged.
-        assert state.current == pytest.approx(-CURRENT_A)
-        assert list(state.cell_temperature) == pytest.approx([-9.7, -6.7])
+    # Frames of before the car rested may wait in its port.
+    state = states.wait_for(lambda state: state.cell_temperature and state.current != 0.0)
+    assert (state.temperature, state.percentage, state.voltage) == pytest.approx((-8.2, 0.8, VOLTAGE_V))
+    # sensor_msgs: negative while it is discharged.
+    assert state.current == pytest.approx(-CURRENT_A)
+    assert list(state.cell_temperature) == pytest.approx([-9.7, -6.7])
 
-        commands = bench.publisher(HvchCommand, 'hvch_command', 1)
-        commands.wait_for_subscription()
-        poll_until(car.commands, 'a frame')
-        assert {power_w for power_w, *_ in car.commands()} == {0.0}
-        with repeating(lambda: commands.publish(command(3456.0)), 0.1):
-            # In steps of 10 W, rounded down.
-            car.wait_for_power(3450.0)
-            commands_before = len(car.commands())
-            poll_until(lambda: len(car.commands()) >= commands_before + 5, 'frames')
-            heated = car.commands()[commands_before:]
-        stopped = len(car.commands())
-        assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+    commands = bench.publisher(HvchCommand, 'hvch_command', 1)
+    commands.wait_for_subscription()
+
+    def commanding(power_w):
+        return repeating(lambda: commands.publish(command_at(bench.now_ns, power_w, LEASE_S)), 0.1)
+
+    poll_until(car.commands, 'a frame')
+    assert {power_w for power_w, *_ in car.commands()} == {0.0}
+    with commanding(3456.0):
+        # In steps of 10 W, rounded down.
+        car.wait_for_power(3450.0)
+        commands_before = len(car.commands())
+        poll_until(lambda: len(car.commands()) >= commands_before + 5, 'frames')
+        heated = car.commands()[commands_before:]
+    stopped = len(car.commands())
+    assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+    car.wait_for_power(0.0)
+    # In frames, because a busy computer sends no more frames: 15 in a lease, and one at its start.
+    after = [power_w for power_w, *_ in car.commands()[stopped:]]
+    assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
+
+    with commanding(2000.0):
+        car.wait_for_power(2000.0)
+    commands.publish(command_at(bench.now_ns, math.nan, LEASE_S))
+    car.wait_for_power(0.0)
+    diagnostics.wait_for(has_entry('bus_gateway: heater command', 'battery_heating_power: nan W'))
+
+    # After doubt the heater stays off for a while, so one valid command is not enough.
+    with commanding(2000.0):
+        car.wait_for_power(2000.0)
+        second = bench.publisher(HvchCommand, 'hvch_command', 1)
+        second.wait_for_subscription()
+        second.publish(command_at(bench.now_ns, 1000.0, LEASE_S))
         car.wait_for_power(0.0)
-        # In frames, because a busy computer sends no more frames: 15 in a lease, and one at its start.
-        after = [power_w for power_w, *_ in car.commands()[stopped:]]
-        assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
+        second.destroy()
+        car.wait_for_power(2000.0)
 
-        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
-            car.wait_for_power(2000.0)
-        commands.publish(command(math.nan))
+        # The heater's own answer: 3 is "no_flow".
+        car.refusal = 3
         car.wait_for_power(0.0)
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
-            for status in array.status))
-
-        # After doubt the heater stays off for a while, so one valid command is not enough.
-        with repeating(lambda: commands.publish(command(2000.0)), 0.1):
-            car.wait_for_power(2000.0)
-            second = bench.publisher(HvchCommand, 'hvch_command', 1)
-            second.wait_for_subscription()
-            second.publish(command(1000.0))
-            car.wait_for_power(0.0)
-            second.destroy()
-            car.wait_for_power(2000.0)
-
-            # The heater's own answer: 3 is "no_flow".
-            car.refusal = 3
-            car.wait_for_power(0.0)
-            diagnostics.wait_for(lambda array: any('no_flow' in status.message for status in array.status))
-            car.refusal = 0
-            car.wait_for_power(2000.0)
-        process.end()
-        frames = car.commands()
-        assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
-        assert all(right for *_, right in frames)
-        assert all((after[2] - before[2]) % 16 == 1 for before, after in zip(frames, frames[1:]))
-    finally:
-        process.end()
-        car.close()
+        diagnostics.wait_for(has_entry('bus_gateway: heater command', 'no_flow'))
+        car.refusal = 0
+        car.wait_for_power(2000.0)
+    process.end()
+    frames = car.commands()
+    assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
+    assert all(right for *_, right in frames)
+    assert all((after[2] - before[2]) % 16 == 1 for before, after in zip(frames, frames[1:]))
 
 
-def test_a_heat_source_is_commanded_by_name_and_answers(bench, tmp_path):
-    car = CanCar(-8.2, 150e3, -7.0, 0.0, 0.0, 1)
+def test_a_heat_source_is_commanded_by_name_and_answers(car, bench, tmp_path):
     path = can_map(tmp_path, car.ports[0].path)
     head, status, frame = path.read_text().replace('heater_status:', 'SPLIT').replace(
         'heater_command:', 'SPLIT').split('SPLIT')
@@ -105,22 +100,19 @@ def test_a_heat_source_is_commanded_by_name_and_answers(bench, tmp_path):
     path.write_text(f'{head.rstrip()}\n  heat_sources:\n    heat_pump:\n      status:{status.rstrip()}\n'
                     f'      command:{frame}\n')
     statuses = bench.record(HeatSourceStatus, 'heat_source_status')
-    process = bench.start('bus_gateway', '-p', f'signals:={path}')
-    try:
-        commands = bench.publisher(HeatSourceCommand, 'heat_source_command', 20)
-        commands.wait_for_subscription()
+    bench.start('bus_gateway', '-p', f'signals:={path}')
+    commands = bench.publisher(HeatSourceCommand, 'heat_source_command', 20)
+    commands.wait_for_subscription()
 
-        def publish():
-            # That of another source is not taken for its own.
-            for name, power_w in (('motor', 500.0), ('heat_pump', 2000.0)):
-                commands.publish(command(power_w, message=HeatSourceCommand(name=name)))
-        with repeating(publish, 0.1):
-            car.wait_for_power(2000.0)
-            status = statuses.wait_for(lambda each: each.measured_power == 2000.0)
-        assert (status.name, status.requested_power, status.active_power) == ('heat_pump', 2000.0, 2000.0)
-        # The lease ends.
-        car.wait_for_power(0.0)
-        assert {power_w for power_w, *_ in car.commands()} == {0.0, 2000.0}
-    finally:
-        process.end()
-        car.close()
+    def publish():
+        # That of another source is not taken for its own.
+        for name, power_w in (('motor', 500.0), ('heat_pump', 2000.0)):
+            commands.publish(command_at(bench.now_ns, power_w, LEASE_S, HeatSourceCommand, name=name))
+
+    with repeating(publish, 0.1):
+        car.wait_for_power(2000.0)
+        status = statuses.wait_for(lambda each: each.measured_power == 2000.0)
+    assert (status.name, status.requested_power, status.active_power) == ('heat_pump', 2000.0, 2000.0)
+    # The lease ends.
+    car.wait_for_power(0.0)
+    assert {power_w for power_w, *_ in car.commands()} == {0.0, 2000.0}

@@ -8,16 +8,14 @@ from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
 
+from bev_preheat.control.events import PreparationWanted
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.route_plan import mission_from_message
-from bev_preheat.nodes.optimality_report import (
-    as_driven,
-    case_of_plan,
-    case_of_state,
-)
+from bev_preheat.nodes.optimality_report import as_driven, case_of_plan, case_of_state
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.vehicle import load_vehicle
@@ -75,6 +73,16 @@ def test_a_plan_is_checked_in_its_leg(inputs, elapsed_s, goal):
                         inputs.later_decisions())
     case = case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan)
     assert (case.question.goal, case.start_ns) == (goal, measurement.stamp_ns)
+
+
+def test_a_plan_for_a_goal_of_the_action_is_not_taken_for_the_routes(inputs):
+    measurement = at(0)
+    inputs.accept_battery(measurement, measurement.stamp_ns)
+    # The same drive and the same target give the same plan.
+    inputs.run(START_NS, PreparationWanted(PreparationGoal(START_NS + 600 * NS_PER_S, 21.0)))
+    plan = plan_message(inputs.state.decision, inputs.state.active_mission, START_NS)
+    assert plan.route_id == '~/prepare_battery'
+    assert case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan) is None
 
 
 def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):

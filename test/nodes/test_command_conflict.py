@@ -1,54 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two planners that command the same heater: both stay off until one ends; one pair is over DDS."""
 
-from contextlib import contextmanager
 import signal
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from planner_car import heats, PlannerCar
+from planner_car import driving, has_entry, heats, is_off_for, QUICK
 import pytest
 
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand
 
-# A planner counts as ended after a lease without commands: longer than any delay on a busy computer.
-LEASE_S = 5.0
 # The graph shows a killed node for some 20 s.
 GRAPH_FORGETS_S = 20.0
-QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
-         '-p', 'battery_state_timeout:=60.0', '-p', 'minimum_on_time:=0.0',
-         '-p', 'minimum_off_time:=0.0', '-p', 'estimation:=false')
-
-
-@contextmanager
-def feeding(bench):
-    """Publish battery states continuously, and a latched route that needs heat at once; give the PlannerCar."""
-    car = PlannerCar(bench)
-    car.send_route()
-    with car.feeding():
-        yield car
-
-
-def is_in_conflict(command):
-    return (command.battery_heating_power, command.reason) == (0.0, int(Status.COMMAND_CONFLICT))
-
-
-def errors_of(name, text):
-    """Return a condition: this planner's diagnostics are ERROR for a conflict, with a text."""
-    return lambda array: any(
-        status.name == f'{name}: preheating' and status.level == DiagnosticStatus.ERROR
-        and text in status.message and 'COMMAND_CONFLICT' in status.message for status in array.status)
+is_in_conflict = is_off_for(Status.COMMAND_CONFLICT)
 
 
 def in_conflict_until_one_is_gone(bench, end):
     """Start two planners that see each other; `end(the first)`."""
-    with feeding(bench) as car:
+    with driving(bench) as car:
         commands, diagnostics = car.commands, car.diagnostics
         first = bench.start('planner', *QUICK, '-r', '__node:=front')
         commands.wait_for(heats, 'heat of the first')
         bench.start('planner', *QUICK, '-r', '__node:=rear')
-        diagnostics.wait_for(errors_of('front', 'commanded by /rear'), 'the first says so')
-        diagnostics.wait_for(errors_of('rear', 'commanded by /front'), 'the second says so')
+        for name, other in (('front', 'rear'), ('rear', 'front')):
+            diagnostics.wait_for(has_entry(
+                f'{name}: preheating', f'COMMAND_CONFLICT: Heat is also commanded by /{other}',
+                DiagnosticStatus.ERROR), f'{name} says so')
         # Commands from before may arrive after the diagnostics.
         bench.wait_until(lambda: len(commands.messages) >= 20
                          and all(map(is_in_conflict, commands.messages[-20:])), 'both in conflict')
@@ -59,9 +36,7 @@ def in_conflict_until_one_is_gone(bench, end):
         # A lease and one or two checks.
         commands.wait_for(heats, 'heat of the second', timeout_s=GRAPH_FORGETS_S)
         diagnostics.clear()
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'rear: setup' and status.level == DiagnosticStatus.OK
-            for status in array.status))
+        diagnostics.wait_for(has_entry('rear: setup', level=DiagnosticStatus.OK))
 
 
 @pytest.mark.deep
@@ -77,7 +52,7 @@ def test_two_planners_stay_off_until_one_ends(rehearsal):
 
 
 def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
-    with feeding(rehearsal) as car:
+    with driving(rehearsal) as car:
         commands, plans = car.commands, car.plans
         planner = rehearsal.start('planner', *QUICK)
         commands.wait_for(heats)
@@ -104,7 +79,7 @@ def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
 
 
 def test_a_stranger_that_commands_a_heat_source_of_the_vehicle_switches_all_off(rehearsal):
-    with feeding(rehearsal) as car:
+    with driving(rehearsal) as car:
         rehearsal.start('planner', *QUICK, '-p', 'vehicle:=heat_pump_car')
         car.commands.wait_for(heats)
         stranger = rehearsal.publisher(HeatSourceCommand, 'heat_source_command', 10)
@@ -121,11 +96,13 @@ def test_a_stranger_that_commands_a_heat_source_of_the_vehicle_switches_all_off(
 
 
 def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
-    with feeding(rehearsal) as car:
+    with driving(rehearsal) as car:
         commands, diagnostics = car.commands, car.diagnostics
         rehearsal.start('planner', *QUICK)
         rehearsal.start('planner', *QUICK)
-        diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
+        diagnostics.wait_for(has_entry(
+            'planner: preheating', 'COMMAND_CONFLICT: Heat is also commanded by another node named /planner',
+            DiagnosticStatus.ERROR))
         # One detects the other slightly earlier; together they send 40 commands per second.
         rehearsal.wait_until(lambda: len(commands.messages) >= 40
                              and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')

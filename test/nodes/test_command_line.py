@@ -9,49 +9,24 @@ import subprocess
 
 from ament_index_python.packages import get_package_prefix
 import pytest
-
-from bev_preheat.monitoring import dashboard_node
-from bev_preheat.nodes import (
-    bus_gateway_node,
-    charger_adviser_node,
-    heater_controller_node,
-    nlp_checker_node,
-    planner_node,
-    route_publisher_node,
-    vehicle_simulator_node,
-)
-
-NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
-         'charger_adviser': charger_adviser_node,
-         'route_publisher': route_publisher_node,
-         'heater_controller': heater_controller_node,
-         'vehicle_simulator': vehicle_simulator_node,
-         'bus_gateway': bus_gateway_node,
-         'dashboard': dashboard_node}
-
-
-def run_installed(name, *arguments):
-    executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
-    return subprocess.run([str(executable), *arguments], text=True, capture_output=True, timeout=60)
+from rehearsal import CLASSES, program_of
 
 
 # Other tests start the other executables.
-@pytest.mark.parametrize('name', [
-    name if name == 'charger_adviser' else pytest.param(name, marks=pytest.mark.deep) for name in NODES])
-def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
-    parameter, value, text = {
-        'bus_gateway': ('signals', 'bicycle', 'bicycle'),
-        'dashboard': ('address', '0.0.0.0', 'address: 0.0.0.0 is not allowed without a token'),
-    }.get(name, ('vehicle', 'bicycle', "vehicle 'bicycle' is unknown"))
-    assert_one_line(run_installed(name, '--ros-args', '-p', f'{parameter}:={value}'), name, text)
+def test_an_installed_executable_ends_with_2_and_one_line(domain_id):
+    executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / 'charger_adviser'
+    done = subprocess.run([executable, '--ros-args', '-p', 'vehicle:=bicycle'], text=True, capture_output=True,
+                          timeout=60)
+    line, = done.stderr.splitlines()
+    assert (done.returncode, done.stdout) == (2, '')
+    assert line.startswith("charger_adviser: error: vehicle 'bicycle' is unknown")
 
 
-@pytest.mark.parametrize('option', ['--help', pytest.param('-h', marks=pytest.mark.deep)])
-@pytest.mark.parametrize('name', NODES)
-def test_help_is_printed_and_the_process_ends(call_main, name, option):
-    done = call_main(name, option)
+@pytest.mark.parametrize('name', CLASSES)
+def test_help_is_printed_and_the_process_ends(call_main, name):
+    done = call_main(name, '--help')
     assert (done.returncode, done.stderr) == (0, '')
-    for parameter in NODES[name].PROGRAM.parameters:
+    for parameter in program_of(name).parameters:
         assert f'\n  {parameter.name} (default: ' in done.stdout
     assert f'{name} --ros-args -p ' in done.stdout
     topic = 'hvch_command' if name in ('heater_controller', 'bus_gateway') else 'route_plan'
@@ -74,19 +49,13 @@ PROBLEMS = {
 }
 
 
-# Daily, each problem with one node, and one problem with each: all nodes read their arguments in one place.
-@pytest.mark.parametrize('name, arguments, text', [
-    pytest.param(name, arguments, text, id=f'{name}-{problem}',
-                 marks=[pytest.mark.deep] * (name != 'planner' and problem != 'unknown argument'))
-    for name in NODES for problem, (arguments, text) in PROBLEMS.items()])
-def test_what_is_wrong_is_one_line_and_2(call_main, name, arguments, text):
-    assert_one_line(call_main(name, *arguments), name, text)
-
-
-def assert_one_line(done, name, text):
-    (line,) = done.stderr.splitlines()
-    assert (done.returncode, done.stdout) == (2, '')
-    assert line.startswith(f'{name}: error: ') and text in line
+# Each problem with one node, and one problem with each: all nodes read their arguments in one place.
+@pytest.mark.parametrize('name, problem', [
+    *(('planner', problem) for problem in PROBLEMS),
+    *((name, 'unknown argument') for name in CLASSES if name != 'planner')])
+def test_what_is_wrong_is_one_line_and_2(refusal, name, problem):
+    arguments, text = PROBLEMS[problem]
+    assert text in refusal(name, *arguments)
 
 
 FILES = {
@@ -97,12 +66,11 @@ FILES = {
 
 
 @pytest.mark.parametrize('content, text', FILES.values(), ids=FILES)
-def test_a_malformed_parameter_file_is_named(call_main, tmp_path, content, text):
+def test_a_malformed_parameter_file_is_named(refusal, tmp_path, content, text):
     path = tmp_path / 'parameters.yaml'
     path.write_text(content)
-    done = call_main('planner', '--ros-args', '--params-file', str(path))
-    assert_one_line(done, 'planner', f'parameter file {path}: ')
-    assert text in done.stderr
+    line = refusal('planner', '--ros-args', '--params-file', str(path))
+    assert f'parameter file {path}: ' in line and text in line
 
 
 # For each node a string, a boolean and an integer in place of another type.
@@ -120,24 +88,23 @@ MISTYPED = {
 
 
 @pytest.mark.parametrize('name', MISTYPED)
-def test_all_values_of_a_wrong_type_are_one_line_and_2(call_main, name):
+def test_all_values_of_a_wrong_type_are_one_line_and_2(refusal, name):
     given = MISTYPED[name]
-    done = call_main(name, '--ros-args', *(
+    line = refusal(name, '--ros-args', *(
         word for parameter, (value, _) in given.items() for word in ('-p', f'{parameter}:={value}')))
-    assert_one_line(done, name, '')
     for parameter, (_, allowed) in given.items():
-        assert f'{parameter}: ' in done.stderr
-        assert allowed is None or f'is not allowed; it must be {allowed}' in done.stderr
+        assert f'{parameter}: ' in line
+        assert allowed is None or f'is not allowed; it must be {allowed}' in line
 
 
 @pytest.mark.parametrize('name', MISTYPED)
-def test_a_whole_number_is_taken_where_a_double_is_meant(call_main, name):
+def test_a_whole_number_is_taken_where_a_double_is_meant(refusal, name):
     """Only the vehicle is refused."""
-    doubles = [item for item in NODES[name].PROGRAM.parameters
+    doubles = [item for item in program_of(name).parameters
                if isinstance(item.default, float) and not item.read_only]
     assert doubles
     words = [word for item in doubles
              for word in ('-p', f'{item.name}:={math.ceil(max(item.default, (item.limits or (0.0,))[0]))}')]
-    done = call_main(name, '--ros-args', '-p', 'vehicle:=bicycle', '-p', 'command_lease:=9', *words)
-    assert_one_line(done, name, "vehicle 'bicycle' is unknown")
-    assert not any(f'{item.name}: ' in done.stderr for item in doubles)
+    line = refusal(name, '--ros-args', '-p', 'vehicle:=bicycle', '-p', 'command_lease:=9', *words)
+    assert "vehicle 'bicycle' is unknown" in line
+    assert not any(f'{item.name}: ' in line for item in doubles)

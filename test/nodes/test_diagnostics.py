@@ -6,6 +6,7 @@ import math
 import re
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from planner_car import values_of
 import pytest
 from stepwise import Stepwise
 
@@ -23,23 +24,15 @@ VEHICLE = load_vehicle('reference')
 START_NS = 1_700_000_000 * NS_PER_S
 
 
-def estimation_entry(temperatures_c, standing_time_s):
-    """Return the entry after battery states of these temperatures, one a second."""
-    supervisor = Stepwise(VEHICLE, Settings())
-    now_ns = START_NS
-    supervisor.run(now_ns)
-    supervisor.accept_mission(Mission('morning', (
-        Leg(load_route('reference', VEHICLE.defaults), START_NS, True, 20.0),), standing_time_s))
-    for number, temperature_c in enumerate(temperatures_c):
-        now_ns = START_NS + number * NS_PER_S
-        supervisor.accept_battery(Measurement(BatteryState(temperature_c, 0.8), now_ns), now_ns)
-    entry, = (status for status in planner_diagnostics(supervisor.state, now_ns)
-              if status.name == 'estimation')
-    return entry, {value.key: value.value for value in entry.values}
-
-
 def test_a_sensor_that_contradicts_the_standing_time_is_a_warning():
-    entry, values = estimation_entry([-2.0], 36_000.0)
+    supervisor = Stepwise(VEHICLE, Settings())
+    supervisor.run(START_NS)
+    supervisor.accept_mission(Mission('morning', (
+        Leg(load_route('reference', VEHICLE.defaults), START_NS, True, 20.0),), standing_time_s=36_000.0))
+    supervisor.accept_battery(Measurement(BatteryState(-2.0, 0.8), START_NS), START_NS)
+    entry, = (status for status in planner_diagnostics(supervisor.state, START_NS)
+              if status.name == 'estimation')
+    values = values_of(entry)
     assert entry.level == DiagnosticStatus.WARN
     assert entry.message.startswith('battery_state.temperature was -2.0 degC after 10:00:00 h of ')
     assert 'check the sensor, and standing_time of route_plan' in entry.message
@@ -52,7 +45,7 @@ def test_a_sensor_that_contradicts_the_standing_time_is_a_warning():
 def test_a_suspected_heater_is_named_with_its_evidence(power_nats, as_likely):
     report = HeaterReport(Heater.ANSWERS, 0.2, 1.0, SuspectedFault(Heater.DEAD, 0.8, 0.0, 70.0, 1.5, power_nats))
     entry = heater_entry(report)
-    values = {value.key: value.value for value in entry.values}
+    values = values_of(entry)
     assert entry.level == DiagnosticStatus.OK
     assert entry.message.startswith('answers') and entry.message.endswith('; suspected: dead')
     assert values['suspected for [s]'] == '70' and values['times as likely by the power [1]'] == as_likely

@@ -4,8 +4,8 @@
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from planner_car import driving, has_entry, LEASE_S, QUICK
 from rosgraph_msgs.msg import Clock
-from test_command_conflict import feeding, LEASE_S, QUICK
 
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics import NS_PER_S
@@ -21,7 +21,7 @@ def is_heating(status):
 def test_refusal_is_in_the_plan_and_in_one_entry(rehearsal, car_with_gates):
     plans = rehearsal.record(PreheatPlan, 'preheat_plan', 100)
     diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(rehearsal):
+    with driving(rehearsal):
         # The fed battery is at 80 %, and the planner's own file does not know the gate.
         rehearsal.start('planner', *QUICK)
         plans.wait_for(lambda plan: plan.status in (PreheatPlan.HEATING, PreheatPlan.TARGET_UNREACHABLE))
@@ -31,9 +31,7 @@ def test_refusal_is_in_the_plan_and_in_one_entry(rehearsal, car_with_gates):
             'The heater does not heat (LOW_CHARGE): the state of charge is 80.0 %'))
         assert plan.status == PreheatPlan.TARGET_UNREACHABLE
         assert plan.hvch_electric_energy == 0.0
-        diagnostics.wait_for(lambda array: any(
-            status.name == 'planner: heater status' and status.level == DiagnosticStatus.WARN
-            and 'LOW_CHARGE' in status.message for status in array.status))
+        diagnostics.wait_for(has_entry('planner: heater status', 'LOW_CHARGE', DiagnosticStatus.WARN))
 
 
 # A step of the planner's clock [s]; the messages of planner and heater controller.
@@ -59,7 +57,7 @@ def test_clock_steps_and_kills_of_planner_and_heater_end_in_0_w_and_heat_again(r
     clock, ahead_ns = rehearsal.publisher(Clock, '/clock', 10), [0]
     tick = rehearsal.repeating(
         lambda: clock.publish(Clock(clock=time_message(rehearsal.now_ns + ahead_ns[0]))), 0.05)
-    with feeding(rehearsal), tick:
+    with driving(rehearsal), tick:
         # Its clock may jump, and that of the car does not.
         planner = rehearsal.start('planner', *QUICK, '-p', 'use_sim_time:=true')
         heater = rehearsal.start('heater_controller', *HEATER)

@@ -8,23 +8,13 @@ from xml.etree import ElementTree
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
+from rehearsal import program_of
 import yaml
 
-from bev_preheat.monitoring import dashboard_node
-from bev_preheat.nodes import (
-    bus_gateway_node,
-    heater_controller_node,
-    nlp_checker_node,
-    planner_node,
-    vehicle_simulator_node,
-)
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand
 
 SHARE = Path(get_package_share_directory('bev_preheat'))
-NODES = {'planner': planner_node, 'heater_controller': heater_controller_node, 'nlp_checker': nlp_checker_node,
-         'vehicle_simulator': vehicle_simulator_node, 'bus_gateway': bus_gateway_node,
-         'dashboard': dashboard_node}
 PARAMETERS_FILE = SHARE / 'config' / 'parameters.yaml'
 
 
@@ -87,11 +77,11 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
         assert node.get('pkg') == 'bev_preheat'
         executable = node.get('exec')
         assert (Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / executable).is_file()
-        known = {parameter.name for parameter in NODES[executable].PROGRAM.parameters} | {'use_sim_time'}
+        known = {parameter.name for parameter in program_of(executable).parameters} | {'use_sim_time'}
         assert {parameter.get('name') for parameter in node.findall('param')} - {None} <= known
     assert all(argument.get('description') for argument in launch.findall('arg'))
     assert {parameter.get('name') for parameter in launch.iter('set_parameter')} <= {
-        parameter.name for parameter in planner_node.PROGRAM.parameters}
+        parameter.name for parameter in program_of('planner').parameters}
 
 
 @pytest.mark.parametrize('given, executables', [
@@ -144,9 +134,9 @@ def test_the_parameter_file_has_every_parameter_with_its_default(name):
     values = contents[f'/**/{name}']['ros__parameters']
     # The vehicle is the launch file's argument, which would override the file's.
     # A token has a file that others cannot read.
-    assert values == {parameter.name: parameter.default for parameter in NODES[name].PROGRAM.parameters
+    assert values == {parameter.name: parameter.default for parameter in program_of(name).parameters
                       if parameter.name not in ('vehicle', 'token')}
-    for parameter in NODES[name].PROGRAM.parameters:
+    for parameter in program_of(name).parameters:
         # An integer for a double would be refused.
         value = values.get(parameter.name, 'reference')
         assert value.__class__ is parameter.default.__class__

@@ -4,40 +4,21 @@
 import threading
 import time
 
+from node_bench import repeating
 import pytest
-import rclpy
-from rclpy.context import Context
+from rclpy.duration import Duration
 from sensor_msgs.msg import BatteryState
+from waiting import poll_until, TIME_LIMIT_S
 
-from bev_preheat.messages.fields import time_message
 from bev_preheat.nodes.listening import listening
-
-LIMIT_S = 240.0
-FIRST_NS = 1_700_000_000_000_000_000
-STEP_NS = 1_000_000_000
 
 
 @pytest.fixture
-def flood(domain_id):
+def flood(node):
     """Let another participant publish battery states as fast as it can."""
-    context, enough = Context(), threading.Event()
-    rclpy.init(context=context, domain_id=domain_id)
-    node = rclpy.create_node('flood', context=context)
     publisher = node.create_publisher(BatteryState, 'battery_state', 1)
-
-    def publish():
-        state, stamp_ns = BatteryState(temperature=-7.0, percentage=0.8), FIRST_NS
-        while not enough.is_set():
-            state.header.stamp = time_message(stamp_ns := stamp_ns + STEP_NS)
-            publisher.publish(state)
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    yield publisher
-    enough.set()
-    thread.join()
-    node.destroy_node()
-    context.try_shutdown()
+    with repeating(lambda: publisher.publish(BatteryState(temperature=-7.0, percentage=0.8)), 0.0):
+        yield publisher
 
 
 def test_callbacks_run_in_the_thread_that_listens_and_only_then(flood, domain_id):
@@ -46,13 +27,10 @@ def test_callbacks_run_in_the_thread_that_listens_and_only_then(flood, domain_id
         follower.node.create_subscription(
             BatteryState, 'battery_state',
             lambda message: heard_in.append(threading.get_ident()), 10)
-        end_s = time.monotonic() + LIMIT_S
-        while not heard_in and time.monotonic() < end_s:
-            follower.listen(0.01)
+        poll_until(lambda: follower.listen(0.01) or heard_in, 'a battery state')
         count = len(heard_in)
-        assert count > 0
         # Enough is published meanwhile for another thread to have run the callback.
-        flood.wait_for_all_acked(rclpy.duration.Duration(seconds=0.2))
+        flood.wait_for_all_acked(Duration(seconds=0.2))
         time.sleep(0.1)
         assert len(heard_in) == count
     assert set(heard_in) == {threading.get_ident()}
@@ -65,4 +43,4 @@ def test_an_exception_of_a_callback_reaches_who_listens(flood, domain_id):
     with listening('follower', domain_id) as follower:
         follower.node.create_subscription(BatteryState, 'battery_state', fail, 1)
         with pytest.raises(ValueError, match='this state is not for me'):
-            follower.listen(LIMIT_S)
+            follower.listen(TIME_LIMIT_S)

@@ -4,10 +4,9 @@
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from node_bench import repeating
-from planner_car import heats, set_parameters
+from planner_car import command_at, driving, heats, QUICK, set_parameters
 import pytest
-from test_command_conflict import feeding, QUICK
-from test_heater_controller import command, OFFERED
+from test_heater_controller import OFFERED
 
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
@@ -40,7 +39,7 @@ def state(bench, node):
 
 
 def test_managed_planner_heats_only_when_active(bench):
-    with feeding(bench) as car:
+    with driving(bench) as car:
         commands, plans = car.commands, car.plans
         process = bench.start('planner', *QUICK, '-p', 'lifecycle:=true')
         commands.wait_for_count(5)
@@ -63,7 +62,7 @@ def test_managed_heater_controller_heats_only_when_active(bench):
     process = bench.start('heater_controller', '-p', 'lifecycle:=true')
     commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
     commands.wait_for_subscription()
-    with repeating(lambda: commands.publish(command(2500.0, bench.now_ns)), 0.2):
+    with repeating(lambda: commands.publish(command_at(bench.now_ns, 2500.0)), 0.2):
         statuses.wait_for(lambda status: status.refusal == HvchStatus.NOT_ACTIVE)
         for transition, expected in WAY[:4]:
             assert goes(bench, 'heater_controller', transition) == expected

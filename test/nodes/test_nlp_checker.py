@@ -7,7 +7,7 @@ from math import isnan, nan
 
 from builtin_interfaces.msg import Time
 import planner_car
-from planner_car import LATCHED, PlannerCar, route_at
+from planner_car import LATCHED, PlannerCar, route_at, values_of
 import psutil
 import pytest
 from rosgraph_msgs.msg import Clock
@@ -93,31 +93,18 @@ class Surroundings(PlannerCar):
             assert self.check().success
         raise AssertionError(f'{route_id}: no report on the plan in {MOST_CHECKS} checks')
 
-    def reports_of(self, route_id):
-        return [report for report in self.reports.messages if report.route_id == route_id]
-
     def check(self):
         """Ask for a check; return the response."""
         return self.bench.call(Trigger, f'{self.namespace}/nlp_checker/check', Trigger.Request())
 
-    def diagnosis(self, condition):
-        """Wait for (level, message, values by name) of the checker's diagnostics."""
-        name = f'{self.namespace}/nlp_checker: optimality check'.lstrip('/')
-
-        def own(array_message):
-            for status in array_message.status:
-                if status.name == name:
-                    return (status.level, status.message,
-                            {item.key: item.value for item in status.values})
-            return None
-
+    def diagnosis(self, condition=lambda values: True):
+        """Return the figures of the checker's next diagnostics for which condition(figures)."""
         self.diagnostics.clear()
-        return own(self.diagnostics.wait_for(
-            lambda message: own(message) is not None and condition(*own(message))))
+        return values_of(self.entry('optimality check', lambda entry: condition(values_of(entry)), 'nlp_checker'))
 
     def count(self, name):
         """Return a whole number in the checker's diagnostics."""
-        return int(self.diagnosis(lambda level, text, values: True)[2][name])
+        return int(self.diagnosis()[name])
 
 
 @pytest.fixture(scope='module')
@@ -206,8 +193,11 @@ def test_the_gap_of_another_method_is_that_of_the_same_situation(own):
     own.run('planner', *PATIENT, '-p', 'method:=paper', '-p', 'estimation:=false')
     own.run('nlp_checker', *ONLY_ASKED)
     sent = own.send_route('by paper')
+    # Route first, battery later, as when a car wakes up: the solver's process runs before the first check.
+    ready = own.diagnosis(lambda values: values['state'] == 'idle')['solver process']
     with own.feeding():
         report = own.report(of_route('by paper'))
+        assert own.diagnosis(lambda values: int(values['reports']) >= 1)['solver process'] == ready
     vehicle = load_vehicle('reference')
     # Its segments are as long as the steps.
     columns = {field: getattr(sent, name) for field, name in ROUTE_FIELDS.items()}
@@ -248,7 +238,7 @@ def test_checks_on_demand_and_not_by_itself_where_told_so(both):
         both.give(route)
         both.plans.clear()
         both.plans.wait_for_count(10)
-        assert len(both.reports_of('asked')) == 1
+        assert [report.route_id for report in both.reports.messages].count('asked') == 1
         assert both.check().success
         second = both.report(
             lambda report: report.route_id == 'asked' and report.header != first.header)
@@ -284,7 +274,7 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(o
         now_ns = start_ns + round(9.9 * NS_PER_S)
         # A check that begins now is not for the earlier report.
         for _ in range(3):
-            own.diagnosis(lambda level, text, values: values['state'] == 'idle')
+            own.diagnosis(lambda values: values['state'] == 'idle')
         now_ns = start_ns + round(10.1 * NS_PER_S)
         second = own.report(lambda report: report.header != first.header)
     # The route starts an instant after the battery's state.
@@ -303,8 +293,7 @@ def test_a_forecast_for_the_same_route_does_not_cancel(both):
         solver.suspend()
         try:
             both.send_route('forecast')
-            both.diagnosis(lambda level, text, values: (values['state'], values['checked route_id'])
-                           == ('solving', 'forecast'))
+            both.diagnosis(lambda values: (values['state'], values['checked route_id']) == ('solving', 'forecast'))
             both.send_route('forecast', target_battery_temperature=12.0)
             # A check could begin with each of these plans.
             both.plans.wait_for(lambda plan: plan.target_battery_temperature == 12.0)
@@ -352,7 +341,7 @@ def test_bad_inputs_do_no_harm(alone):
     foreign_plans = alone.bench.publisher(PreheatPlan, '/alone/preheat_plan', LATCHED)
     foreign_plans.wait_for_subscription(2)
     alone.send_route('bent', speed=[20.0, 30.0])
-    alone.diagnosis(lambda level, text, values: 'speed: has 2 values' in text)
+    alone.entry('optimality check', lambda entry: 'speed: has 2 values' in entry.message, 'nlp_checker')
     # A plan whose arrays do not fit, by an unknown method.
     foreign_plans.publish(PreheatPlan(
         route_id='straight', method='magic', time=[0.0, nan], target_battery_temperature=nan,
@@ -365,18 +354,3 @@ def test_bad_inputs_do_no_harm(alone):
     assert not isnan(report.optimal_energy)
     assert report.method == 'magic'
     assert isnan(report.plan_energy)
-
-
-def test_the_solver_is_ready_before_the_first_check(own):
-    """Route first, battery later, as when a car wakes up: the process runs by then."""
-    own.run('nlp_checker', *ONLY_ASKED)
-    own.run('planner', *PATIENT)
-    own.send_route('first')
-    _, _, values = own.diagnosis(lambda level, text, values: values['state'] == 'idle')
-    ready = values['solver process']
-    with own.feeding():
-        report = own.report_on_plan('first')
-        _, _, values = own.diagnosis(
-            lambda level, text, values: int(values['reports']) >= 1)
-    assert report.optimal
-    assert values['solver process'] == ready

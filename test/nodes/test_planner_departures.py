@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner with departures: heating, skipping, restart, files; over DDS, how `preheat prepare` skips one."""
+"""The planner with departures: heating, skipping, a restart, a file that cannot be used."""
 
 from datetime import datetime
 from zoneinfo import ZoneInfo

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's node and its `state_file`: refusals, backups and messages."""
+"""The planner's node and its `state_file`; test/estimation/test_state_file.py has all kinds of files."""
 
 import errno
 import json
@@ -13,16 +13,15 @@ import pytest
 from bev_preheat.files.input_files import configuration_folder
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
-NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file that does ' \
-    'not exist yet'
+NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file that does not exist yet'
 
 
 class Planner(PlannerCar):
     """A planner with a battery, and its diagnostics of the state file."""
 
-    def __init__(self, rehearsal, *arguments):
+    def __init__(self, rehearsal, path):
         super().__init__(rehearsal)
-        self.start('-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', *arguments)
+        self.start('-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', '-p', f'state_file:={path}')
 
     def learn(self, vehicle='reference'):
         """Give battery states until this vehicle has an estimate that can be stored."""
@@ -41,70 +40,46 @@ class Planner(PlannerCar):
         self.diagnostics.clear()
         return values_of(self.entry('state file', lambda entry: entry.level == level and text in entry.message))
 
-    @property
-    def entries(self):
-        """Return the names of all entries so far."""
-        return {entry.name for array in self.diagnostics.messages for entry in array.status}
-
-    def end(self):
-        self.process.end()
-
 
 @pytest.fixture
 def start(rehearsal):
-    """`start(*arguments)` returns a Planner."""
-    return lambda *arguments: Planner(rehearsal, *arguments)
+    """`start(path)` returns a Planner with this state file."""
+    return lambda path: Planner(rehearsal, path)
 
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
 
 
-FOREIGN = {
-    'a vehicle file': (lambda path: path.write_bytes(VEHICLE), NOT_OURS),
-    'of a later version': (lambda path: path.write_text('{"bev_preheat_state_file": 9, "cars": {}}'),
-                           'has format 9 of a later version; this version reads 1 to 3; name another file'),
-    'pipe': (os.mkfifo, 'is a named pipe; only a regular file can be written')}
-
-
-def what_is_there(path):
-    """Return everything that a write would change; reading may change the access time."""
-    found = path.lstat()
-    return found.st_ino, found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns
-
-
-# test/estimation/test_state_file.py has more kinds of files.
-@pytest.mark.parametrize('make, problem', FOREIGN.values(), ids=FOREIGN)
-def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, make, problem):
-    folder = tmp_path / 'memory'
-    path = folder / 'state.json'
-    folder.mkdir()
-    make(path)
-    before = what_is_there(path)
-    planner = start('-p', f'state_file:={path}')
-    problem = f'{path}: {problem}'
+def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path):
+    path = tmp_path / 'memory' / 'theirs.yaml'
+    path.parent.mkdir()
+    path.write_bytes(VEHICLE)
+    before = path.stat().st_mtime_ns
+    planner = start(path)
+    problem = f'{path}: {NOT_OURS}'
     assert planner.says(ERROR, problem)['last write'] == 'nothing written yet'
     planner.learn()
     # At the change of the car, and at the end, it would be written.
     assert planner.change(vehicle='small_car') == ''
     planner.says(ERROR, problem)
     planner.learn('small_car')
-    planner.end()
-    assert what_is_there(path) == before
-    assert os.listdir(folder) == ['state.json']
+    planner.process.end()
+    assert (path.read_bytes(), path.stat().st_mtime_ns) == (VEHICLE, before)
+    assert os.listdir(path.parent) == ['theirs.yaml']
     assert f'state_file: {problem}.' in planner.process.output()
 
 
-def test_files_of_others_are_refused_while_it_runs(start, tmp_path):
+def test_a_file_of_others_is_refused_while_it_runs(start, tmp_path):
     theirs, mine = tmp_path / 'car.yaml', tmp_path / 'mine.json'
     theirs.write_bytes(VEHICLE)
-    planner = start('-p', f'state_file:={mine}')
-    planner.learn()
-    assert planner.change(state_file=str(theirs)) == f'state_file: {theirs}: {NOT_OURS}'
     link = tmp_path / 'link'
     link.symlink_to(theirs)
-    assert planner.change(state_file=str(link)) == f'state_file: {link}: {NOT_OURS}'
+    planner = start(mine)
+    planner.learn()
+    for path in (theirs, link):
+        assert planner.change(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'
     assert planner.says(OK, 'nothing written yet')['file'] == str(mine)
-    planner.end()
+    planner.process.end()
     # The earlier value still holds.
     assert len(json.loads(mine.read_text())['cars']) == 1
     assert (theirs.read_bytes(), link.is_symlink()) == (VEHICLE, True)
@@ -113,7 +88,7 @@ def test_files_of_others_are_refused_while_it_runs(start, tmp_path):
 def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     folder = tmp_path / 'memory'
     path = folder / 'state.json'
-    planner = start('-p', f'state_file:={path}')
+    planner = start(path)
     planner.learn()
     planner.says(OK, 'nothing written yet')
     # Root may write into any folder, but not below a file.
@@ -128,6 +103,6 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     assert len(json.loads(path.read_text())['cars']) == 1
     # The file now keeps both.
     planner.learn()
-    planner.end()
+    planner.process.end()
     assert len(json.loads(path.read_text())['cars']) == 2
     assert f'state_file: {path} is written again' in planner.process.output()

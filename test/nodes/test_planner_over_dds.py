@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 
-from planner_car import heats, LATCHED, PlannerCar
+from planner_car import heats, LATCHED, PlannerCar, QUICK
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
 from sensor_msgs.msg import BatteryState
@@ -17,9 +17,6 @@ from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 RELIABLE = QoSReliabilityPolicy.RELIABLE
-LEASE_S = 5.0
-QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}', '-p', 'battery_state_timeout:=60.0',
-         '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
 FROZEN_SUBSCRIBER = """
 import rclpy
 from bev_preheat_msgs.msg import HvchCommand

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from planner_car import heats, PlannerCar
+from planner_car import heats, PlannerCar, values_of
 import pytest
 from rclpy.action import ActionClient
 from refusals import problems_of
@@ -25,23 +25,13 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.prepare import seconds_until
-from bev_preheat.control.events import BatteryStateArrived, PreparationWanted, RouteArrived
-from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Leg, Measurement, Mission
-from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
-from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.prepare_battery import preparation_goal_of
 from bev_preheat.monitoring import planner_client
 from bev_preheat.monitoring.planner_client import feedback_line, Wanted
-from bev_preheat.nodes.optimality_report import case_of_plan
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.situation import BatteryState as BatteryInput
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 
@@ -131,34 +121,7 @@ def test_the_goals_that_the_how_to_types_are_goals():
         time.time() + 2400.0, abs=LIMIT_S)
 
 
-# Readers of plans
-
-
-NOW_NS = 1_700_000_000 * NS_PER_S
-
-
-def planned(*preparation_goals):
-    """Return (supervisor, measurement, PreheatPlan) for a route of 40 min, and for goals."""
-    vehicle = load_vehicle('reference')
-    route = make_route({'duration_s': [30.0] * 80, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-                        'ambient_temperature_c': [-3.0]}, vehicle.defaults)
-    supervisor = Supervisor(vehicle, Settings())
-    measurement = Measurement(BatteryInput(3.0, 0.8), NOW_NS)
-    # The same drive and the same target give the same plan.
-    for event in (RouteArrived(Mission('home', (Leg(route, NOW_NS, True, 20.0),))),
-                  BatteryStateArrived(measurement), *map(PreparationWanted, preparation_goals)):
-        assert not supervisor.step(NOW_NS, event).refusals
-    return supervisor, measurement, plan_message(
-        supervisor.state.decision, supervisor.state.active_mission, NOW_NS)
-
-
-@pytest.mark.parametrize('preparation_goals', [(), (PreparationGoal(NOW_NS + 2400 * NS_PER_S, 20.0),)])
-def test_a_plan_for_a_goal_is_not_taken_for_the_routes(preparation_goals):
-    supervisor, measurement, plan = planned(*preparation_goals)
-    assert plan.route_id == ('~/prepare_battery' if preparation_goals else 'home')
-    case = case_of_plan(supervisor.state.mission, Inbox(
-        supervisor.state.vehicle, supervisor.state.settings).goal_of, [measurement], plan)
-    assert (case is None) is bool(preparation_goals)
+# The client
 
 
 class PlannerThatAnswersLate:
@@ -230,9 +193,7 @@ class Driver(PlannerCar):
 
     def figure(self, key):
         """Return a figure of the planner's diagnostics."""
-        def found(array):
-            return next((item.value for entry in array.status for item in entry.values if item.key == key), None)
-        return found(self.diagnostics.wait_for(found, key))
+        return values_of(self.entry('preheating', lambda entry: key in values_of(entry)))[key]
 
     def state(self, age_s=0.0, **fields):
         return super().state(age_s, temperature=3.0, **fields)

@@ -94,7 +94,8 @@ def test_a_killed_planner_leaves_a_recording_that_is_reproduced(bench, tmp_path)
         car.wait_for_heat()
         # The recorder's thread writes some time later.
         poll_until(lambda: has_recorded_heat(tmp_path), 'heat in the recording')
-        kill(first)
+        first.send_signal(signal.SIGKILL)
+        assert first.wait() == -signal.SIGKILL
         # A second planner's life in the same folder.
         car.commands.clear()
         second = car.start('-p', f'flight_recorder:={tmp_path}')
@@ -131,11 +132,6 @@ def test_whatever_the_node_got_the_step_without_ros_says_the_same(rehearsal, car
                         PreheatPlan.NO_CHARGING_PLANNED, PreheatPlan.STALE_INPUT}
     replayed = replay(read_flight(tmp_path))
     assert replayed.comparison.is_reproduced and replayed.comparison.commands > 200, replayed.comparison
-
-
-def kill(process):
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
 
 
 def test_a_cancelled_trip_outlives_a_killed_process(rehearsal, car, tmp_path):

@@ -101,12 +101,10 @@ def test_a_route_that_cannot_be_published_is_refused(file, changed, problem):
         load_offer(values(route=str(file), **changed))
 
 
-def test_a_file_that_is_no_route_is_one_line_and_2(call_main, tmp_path):
+def test_a_file_that_is_no_route_is_one_line_and_2(refusal, tmp_path):
     path = tmp_path / 'broken.gpx'
     path.write_text('<?xml version="1.0"?><gpx version="1.1"><trk><trkseg><trkpt lat="north" lon="11"/>')
-    done = call_main('route_publisher', '--ros-args', '-p', f'route:={path}', *AMBIENT)
-    (line,) = done.stderr.splitlines()
-    assert (done.returncode, done.stdout) == (2, '')
+    line = refusal('route_publisher', '--ros-args', '-p', f'route:={path}', *AMBIENT)
     assert line.startswith(f'route_publisher: error: {path}')
 
 

@@ -3,9 +3,9 @@
 Scenarios: failures are detected, and the drive meets its expectations.
 
 Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
-for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios, and a
-short one with the nodes together; `make test` drives short scenarios without ROS, one each for car, heater,
-traffic and sensors. Daily, test_installed_drive.py drives the nodes as a scenario does, through a drop-out.
+for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios; `make
+test` drives short ones without ROS, one each for car, heater, traffic and sensors. Daily, test_installed_drive.py
+drives the nodes as a scenario does, through a drop-out.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -42,14 +42,6 @@ SHORT = {
     'heater_dead': {
         'drive': {'ends_after_s': 600},
         'expect': {'statuses': ['TARGET_UNREACHABLE'], 'heats_during': [[60, 600]]}},
-    'heater_stuck_on': {
-        # Warm enough, or the planner would heat. After a long drive temperature alone shows it.
-        'drive': {'ends_after_s': 1200, 'initial_battery_temperature_c': 32},
-        'expect': {'off_during': [[0, 1200]]}},
-    'late_without_a_word': {
-        'drive': {'ends_after_s': 480, 'initial_battery_temperature_c': 21},
-        'traffic': [{'event': 'stop', 'at_s': 120, 'duration_s': 120, 'route_plan_after_s': None}],
-        'expect': {'off_during': [[481, 600]]}},
     'late_with_progress': {
         # The target is missed: it heats until it is there, and no longer than by place.
         'drive': {'ends_after_s': 240, 'initial_battery_temperature_c': 18},
@@ -67,17 +59,6 @@ SHORT = {
                   {'charge': {'power_w': 90000, 'duration_s': 120, 'ambient_temperature_c': -7},
                    'expect': {'off_during': [[10, 120]], 'regime_during': [
                        {'regime': 'charging', 'from_s': 10, 'until_s': 120}]}}]},
-}
-# test/control has these situations daily, and heater_dead and late_with_progress are of the same kinds.
-OTHER_OF_ITS_KIND = ('heater_stuck_on', 'late_without_a_word')
-# Battery states that drop out for 40 s. A lagging heater would respond just as late, so a dead one is not
-# recognised before eight minutes.
-SHORT_OVER_DDS = {
-    'drive': {'ends_after_s': 300},
-    'sensors': {'drop_outs': [[100, 140]]},
-    'expect': {'heater': 'answers', 'statuses': ['STALE_INPUT', 'TARGET_UNREACHABLE'], 'most_switch_ons': 2,
-               # The last state is of 99 s at most, the timeout 5 s, the command period 1 s.
-               'off_during': [[106, 140]], 'heats_during': [[60, 100], [145, 200]]},
 }
 # Number of concurrent drives, each in its own ROS domain.
 AT_ONCE = 2
@@ -103,56 +84,37 @@ def selected(request, scenarios):
     return sorted(scenarios & tried)
 
 
-def drive_over_dds(scenario, name, folder):
+def drive_over_dds(name, folder):
     """Return the finished process of `preheat scenario --nodes --record`, its findings and the nodes' logs."""
     findings = folder / f'{name}.json'
     done = subprocess.run(
-        [sys.executable, '-m', 'bev_preheat', 'scenario', scenario, '--nodes', '--logs', str(folder),
+        [sys.executable, '-m', 'bev_preheat', 'scenario', name, '--nodes', '--logs', str(folder),
          '--record', str(folder), '--json', str(findings)],
         capture_output=True, text=True, timeout=TIME_LIMIT_S)
     logs = ''.join(path.read_text() for path in folder.glob(f'{name}.*.log'))
     return done, json.loads(findings.read_text())[name] if findings.exists() else None, logs
 
 
-def expect_good(done, findings, logs):
-    assert findings, done.stdout + done.stderr + logs
-    bad = [item for item in findings if not item['good']]
-    assert (bad, done.returncode) == ([], 0), done.stdout + logs
-    assert 'Traceback' not in logs
-
-
-def expect_reproduced(recording, capsys):
-    capsys.readouterr()
-    status = main(['replay', str(recording)])
-    output = capsys.readouterr().out
-    assert (status, 'reproduced: ' in output) == (0, True), output
-
-
-@pytest.mark.deep
-def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path, capsys):
-    path = write_short(tmp_path, 'heater_dead', SHORT_OVER_DDS)
-    expect_good(*drive_over_dds(
-        str(path), 'short_heater_dead', tmp_path))
-    expect_reproduced(tmp_path / 'short_heater_dead.mcap', capsys)
-
-
 @pytest.fixture(scope='module')
 def drives(dds, request, tmp_path_factory):
-    """Return what drive_over_dds() does by scenario."""
+    """Return (folder, what drive_over_dds() returns) by scenario."""
     folder = tmp_path_factory.mktemp('scenarios')
     chosen = selected(request, OVER_DDS)
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        return dict(zip(chosen, pool.map(
-            lambda name: (*drive_over_dds(name, name, folder), folder), chosen)))
+        return folder, dict(zip(chosen, pool.map(lambda name: drive_over_dds(name, folder), chosen)))
 
 
 @pytest.mark.deep
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', sorted(OVER_DDS))
-def test_a_fault_is_met_as_its_scenario_expects(drives, name, capsys):
-    done, findings, logs, folder = drives[name]
-    expect_good(done, findings, logs)
-    expect_reproduced(folder / f'{name}.mcap', capsys)
+def test_a_fault_is_met_as_its_scenario_expects_and_reproduced(drives, name, capsys):
+    folder, driven = drives
+    done, findings, logs = driven[name]
+    assert findings, done.stdout + done.stderr + logs
+    assert [item for item in findings if not item['good']] == [], done.stdout + logs
+    assert done.returncode == 0 and 'Traceback' not in logs, done.stdout + logs
+    assert main(['replay', str(folder / f'{name}.mcap')]) == 0
+    assert 'reproduced: ' in capsys.readouterr().out
 
 
 def findings_without_ros(name_or_file):
@@ -162,9 +124,7 @@ def findings_without_ros(name_or_file):
     return [(f'{item.what}: {item.expected}: {item.seen}', item.good) for item in findings]
 
 
-@pytest.mark.parametrize('base, changes', [
-    pytest.param(base, changes, id=base, marks=[pytest.mark.deep] * (base in OTHER_OF_ITS_KIND))
-    for base, changes in SHORT.items()])
+@pytest.mark.parametrize('base, changes', SHORT.items(), ids=SHORT)
 def test_a_short_drive_goes_as_expected(tmp_path, base, changes):
     findings = findings_without_ros(str(write_short(tmp_path, base, changes)))
     assert findings and [text for text, good in findings if not good] == []

@@ -8,7 +8,6 @@ shows their endpoints.
 
 from contextlib import contextmanager
 from pathlib import Path
-import time
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
@@ -17,7 +16,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rehearsal import class_of, SilentNode
-from waiting import poll_until, TIME_LIMIT_S
+from waiting import poll_until
 
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand
 
@@ -93,10 +92,7 @@ def spun(context, executable, *arguments):
     executor.add_node(node)
 
     def wait_until(condition, what):
-        deadline_s = time.monotonic() + TIME_LIMIT_S
-        while not condition():
-            assert time.monotonic() < deadline_s, what
-            executor.spin_once(0.05)
+        return poll_until(lambda: condition() or executor.spin_once(0.05), what)
 
     try:
         yield node, wait_until

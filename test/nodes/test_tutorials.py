@@ -41,8 +41,6 @@ PATIENT = ('-p', 'battery_state_timeout:=60.0')
 # Your bus
 
 YOUR_BUS = TUTORIALS / 'your_bus.md'
-COMMANDS = [shlex.split(line) for block in re.findall(r'```bash\n(.*?)```', YOUR_BUS.read_text(), re.DOTALL)
-            for line in block.splitlines()]
 
 
 @pytest.fixture
@@ -51,8 +49,8 @@ def car(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, content in files_of(YOUR_BUS).items():
         (tmp_path / name).write_text(content)
-    words = [sys.executable, *COMMANDS[0][1:]]
-    with open(tmp_path / 'car.log', 'w') as output, subprocess.Popen(words, stdout=output) as process:
+    with (open(tmp_path / 'car.log', 'w') as output,
+          subprocess.Popen([sys.executable, 'play_car.py'], stdout=output) as process):
         yield lambda: (tmp_path / 'car.log').read_text().splitlines()
         assert process.poll() is None
         process.kill()
@@ -61,13 +59,11 @@ def car(tmp_path, monkeypatch):
 @pytest.mark.deep
 @pytest.mark.needs('cantools', 'can', 'crccheck', 'serial')
 def test_your_bus_leads_to_the_first_command_of_the_heater(car, bench):
-    assert COMMANDS[0] == ['python3', 'play_car.py']
-    shown = re.search(r'```text\n(heater: .*?)\n```', YOUR_BUS.read_text(), re.DOTALL)[1].splitlines()
+    text = YOUR_BUS.read_text()
+    assert '\npython3 play_car.py\n' in text
+    shown = re.search(r'```text\n(heater: .*?)\n```', text, re.DOTALL)[1].splitlines()
     poll_until(car, 'the car plays')
-    processes = {}
-    for words in COMMANDS[1:]:
-        assert words[:3] == ['ros2', 'run', 'bev_preheat'] and words[4] == '--ros-args'
-        processes[words[3]] = bench.start(words[3], *words[5:])
+    processes = {name: bench.start(name, *ros_arguments) for name, ros_arguments in node_commands_of(text)}
     poll_until(lambda: len(car()) >= len(shown), 'the first command')
     # It may take seconds; meanwhile the battery cools a little.
     assert [line.split(',')[0] for line in car()[:len(shown)]] == [line.split(',')[0] for line in shown]
@@ -141,25 +137,25 @@ class Typed:
         return message
 
 
-def typed(words):
-    """Return the Typed of the words after `ros2 topic pub`."""
-    once = words[0] == '--once'
-    topic, kind, values = words[once:]
-    package, _, name = kind.split('/')
-    return Typed(once, topic, getattr(import_module(f'{package}.msg'), name), yaml.safe_load(values))
-
-
-def typed_commands(text):
-    """Return the commands `ros2 topic pub` in the code blocks of a Markdown text, in order."""
-    blocks = re.findall(r'^```\w*\n(.*?)^```', text, re.MULTILINE | re.DOTALL)
+def typed_commands():
+    """Return the commands `ros2 topic pub` in the code blocks of the tutorial, in order."""
+    blocks = re.findall(r'^```\w*\n(.*?)^```', BY_HAND.read_text(), re.MULTILINE | re.DOTALL)
+    found = []
     # A backslash continues on the next line.
-    lines = '\n'.join(blocks).replace('\\\n', ' ').splitlines()
-    return [typed(shlex.split(line, comments=True)[3:]) for line in lines if line.startswith('ros2 topic pub ')]
+    for line in '\n'.join(blocks).replace('\\\n', ' ').splitlines():
+        if line.startswith('ros2 topic pub '):
+            words = shlex.split(line, comments=True)[3:]
+            once = words[0] == '--once'
+            topic, kind, values = words[once:]
+            package, _, name = kind.split('/')
+            message_type = getattr(import_module(f'{package}.msg'), name)
+            found.append(Typed(once, topic, message_type, yaml.safe_load(values)))
+    return found
 
 
 def command_for(message_type, cancels=False):
     """Return the one command of the tutorial that publishes a type."""
-    command, = [command for command in typed_commands(BY_HAND.read_text()) if command.message_type is message_type
+    command, = [command for command in typed_commands() if command.message_type is message_type
                 and (message_type is not RoutePlan
                      or is_cancellation(command.message(time_message(1))) is cancels)]
     return command

@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`vehicle_simulator`: drive, clock, commands and parameters in this process; over DDS, its pace and its end."""
+"""`vehicle_simulator`: drive, clock, commands and parameters."""
 
 import math
-import signal
-import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from planner_car import LATCHED, set_parameters
+from planner_car import command_at, LATCHED, set_parameters
 import pytest
 from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.nodes.simulated_drive import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
+from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal
@@ -23,6 +22,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 START_S = 1_700_000_000
+START_NS = START_S * NS_PER_S
 MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
 VEHICLE = load_vehicle('reference')
 
@@ -41,18 +41,14 @@ def route(tmp_path_factory):
     return route, path
 
 
-def arguments_of(route, **parameters):
-    """Return the arguments of a simulator on `route`."""
-    values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
-              'initial_battery_temperature': 4.0, **parameters}
-    return [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
-
-
 @pytest.fixture
 def start_simulator(rehearsal, route):
     """Start a simulator on `route`; keywords are parameters."""
     def start_simulator(**parameters):
-        return rehearsal.start('vehicle_simulator', *arguments_of(route, **parameters))
+        values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
+                  'initial_battery_temperature': 4.0, **parameters}
+        return rehearsal.start('vehicle_simulator', *(
+            part for name, value in values.items() for part in ('-p', f'{name}:={value}')))
     return start_simulator
 
 
@@ -61,94 +57,44 @@ def seconds(stamp):
     return stamp.sec - START_S + stamp.nanosec * 1e-9
 
 
-def command(power_w, until_s, reason=HvchCommand.HEATING):
-    message = HvchCommand(
-        battery_heating_power=power_w, reason=reason,
-        valid_until=Time(sec=START_S + int(until_s), nanosec=round(until_s % 1 * 1e9)))
-    message.header.stamp = Time(sec=START_S)
-    return message
-
-
 def outcome_at_the_end(diagnostics):
     """Return the Outcome once the vehicle stands."""
     return outcome_from_diagnostics(diagnostics.wait_for(
         lambda message: outcome_from_diagnostics(message).state != DRIVING, 'end of the drive'))
 
 
-class Drive:
-    """A simulator that starts in real time, and all its messages since before its start."""
-
-    def __init__(self, bench, route):
-        self.bench = bench
-        self.clock = bench.record(Clock, '/clock', MANY)
-        self.states = bench.record(BatteryState, 'battery_state', MANY)
-        self.started_s = time.monotonic()
-        self.process = bench.start('vehicle_simulator', *arguments_of(
-            route, battery_state_period=1.5, minimum_arrival_soc=0.31,
-            target_battery_temperature=19.0, charging_planned='false', charger_power=150e3,
-            charging_departure_soc=0.72))
-
-    def set(self, **values):
-        return set_parameters(self.bench, '/vehicle_simulator', **values)
-
-
-@pytest.fixture(scope='class')
-def drive(module_bench, route):
-    drive = Drive(module_bench, route)
-    yield drive
-    drive.process.end()
+def test_the_route_is_there_for_late_joiners(rehearsal, start_simulator):
+    clock = rehearsal.record(Clock, '/clock', MANY)
+    start_simulator(minimum_arrival_soc=0.31, target_battery_temperature=19.0, charging_planned='false',
+                    charger_power=150e3, charging_departure_soc=0.72)
+    clock.wait_for(lambda message: seconds(message.clock) > 1.0)
+    message = rehearsal.record(RoutePlan, 'route_plan', LATCHED).wait_for()
+    assert message.header.stamp == Time(sec=START_S)
+    assert message.route_id == 'three_minutes'
+    assert list(message.segment_duration) == [40.0, 75.0, 65.0]
+    assert list(message.propulsion_power_rms) == [11e3, 24e3, 33e3]
+    assert list(message.cabin_heating_power) == [2100.0, 1700.0, 900.0]
+    assert message.minimum_arrival_soc == 0.31
+    assert message.target_battery_temperature == 19.0
+    assert message.charging_planned is False
+    assert (message.charger_power, message.charging_departure_soc) == (150e3, 0.72)
 
 
-class TestOnTheWay:
-    """One simulator, which tests share; the last one ends it."""
-
-    def test_route_is_there_for_late_joiners(self, drive):
-        drive.clock.wait_for(lambda message: seconds(message.clock) > 1.0)
-        message = drive.bench.record(RoutePlan, 'route_plan', LATCHED).wait_for()
-        assert message.header.stamp == Time(sec=START_S)
-        assert message.route_id == 'three_minutes'
-        assert list(message.segment_duration) == [40.0, 75.0, 65.0]
-        assert list(message.propulsion_power_rms) == [11e3, 24e3, 33e3]
-        assert list(message.cabin_heating_power) == [2100.0, 1700.0, 900.0]
-        assert message.minimum_arrival_soc == 0.31
-        assert message.target_battery_temperature == 19.0
-        assert message.charging_planned is False
-        assert (message.charger_power, message.charging_departure_soc) == (150e3, 0.72)
-
-    def test_what_cannot_be_set_on_the_way_is_refused(self, drive):
-        assert 'out of range' in drive.set(speed_up=0.5).reason
-        assert not drive.set(initial_soc=0.5).successful
-
-    @pytest.mark.deep
-    def test_clock_runs_no_faster_than_asked_for_also_on_the_way(self, drive):
-        faster_s = time.monotonic()
-        assert drive.set(speed_up=30.0).successful
-        # At the speed of the start that would take over a minute.
-        drive.clock.wait_for(lambda message: seconds(message.clock) >= 75.0)
-        real_s, simulated_s = np.array([(real_s, seconds(message.clock))
-                                        for real_s, message in drive.clock.timed]).T
-        assert np.all(np.diff(simulated_s) >= 0.0)
-        assert simulated_s[0] >= 0.0
-        # A busy computer slows time down; the amount does not depend on the simulator.
-        assert np.all(simulated_s <= real_s - drive.started_s
-                      + 29.0 * np.maximum(real_s - faster_s, 0.0))
-
-    def test_battery_states_come_at_their_period(self, drive):
-        stamps_s = [seconds(message.header.stamp) for message in drive.states.wait_for_count(4)]
-        # Instants of the clock, the first after each period.
-        late_s = np.array(stamps_s) - 1.5 * np.floor(np.array(stamps_s) / 1.5)
-        assert np.all(late_s <= 1.0)
-        assert np.median(np.diff(stamps_s)) == pytest.approx(1.5, abs=0.51)
-
-    def test_interrupt_ends_it_cleanly(self, drive):
-        drive.process.send_signal(signal.SIGINT)
-        assert drive.process.wait() == 0
-        assert 'Traceback' not in drive.process.output()
-
-
-def leaves_target_to_planner(message):
-    return (message.charging_planned, message.has_target_battery_temperature,
-            message.target_battery_temperature) == (True, False, 0.0)
+def test_time_runs_at_the_speed_asked_for_also_on_the_way_and_states_come_at_their_period(
+        rehearsal, start_simulator):
+    clock, states = rehearsal.record(Clock, '/clock', MANY), rehearsal.record(BatteryState, 'battery_state', MANY)
+    simulator = start_simulator(battery_state_period=1.5)
+    clock.wait_for(lambda message: seconds(message.clock) >= 5.9)
+    stamps_s = [seconds(state.header.stamp) for state in states.messages]
+    assert stamps_s == pytest.approx([0.0, 1.5, 3.0, 4.5], abs=0.05)
+    assert 'out of range' in set_parameters(rehearsal, '/vehicle_simulator', speed_up=0.5).reason
+    assert not set_parameters(rehearsal, '/vehicle_simulator', initial_soc=0.5).successful
+    assert set_parameters(rehearsal, '/vehicle_simulator', speed_up=30.0).successful
+    before_s = seconds(clock.latest.clock)
+    rehearsal.advance(2.0)
+    assert seconds(clock.latest.clock) - before_s == pytest.approx(60.0, abs=1.0)
+    assert np.all(np.diff([seconds(message.clock) for message in clock.messages]) >= 0.0)
+    assert 'slower than speed_up' not in simulator.output()
 
 
 def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat(
@@ -177,27 +123,18 @@ def test_commands_that_are_renewed_heat_on_until_the_lease_ends(rehearsal, start
     start_simulator(speed_up=60.0, wait_for_planner='true')
     commands.wait_for_subscription()
     # The clock is held, so the lease lasts from the very start.
-    commands.publish(command(3000.0, until_s=90.0))
+    commands.publish(command_at(START_NS, 3000.0, 90.0))
     states.wait_for(lambda message: seconds(message.header.stamp) >= 30.0)
-    commands.publish(command(3000.0, until_s=121.3))
+    commands.publish(command_at(START_NS, 3000.0, 121.3))
     outcome = outcome_at_the_end(diagnostics)
     assert outcome.state == ARRIVED
     assert outcome.energy_wh.hvch_electric == pytest.approx(3000.0 * 121.3 / 3600.0, abs=1e-3)
     assert outcome.without_command_s == pytest.approx(180.0 - 121.3, abs=1e-3)
 
 
-@pytest.fixture
-def held(rehearsal, route):
-    """Give the Rehearsal of a simulator whose clock is held, and in which some time has passed."""
-    clock = rehearsal.record(Clock, '/clock', MANY)
-    rehearsal.start('vehicle_simulator', *arguments_of(route, wait_for_planner='true'))
-    rehearsal.advance(3.0)
-    yield rehearsal
-    assert len(clock.messages) > 20 and {seconds(message.clock) for message in clock.messages} == {0.0}
-
-
-def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
-    message = held.record(BatteryState, 'battery_state', MANY).wait_for()
+def test_battery_state_tells_what_is_known_and_nan_for_the_rest(rehearsal, start_simulator):
+    start_simulator(wait_for_planner='true')
+    message = rehearsal.record(BatteryState, 'battery_state', MANY).wait_for()
     assert message.header.stamp == Time(sec=START_S)
     assert message.temperature == pytest.approx(4.0)
     assert message.percentage == pytest.approx(0.77)
@@ -214,9 +151,9 @@ def test_it_is_held_until_the_planner_has_route_and_battery(rehearsal, start_sim
     clock, commands = rehearsal.record(Clock, '/clock', MANY), rehearsal.publisher(HvchCommand, 'hvch_command', 1)
     start_simulator(wait_for_planner='true')
     for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
-        commands.publish(command(0.0, 2.5, reason))
+        commands.publish(command_at(START_NS, 0.0, 2.5, reason=reason))
     assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
-    commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
+    commands.publish(command_at(START_NS, 0.0, 2.5, reason=HvchCommand.WAITING))
     clock.wait_for(lambda message: seconds(message.clock) > 0.0)
 
 
@@ -226,8 +163,9 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(rehearsa
     rehearsal.record(BatteryState, 'battery_state', MANY)
     simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
                                 target_battery_temperature='.nan', exit_on_arrival='true')
-    # This is not a target.
-    assert leaves_target_to_planner(plans.wait_for())
+    plan = plans.wait_for()
+    assert plan.charging_planned
+    assert (plan.has_target_battery_temperature, plan.target_battery_temperature) == (False, 0.0)
     assert outcome_at_the_end(diagnostics).state == EMPTY
     assert simulator.wait() == 0
     assert 'The battery is empty after' in simulator.output()
@@ -242,12 +180,8 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(rehearsa
      'battery temperature: -55 is not allowed; it must be -40 ... 60 degC'),
     ({'target_battery_temperature': 61.0}, 'target_battery_temperature: 61 degC is not allowed'),
     ({'route': 'nowhere'}, "route 'nowhere' is unknown"),
-    ({'vehicle': 'bicycle'}, "vehicle 'bicycle' is unknown"),
-    ({'speed_up': 'fast'}, 'speed_up'),
     ({'lockstep': 'true', 'speed_up': 20.0}, 'speed_up: 20.0 is not allowed with lockstep; it must be 1.0'),
 ])
-def test_impossible_parameters_are_refused_in_words(call_main, parameters, complaint):
-    done = call_main('vehicle_simulator', '--ros-args', *(
+def test_impossible_parameters_are_refused_in_words(refusal, parameters, complaint):
+    assert complaint in refusal('vehicle_simulator', '--ros-args', *(
         part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')))
-    (line,) = done.stderr.splitlines()
-    assert (done.returncode, complaint in line) == (2, True), line
