@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files with the mistakes of an editor, a script or a worn-out disk."""
 
+from copy import deepcopy
 import re
 
 NUMBER = re.compile(r'(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])')
@@ -15,6 +16,22 @@ STRANGE = (
 SCALES = (-1, 0, 1e-9, 1e-3, 60, 1e3, 1e9, 1e200)
 REPLACED = ((',', ';'), ('.', ','), ('0', ''), ('-', '--'), (':', ''), (' ', '\t'), ('1', 'l'),
             ('\n', '\r'), ('"', ''), ('_', ' '))
+
+
+GONE = object()
+
+
+def changed(contents, place, value):
+    """Return contents of a YAML file with a value at a place, such as 'legs.0.route'; GONE removes its key."""
+    node = made = deepcopy(contents)
+    *path, last = [int(key) if key.isdigit() else key for key in place.split('.')]
+    for key in path:
+        node = node[key]
+    if value is GONE:
+        del node[last]
+    else:
+        node[last] = value
+    return made
 
 
 def mutated(contents, random):
