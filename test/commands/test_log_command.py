@@ -50,7 +50,6 @@ def test_table_and_picture(said, tmp_path):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['log', 'drive.csv', '--json', 'drive.csv'], 'is the same file as the input'),
     (['log', 'drive.csv', '--signals', 'absent'], "signal map 'absent' is unknown"),
     (['log', 'drive.csv', '--plot', 'a.txt'], '--plot'),
     (['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output', 'a.csv'],
