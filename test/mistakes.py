@@ -21,10 +21,22 @@ REPLACED = ((',', ';'), ('.', ','), ('0', ''), ('-', '--'), (':', ''), (' ', '\t
 GONE = object()
 
 
+def places(node, path=()):
+    """Yield the path to each value in YAML or JSON; of long lists to the first few and the last."""
+    pairs = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, value in pairs:
+        if isinstance(node, list) and 3 < key < len(node) - 1:
+            continue
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
 def changed(contents, place, value):
-    """Return contents of a YAML file with a value at a place, such as 'legs.0.route'; GONE removes its key."""
+    """Return YAML or JSON with a value at a place, 'legs.0.route' or ('legs', 0, 'route'); GONE removes it."""
     node = made = deepcopy(contents)
-    *path, last = [int(key) if key.isdigit() else key for key in place.split('.')]
+    if isinstance(place, str):
+        place = [int(key) if key.isdigit() else key for key in place.split('.')]
+    *path, last = place
     for key in path:
         node = node[key]
     if value is GONE:

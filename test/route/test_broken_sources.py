@@ -5,7 +5,7 @@ from dataclasses import replace
 import json
 import random
 
-from mistakes import mutated
+from mistakes import changed, GONE, mutated, places
 import pytest
 import route_examples as examples
 
@@ -33,7 +33,8 @@ FORMATS = {
     'fastsim': (examples.fastsim(), COLD), 'sumo': (examples.sumo(), CONSUMED)}
 JSONS = [name for name in FORMATS if FORMATS[name][0].startswith('{')]
 BROKEN_FILES = 20
-VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50]
+VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50,
+          *[GONE] * 4]
 
 
 def load(folder, contents, options):
@@ -65,32 +66,14 @@ def test_changed_bytes_give_a_route_or_a_refusal(tmp_path, name):
         load(tmp_path, mutated(text.encode(), random.Random(f'{name} {seed}')), options)
 
 
-def places(node, path=()):
-    """Yield the paths to the values in JSON; of long lists the first few and the last."""
-    pairs = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    for key, value in pairs:
-        if isinstance(node, list) and 3 < key < len(node) - 1:
-            continue
-        yield (*path, key)
-        yield from places(value, (*path, key))
-
-
 @pytest.mark.parametrize('name', JSONS)
 def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     text, options = FORMATS[name]
-    choose = random.Random(name)
-    paths = list(places(json.loads(text)))
+    choose, contents = random.Random(name), json.loads(text)
+    paths = list(places(contents))
     for _ in range(2 * BROKEN_FILES):
-        contents = json.loads(text)
-        *way, last = choose.choice(paths)
-        parent = contents
-        for key in way:
-            parent = parent[key]
-        if choose.random() < 0.2:
-            del parent[last]
-        else:
-            parent[last] = choose.choice(VALUES)
-        load(tmp_path, json.dumps(contents).encode(), options)
+        broken = changed(contents, choose.choice(paths), choose.choice(VALUES))
+        load(tmp_path, json.dumps(broken).encode(), options)
 
 
 @pytest.mark.parametrize('contents, problem', [

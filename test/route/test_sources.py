@@ -43,7 +43,7 @@ def without_legs(text):
 
 def loaded(folder, text, options=COLD, car=CAR):
     path = folder / 'file'
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_bytes(text.encode())
     return route_for(path, car, options=options)
 
 
