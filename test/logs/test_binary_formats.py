@@ -44,21 +44,19 @@ def write_frames(path, log, writer):
 SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps', 'ambient_c')
 
 
-@pytest.mark.parametrize('writer, name, kind, form', [
-    ('CanutilsLogWriter', 'a.log', 'candump', 'CAN frames (candump)'),
-    ('ASCWriter', 'a.asc', 'ASC', 'CAN frames (ASC)'), ('BLFWriter', 'a.blf', 'BLF', 'CAN frames (BLF)'),
-    pytest.param('MF4Writer', 'a.mf4', 'MDF', 'MDF', marks=pytest.mark.needs('asammdf'))])
+@pytest.mark.parametrize('writer, name, kind', [
+    ('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'), ('BLFWriter', 'a.blf', 'BLF')])
 @pytest.mark.needs('can', 'cantools')
-def test_can_frames(tmp_path, writer, name, kind, form):
+def test_can_frames(tmp_path, writer, name, kind):
     import can
     log = drive(60.0)
     path = tmp_path / name
     write_frames(path, log, getattr(can, writer))
-    with pytest.raises(InvalidInput, match=rf'CAN frames \({kind}\) need a DBC: name it in a signal map'):
+    with pytest.raises(InvalidInput, match='need a DBC: name it in a signal map'):
         read_recording(path)
     (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
     recording = read_recording(path)
-    assert recording.format == form
+    assert recording.format == f'CAN frames ({kind})'
     # Half of the last bit.
     assert_same(recording, log, SIGNALS, rtol=1e-4, atol=0.006)
     assert recording.start_s == pytest.approx(START_S, abs=1.0)
@@ -68,6 +66,18 @@ def test_can_frames(tmp_path, writer, name, kind, form):
     signals = tmp_path / 'maps' / 'car.yaml'
     signals.write_text('dbc: car.dbc\nsignals: {soc: BMS_State.SOC}\n', encoding='utf-8')
     assert_same(read_recording(path, signals), log, ['soc'], rtol=1e-4, atol=0.006)
+
+
+@pytest.mark.needs('asammdf', 'can', 'cantools')
+def test_frames_in_mdf_are_decoded_by_the_dbc_beside(tmp_path):
+    import can
+    log = drive(60.0)
+    path = tmp_path / 'a.mf4'
+    write_frames(path, log, can.MF4Writer)
+    with pytest.raises(InvalidInput, match='CAN frames .MDF. need a DBC: name it in a signal map'):
+        read_recording(path)
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    assert_same(read_recording(path), log, SIGNALS, rtol=1e-4, atol=0.006)
 
 
 @pytest.mark.needs('asammdf')
