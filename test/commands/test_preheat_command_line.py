@@ -34,7 +34,7 @@ def quick_scenario(monkeypatch):
     ['plan', *SITUATION], ['scenario', 'nominal'],
     # The tests of results read those of the other commands from standard output.
     *(pytest.param(arguments, marks=[pytest.mark.deep, pytest.mark.needs('casadi')]) for arguments in (
-        ['plan', '--itinerary', 'winter_holiday', '--vehicle', 'reference', '--temperature', '-8', '--soc', '0.95'],
+        ['plan', '--itinerary', 'winter_holiday', '--vehicle', 'reference', '--temperature', '-8', '--soc', '0.9'],
         ['compare', *SITUATION], ['reproduce'],
         ['robustness', '--trips', '1', '--period', '10', '--route', 'winter_commute', '--methods',
          'replanned_paper', '--jobs', '1']))], ids=lambda arguments: ' '.join(arguments[:2]))
