@@ -21,9 +21,9 @@ CAR = replace(VEHICLE, road_load=RoadLoad(1500.0, 2.0, 0.3, 0.01), drivetrain=re
 
 def test_the_share_within_segments_is_that_of_an_ornstein_uhlenbeck_process():
     def within(duration_s):
-        """Return the mean variance within segments of a process of unit variance: 1 minus that of their means."""
-        times = duration_s / CORRELATION_TIME_S
-        return 1.0 - 2.0 / times * (1.0 - (1.0 - np.exp(-times)) / times)
+        """Return 1 minus the variance of a segment's mean: the mean correlation of its pairs of instants."""
+        at_s = np.linspace(0.0, duration_s, 2000)
+        return 1.0 - np.exp(-np.abs(at_s[:, None] - at_s) / CORRELATION_TIME_S).mean()
 
     def found(duration_s):
         # At high speed the deviation has its highest value; a drive without changes of its own has the usual ones.
