@@ -94,7 +94,7 @@ def deficit(monkeypatch, tmp_path, capsys):
     # The tests need every group.
     ({}, ['test'], ['casadi>=3.6.7,<=3.6.7', 'mcap>=1.3.0,<=1.3.0', 'pytest>=7.4.4,<=9.2.0',
                     'rosbags>=0.11.9,<=0.11.9', 'selenium>=4.51.0,<=4.51.0']),
-    # What is installed must not be replaced.
+    # Installed packages must not be replaced.
     ({}, ['--constraints', 'demo'], [
         'colcon-core==0.15.1', 'numpy==1.26.4', 'rich==13.7.1', 'setuptools==68.1.2'])])
 def test_setup_installs_only_what_is_absent_or_too_old(deficit, changes, words, wanted):

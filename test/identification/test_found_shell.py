@@ -23,7 +23,7 @@ signals:
 
 @pytest.fixture
 def identified(said):
-    """Return the figures of an identification, the heat path of its file and what was printed."""
+    """Return the figures of an identification, the heat path of its file and the printed text."""
     def run(start, logs, name):
         status, output, _ = said('identify', *(f'{log}.csv' for log in logs), '--vehicle', start, '--signals',
                                  './map.yaml', '--output', f'{name}.yaml', '--json', 'found.json')
