@@ -19,9 +19,9 @@ CAPACITY_J_PER_K, EFFICIENCY = VEHICLE.battery.heat_capacity_j_per_k, VEHICLE.hv
 AMBIENT_C, PARKED_C = 2.0, 24.0
 
 
-def put_night(path, leakage_w_per_k, hours=9.0):
-    """Write a night of a battery that only loses heat: temperatures alone, every 30 s, in tenths of a degree."""
-    time_s = np.arange(0.0, hours * 3600.0, 30.0)
+def put_night(path, leakage_w_per_k):
+    """Write 9 h of a battery that only loses heat: temperatures alone, every 30 s, in tenths of a degree."""
+    time_s = np.arange(0.0, 9.0 * 3600.0, 30.0)
     cells_c = AMBIENT_C + (PARKED_C - AMBIENT_C) * np.exp(-leakage_w_per_k / CAPACITY_J_PER_K * time_s)
     np.savetxt(path, np.column_stack((time_s, np.round(cells_c - 1.0, 1), np.round(cells_c + 1.0, 1),
                                       np.full(len(time_s), AMBIENT_C))), '%.5g', ',',

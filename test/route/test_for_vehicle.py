@@ -27,8 +27,8 @@ def file_of(folder, text, name='trip.csv'):
     return folder / name
 
 
-def legs_file_of(folder, name='errand.yaml'):
-    return file_of(folder, yaml.safe_dump(LEGS), name)
+def legs_file_of(folder):
+    return file_of(folder, yaml.safe_dump(LEGS), 'errand.yaml')
 
 
 def same(one, other):

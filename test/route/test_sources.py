@@ -47,9 +47,9 @@ def loaded(folder, text, options=COLD, car=CAR):
     return route_for(path, car, options=options)
 
 
-def refusal(folder, text, options=COLD, car=CAR):
+def refusal(folder, text, options=COLD):
     """Return the refusal of a text, without the path that begins each problem."""
-    problems = problems_in(folder / 'file', loaded, folder, text, options, car)
+    problems = problems_in(folder / 'file', loaded, folder, text, options)
     return '; '.join(problem.lstrip(':, ') for problem in problems)
 
 

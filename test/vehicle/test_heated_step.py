@@ -32,8 +32,8 @@ INPUTS = st.tuples(st.floats(1.0, 60.0), st.floats(-10e3, 40e3), st.floats(0.0, 
 STATES = st.tuples(st.floats(0.3, 0.95), st.floats(-20.0, 30.0), st.floats(0.0, 7e3), st.floats(-5.0, 20.0))
 
 
-def stepper(path, arithmetic=FLOATS):
-    return make_heated_step(replace(REFERENCE, heat_path=path), arithmetic)
+def stepper(path):
+    return make_heated_step(replace(REFERENCE, heat_path=path), FLOATS)
 
 
 @given(STATES, INPUTS)
