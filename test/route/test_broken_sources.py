@@ -93,6 +93,7 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
      "routes[0].sections[0].polyline: character 3, '*', does not belong to an encoded polyline"),
     ('{"response": {"route": [{"leg": [{"length": 9, "travelTime": 9}], "shape": ["48.1,11.5.8"]}]}}',
      'response.route[0].shape[0]: must be [longitude, latitude], or an object'),
+    ('{"distance": 9, "duration": 9, "geometry": "_"}', 'route.geometry: the encoded polyline is cut off'),
     ('{"paths": [{"distance": 5000, "time": 300000, "points": {"coordinates": [[11, 48]]}}]}',
      'paths[0].points.coordinates: has 1 points; at least 2 are needed'),
     ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: 'Impossible'"),
@@ -141,6 +142,9 @@ def test_mistakes_are_named(tmp_path, contents, problem):
     (('lat="47.0000000"', 'lat="x"'), "trkpt 1: lat: 'x' is not a number"),
     (('lat="47.0000000"', ''), "trkpt 1: lat: '' is not a number"),
     (('<time>', '<time>x'), "trkpt 1: time: 'x2026-"),
+    # From the south to the last 107 points no car drives in a few seconds.
+    (('lat="47.0', 'lat="4.0'),
+     '107 of 400 trkpts would need more than 299 km/h from the previous one; check times and coordinates'),
     # A drive that was recorded before, and a track without times.
     (('</trk>', '</trk>' + examples.gpx().partition('<gpx')[2].partition('>')[2].partition('</gpx>')[0].replace(
         'T07:', 'T06:')), 'trkpt 401: time: is 4597.5 s before that of the previous trkpt, and 400 of 800 do not '

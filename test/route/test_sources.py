@@ -150,6 +150,13 @@ def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
     assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
 
 
+def test_a_point_that_no_car_reaches_is_dropped_and_counted(tmp_path):
+    found = loaded(tmp_path, examples.gpx().replace(f'lat="{examples.LATITUDE[199]:.7f}"', 'lat="46"'))
+    assert ('1 trkpts dropped, from trkpt 200 on: at the same time as the one before, or too far from it'
+            in found.remarks)
+    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+
+
 def test_single_points_without_a_time_are_left_out(tmp_path):
     text = examples.gpx()
     time = text.split('<time>')[200].split('</time>')[0]
