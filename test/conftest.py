@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Shared by all tests: the number of examples of property tests, and the marker of tests over DDS.
+Shared by all tests: the number of examples of property tests, the command line, and the marker of tests over DDS.
 
 `make test` draws few examples and the same ones on every run, `make test-deep` many and new ones. A
 property test that needs more or fewer than others says so as a multiple:
@@ -59,6 +59,35 @@ def reaped():
         if thread is not threading.main_thread() and not thread.daemon:
             thread.join(10.0)
             assert not thread.is_alive(), thread
+
+
+@pytest.fixture
+def said(capsys, tmp_path, monkeypatch):
+    """Return (exit status, standard output, standard error) of `preheat` in a folder of its own."""
+    from bev_preheat.commands.main import main
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '200')
+
+    def run(*arguments):
+        try:
+            status = main([*map(str, arguments)])
+        except SystemExit as end:
+            # Of argparse.
+            status = end.code
+        return status, *capsys.readouterr()
+    return run
+
+
+@pytest.fixture
+def refused(said):
+    """Return the problem that `preheat` is refused for, in a single line, without output or a new file."""
+    def run(*arguments):
+        before = sorted(os.listdir())
+        status, output, errors = said(*arguments)
+        assert (status, output, errors.count('\n'), sorted(os.listdir())) == (2, '', 1, before), errors
+        assert errors.startswith('preheat: error: ')
+        return errors.removeprefix('preheat: error: ').rstrip('\n')
+    return run
 
 
 @pytest.fixture(scope='session')

@@ -77,35 +77,19 @@ class World:
     def clock_ns(self):
         return (self.now_s + self.offset_s) * NS_PER_S
 
+    @property
+    def decision(self):
+        return self.planner.state.decision
+
     def tell(self, *events):
         output = self.planner.step(self.clock_ns, *events)
         assert not output.failure, output.failure
         if output.command is not None:
             self.command_w = output.command.battery_heating_power_w
 
-    # The planner: over DDS, these are messages and a process.
-
-    def give_route(self, route_id, stamp_ns, durations_s):
-        self.tell(RouteArrived(Mission(route_id, (Leg(make_route({
-            'duration_s': durations_s, 'speed_mps': [SPEED_MPS], 'propulsion_power_w': [DRIVE_W],
-            'ambient_temperature_c': [AMBIENT_C]}, VEHICLE.defaults), stamp_ns, True, TARGET_C),))))
-
-    def give_position(self, route_id, stamp_ns, distance_m):
-        self.tell(ProgressArrived(Progress(distance_m, self.clock_ns, route_id, stamp_ns)))
-
-    def give_battery_state(self, volts, amperes):
-        self.tell(BatteryStateArrived(Measurement(
-            BatteryState(self.temperature_c, self.soc), self.clock_ns, volts, amperes)))
-
     def restart(self):
         choices = self.planner.state.inbox.choices.after_restart(self.clock_ns)
         self.planner = Supervisor(VEHICLE, SETTINGS, choices=choices)
-
-    @property
-    def answer(self):
-        """The planner's (status, sentence, delay [ns])."""
-        decision, mission = self.planner.state.decision, self.planner.state.mission
-        return decision.status, decision.explanation, 0 if mission is None else mission.delay_ns
 
     # Inputs
 
@@ -122,8 +106,10 @@ class World:
         self.was_sent_again = True
         self.see_start()
         whole, rest_s = divmod(length_m / SPEED_MPS, 60.0)
-        durations_s = [60.0] * int(whole) + ([rest_s] if rest_s > 0.01 else [])
-        self.give_route(route_id, stamp_ns, durations_s)
+        self.tell(RouteArrived(Mission(route_id, (Leg(make_route({
+            'duration_s': [60.0] * int(whole) + ([rest_s] if rest_s > 0.01 else []), 'speed_mps': [SPEED_MPS],
+            'propulsion_power_w': [DRIVE_W], 'ambient_temperature_c': [AMBIENT_C]}, VEHICLE.defaults),
+            stamp_ns, True, TARGET_C),))))
 
     def see_start(self):
         """
@@ -138,7 +124,7 @@ class World:
     def send_position(self, distance_m):
         route_id, stamp_ns, length_m = self.route
         distance_m = min(max(distance_m, 0.0), length_m)
-        self.give_position(route_id, stamp_ns, distance_m)
+        self.tell(ProgressArrived(Progress(distance_m, self.clock_ns, route_id, stamp_ns)))
         return distance_m
 
     def step(self, propulsion_w, consumers_w, charger_w=0.0):
@@ -155,13 +141,14 @@ class World:
             self.temperature_c -= 0.5
         resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
         volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
-        self.give_battery_state(volts, power_w / volts)
+        self.tell(BatteryStateArrived(Measurement(
+            BatteryState(self.temperature_c, self.soc), self.clock_ns, volts, power_w / volts)))
         self.check()
 
     # The properties
 
     def check(self):
-        status, sentence, delay_ns = self.answer
+        mission, sentence = self.planner.state.mission, self.decision.explanation
         if self.command_w > 0.0:
             if self.is_over:
                 self.violations.append(f'{self.command_w:.0f} W after the end of trip {self.trips}: {sentence}')
@@ -169,8 +156,9 @@ class World:
                 self.violations.append(f'{self.command_w:.0f} W after ARRIVED: {sentence}')
             else:
                 self.heated_on_the_way_s += STEP_S
-        self.said_arrived = self.said_arrived or status is Status.ARRIVED
+        self.said_arrived = self.said_arrived or self.decision.status is Status.ARRIVED
         if self.fixed_m is not None and not self.is_over:
+            delay_ns = 0 if mission is None else mission.delay_ns
             planned_m = (self.clock_ns - self.route[1] - delay_ns) / NS_PER_S * SPEED_MPS
             if planned_m < self.fixed_m - CORRECTED_M - PLACE_M - 1.0:
                 self.violations.append(f'the place went back from {self.fixed_m:.0f} m to {planned_m:.0f} m: '
@@ -250,7 +238,7 @@ class World:
         heated_s = self.heated_on_the_way_s
         self.drive(1.0, pace, has_position)
         if not pieces and self.heated_on_the_way_s == heated_s:
-            self.violations.append(f'trip {self.trips} was not heated: {self.answer[1]}')
+            self.violations.append(f'trip {self.trips} was not heated: {self.decision.explanation}')
         if has_position:
             # The end is known with the next battery state.
             self.step(0.0, CONSUMERS_W)
@@ -258,14 +246,14 @@ class World:
         if charged is not None:
             self.do('charge', charged)
         # Without a position two minutes of charging near the end show it, and the end of the planned time.
-        self.is_over = self.is_over or self.answer[0] is Status.ARRIVED
+        self.is_over = self.is_over or self.decision.status is Status.ARRIVED
         for piece in afterwards if self.is_over else ():
             self.do(*piece)
 
 
-def violations_of(day, world=None):
-    """Return the violations of a drawn day in a World; None: a new one."""
-    world = world or World()
+def violations_of(day):
+    """Return the violations of a drawn day."""
+    world = World()
     for trip in day:
         world.trip(*trip)
     return world.violations

@@ -48,27 +48,25 @@ class Road:
     origin: tuple = (48.1, 11.5)
 
     @classmethod
-    def through(cls, corners, origin=(48.1, 11.5), step_m=1.0):
+    def through(cls, corners, origin=(48.1, 11.5)):
         """Return the straight road through corners."""
         corners = np.asarray(corners, float)
         pieces = [corners[:1]]
         for begin, end in zip(corners, corners[1:]):
-            count = max(1, math.ceil(math.dist(begin, end) / step_m))
+            count = max(1, math.ceil(math.dist(begin, end)))
             pieces.append(begin + (end - begin) * np.arange(1, count + 1)[:, None] / count)
         points = np.concatenate(pieces)
         return cls(points[:, 0], points[:, 1], origin)
 
     @classmethod
-    def winding(cls, length_m, seed, step_m=1.0):
+    def winding(cls, length_m, seed):
         """Return a road with smooth random bends, like one over land."""
-        random = np.random.default_rng(seed)
-        count = int(length_m / step_m)
-        along_m = np.arange(count) * step_m
+        random, along_m = np.random.default_rng(seed), np.arange(int(length_m))
         waves_m = (400.0, 1100.0, 2500.0, 6000.0)
         bends = [random.normal(0.0, 0.35) * np.sin(2.0 * math.pi * along_m / wave_m + random.uniform(0.0, 6.3))
                  for wave_m in waves_m]
         heading = np.sum(bends, axis=0)
-        return cls(np.cumsum(np.cos(heading)) * step_m, np.cumsum(np.sin(heading)) * step_m)
+        return cls(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
 
     @property
     def along_m(self):
@@ -90,21 +88,21 @@ class Road:
         return RouteLine(latitude_deg, longitude_deg, at_m, at_m / speed_mps)
 
 
-def gnss_errors(count, period_s, seed, correlated_m=4.0, white_m=1.5, time_s=60.0):
+def gnss_errors(count, period_s, seed):
     """Return errors [m], shape (count, 2): a Gauss-Markov process (multipath, atmosphere) and white noise."""
     random = np.random.default_rng(seed)
-    keeps = math.exp(-period_s / time_s)
+    keeps = math.exp(-period_s / 60.0)
     errors = np.empty((count, 2))
-    state = random.normal(0.0, correlated_m, 2)
+    state = random.normal(0.0, 4.0, 2)
     for number in range(count):
         errors[number] = state
-        state = keeps * state + math.sqrt(1.0 - keeps**2) * random.normal(0.0, correlated_m, 2)
-    return errors + random.normal(0.0, white_m, (count, 2))
+        state = keeps * state + math.sqrt(1.0 - keeps**2) * random.normal(0.0, 4.0, 2)
+    return errors + random.normal(0.0, 1.5, (count, 2))
 
 
-def gpx(road, speed_mps=15.0, spacing_m=50.0):
-    """Return a GPX 1.1 track along a road, with times."""
-    at_m = np.linspace(0.0, road.length_m, round(road.length_m / spacing_m) + 1)
+def gpx(road, speed_mps):
+    """Return a GPX 1.1 track along a road, with a point every 50 m and times."""
+    at_m = np.linspace(0.0, road.length_m, round(road.length_m / 50.0) + 1)
     points = []
     for latitude_deg, longitude_deg, second in zip(*on_earth(*road.at(at_m), road.origin), at_m / speed_mps):
         time = datetime.fromtimestamp(START_NS / NS + second, UTC).isoformat(timespec='milliseconds')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files with the mistakes of an editor, a script or a worn-out disk."""
 
+from copy import deepcopy
 import re
 
 NUMBER = re.compile(r'(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])')
@@ -15,6 +16,34 @@ STRANGE = (
 SCALES = (-1, 0, 1e-9, 1e-3, 60, 1e3, 1e9, 1e200)
 REPLACED = ((',', ';'), ('.', ','), ('0', ''), ('-', '--'), (':', ''), (' ', '\t'), ('1', 'l'),
             ('\n', '\r'), ('"', ''), ('_', ' '))
+
+
+GONE = object()
+
+
+def places(node, path=()):
+    """Yield the path to each value in YAML or JSON; of long lists to the first few and the last."""
+    pairs = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, value in pairs:
+        if isinstance(node, list) and 3 < key < len(node) - 1:
+            continue
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def changed(contents, place, value):
+    """Return YAML or JSON with a value at a place, 'legs.0.route' or ('legs', 0, 'route'); GONE removes it."""
+    node = made = deepcopy(contents)
+    if isinstance(place, str):
+        place = [int(key) if key.isdigit() else key for key in place.split('.')]
+    *path, last = place
+    for key in path:
+        node = node[key]
+    if value is GONE:
+        del node[last]
+    else:
+        node[last] = value
+    return made
 
 
 def mutated(contents, random):

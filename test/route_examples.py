@@ -26,19 +26,18 @@ def road():
 LATITUDE, LONGITUDE, ELEVATION = road()
 
 
-def gpx(times=True, element='trkpt', noise_m=0.0, stop_s=0.0, speed_mps=SPEED_MPS):
+def gpx(times=True, element='trkpt', stop_s=0.0):
     """Return a GPX file; after half of the way the car stands for `stop_s`."""
-    noise = np.random.default_rng(7).normal(0.0, noise_m, POINTS)
     lines = ['<?xml version="1.0" encoding="UTF-8"?>',
              '<gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">']
     lines.append('<trk><trkseg>' if element == 'trkpt' else '<rte>')
     for at in range(POINTS):
         middle = POINTS // 2
         for waited_s in (0.0, stop_s) if stop_s and at == middle else (stop_s,) if at > middle else (0.0,):
-            moment = START + timedelta(seconds=STEP_M / speed_mps * at + waited_s)
+            moment = START + timedelta(seconds=STEP_M / SPEED_MPS * at + waited_s)
             time = f'<time>{moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")}</time>' if times else ''
             lines.append(f'<{element} lat="{LATITUDE[at]:.7f}" lon="{LONGITUDE[at]:.7f}">'
-                         f'<ele>{ELEVATION[at] + noise[at]:.2f}</ele>{time}</{element}>')
+                         f'<ele>{ELEVATION[at]:.2f}</ele>{time}</{element}>')
     lines.append('</trkseg></trk></gpx>' if element == 'trkpt' else '</rte></gpx>')
     return '\n'.join(lines)
 
@@ -75,17 +74,17 @@ def groups(value):
     yield value
 
 
-GEOMETRIES = {'polyline': lambda: polyline(5), 'polyline6': lambda: polyline(6), 'none': lambda: None,
-              'geojson': lambda: {'type': 'LineString', 'coordinates': [list(pair) for pair in zip(
-                  LONGITUDE, LATITUDE)]}}
+GEOMETRIES = {
+    'polyline': lambda: polyline(5), 'polyline6': lambda: polyline(6),
+    'geojson': lambda: {'type': 'LineString', 'coordinates': [*map(list, zip(LONGITUDE, LATITUDE))]}}
 
 
-def osrm(legs=1, annotations=True, geometry='polyline', penalty=1.1):
-    """Return an answer of OSRM; the legs' durations exceed those of the edges by the factor `penalty`."""
+def osrm(legs=1, annotations=True, geometry='polyline'):
+    """Return an answer of OSRM; the legs' durations exceed those of the edges by a tenth."""
     contents = []
     for edges in np.array_split(np.full(POINTS - 1, STEP_M), legs):
-        durations = edges / SPEED_MPS / penalty
-        leg = {'distance': float(edges.sum()), 'duration': float(durations.sum() * penalty), 'summary': '',
+        durations = edges / SPEED_MPS / 1.1
+        leg = {'distance': float(edges.sum()), 'duration': float(edges.sum() / SPEED_MPS), 'summary': '',
                'steps': [{'distance': float(part.sum()), 'duration': float(part.sum() / SPEED_MPS)}
                          for part in np.array_split(edges, 3)]}
         if annotations:
@@ -210,22 +209,22 @@ def openrouteservice():
     return json.dumps(contents)
 
 
-def sumo(vehicles=('ev',), power_w=5000.0):
-    """Return the battery output of SUMO: each vehicle accelerates to SPEED_MPS and draws `power_w`."""
+def sumo(vehicles=('ev',)):
+    """Return the battery output of SUMO: each vehicle accelerates to SPEED_MPS and draws 5 kW."""
     steps = []
     for second in range(200):
-        inside = ''.join(f'<vehicle id="{name}" energyConsumed="{power_w / 3600.0:.6f}" speed="'
+        inside = ''.join(f'<vehicle id="{name}" energyConsumed="{5000.0 / 3600.0:.6f}" speed="'
                          f'{min(float(second), SPEED_MPS)}" chargingStationId="NULL"/>' for name in vehicles)
         steps.append(f'<timestep time="{second}.00">{inside}</timestep>')
     return '<?xml version="1.0"?>\n<!-- <made> by a test -->\n<battery-export>\n' + '\n'.join(steps) + \
         '\n</battery-export>\n'
 
 
-def fastsim(grade=0.01):
+def fastsim():
     """Return a cycle of FASTSim: up to SPEED_MPS, half a minute at this speed, and down again."""
     speeds = [*range(0, 21), *[SPEED_MPS] * 30, *range(20, -1, -1)]
     return 'cycSecs,cycMps,cycGrade,cycRoadType\n' + ''.join(
-        f'{second},{speed},{grade},0\n' for second, speed in enumerate(speeds))
+        f'{second},{speed},0.01,0\n' for second, speed in enumerate(speeds))
 
 
 def speed_table():

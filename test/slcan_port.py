@@ -7,6 +7,8 @@ import threading
 import time
 import tty
 
+from waiting import poll_until
+
 
 class SlcanPort:
     """The adapter: `send` puts a frame on the bus; `frames` are those that the other end has sent."""
@@ -20,7 +22,6 @@ class SlcanPort:
         self.path = os.ttyname(self._theirs)
         self.frames = []
         self.commands = []
-        self._changed = threading.Condition()
         self._open = True
         self._thread = threading.Thread(target=self._receive, daemon=True)
         self._thread.start()
@@ -42,19 +43,11 @@ class SlcanPort:
         os.close(self._mine)
         os.close(self._theirs)
 
-    def wait_for(self, condition, timeout_s=240.0):
+    def wait_for(self, condition):
         """Return the first new (instant, identifier, data) with condition(identifier, data)."""
-        looked_at = len(self.frames)
-        deadline_s = time.monotonic() + timeout_s
-        with self._changed:
-            while True:
-                for frame in self.frames[looked_at:]:
-                    looked_at += 1
-                    if condition(*frame[1:]):
-                        return frame
-                left_s = deadline_s - time.monotonic()
-                assert left_s > 0.0, f'no such frame within {timeout_s} s; the last: {self.frames[-1:]}'
-                self._changed.wait(left_s)
+        first = len(self.frames)
+        return poll_until(lambda: next(
+            (frame for frame in self.frames[first:] if condition(*frame[1:])), None), 'such a frame')
 
     def _receive(self):
         text = b''
@@ -74,7 +67,5 @@ class SlcanPort:
             self.commands.append(line)
             return
         length = int(line[4:5])
-        with self._changed:
-            self.frames.append((time.monotonic(), int(line[1:4], 16),
-                                bytes.fromhex(line[5:5 + 2 * length].decode())))
-            self._changed.notify_all()
+        self.frames.append((
+            time.monotonic(), int(line[1:4], 16), bytes.fromhex(line[5:5 + 2 * length].decode())))

@@ -7,7 +7,6 @@ provider. With `v2=False` it offers the first version of the protocol alone.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from datetime import datetime, UTC
 from queue import Empty, SimpleQueue
 import threading
 
@@ -19,6 +18,7 @@ from kuksa.val.v1 import val_pb2_grpc as grpc_v1
 from kuksa.val.v2 import types_pb2 as types_v2
 from kuksa.val.v2 import val_pb2 as val_v2
 from kuksa.val.v2 import val_pb2_grpc as grpc_v2
+from waiting import poll_until, TIME_LIMIT_S
 
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'
@@ -38,33 +38,30 @@ PATHS = {f'{PACK}.Temperature.Average': ('float', 'celsius'), f'{PACK}.Temperatu
 class Broker:
     """The broker; `values` are the current values by path, `history` every value that a client has published."""
 
-    def __init__(self, v2=True, port=0, paths=None):
+    def __init__(self, v2=True, port=0):
         """Start a server on a port of the loopback interface."""
-        self.paths = PATHS if paths is None else paths
         self.values, self.stamps, self.history = {}, {}, []
         self._watchers, self._providers = [], []
-        self._targets = {}
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._server = grpc.server(ThreadPoolExecutor(max_workers=20))
         grpc_v1.add_VALServicer_to_server(_First(self), self._server)
         if v2:
             grpc_v2.add_VALServicer_to_server(_Second(self), self._server)
         self.port = self._server.add_insecure_port(f'127.0.0.1:{port}')
-        self.answers = True
         self._server.start()
 
     def close(self):
         self._server.stop(0.0).wait()
 
-    def set(self, path, value, stamp_s=None):
+    def set(self, path, value):
         """Set a current value, as its provider does; None: not available."""
-        with self._changed:
+        with self._lock:
             self.values[path] = value
-            self.stamps[path] = datetime.now(UTC).timestamp() if stamp_s is None else stamp_s
+            self.stamps[path] = Timestamp()
+            self.stamps[path].GetCurrentTime()
             for paths, queue in self._watchers:
                 if path in paths:
                     queue.put({path: value})
-            self._changed.notify_all()
 
     def published(self, path, value):
         """Set a value that a client has published."""
@@ -73,7 +70,6 @@ class Broker:
 
     def request(self, values):
         """Request values of actuators, as an application does."""
-        self._targets.update(values)
         for queue in list(self._providers):
             queue.put(dict(values))
 
@@ -81,16 +77,14 @@ class Broker:
         """Return whether a provider serves the actuators."""
         return bool(self._providers)
 
-    def wait_for(self, path, value, timeout_s=240.0):
-        """Wait until a path has a value; nodes of a busy computer take long to start."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: self.values.get(path) == value, timeout_s), (
-                path, value, self.values, self.history)
+    def wait_for(self, path, value, timeout_s=TIME_LIMIT_S):
+        """Wait until a path has a value."""
+        poll_until(lambda: self.values.get(path) == value, f'{path} = {value}', timeout_s)
 
     def updates(self, paths, context):
         """Yield dictionaries of values that have changed; the current ones first."""
         queue = SimpleQueue()
-        with self._changed:
+        with self._lock:
             queue.put({path: self.values[path] for path in paths if path in self.values})
             self._watchers.append((paths, queue))
         yield from _queued(queue, context)
@@ -113,25 +107,17 @@ def _queued(queue, context):
             continue
 
 
-def _stamp(stamp_s):
-    stamp = Timestamp()
-    stamp.FromDatetime(datetime.fromtimestamp(stamp_s, UTC))
-    return stamp
-
-
 class _First(grpc_v1.VALServicer):
     def __init__(self, broker):
         self._broker = broker
 
     def GetServerInfo(self, request, context):  # noqa: N802
-        if not self._broker.answers:
-            threading.Event().wait(5.0)
         return val_v1.GetServerInfoResponse(name='test', version='0')
 
     def Get(self, request, context):  # noqa: N802
         response = val_v1.GetResponse()
         for wanted in request.entries:
-            for path, (kind, unit) in self._broker.paths.items():
+            for path, (kind, unit) in PATHS.items():
                 if path == wanted.path or path.startswith(f'{wanted.path}.'):
                     entry = response.entries.add(path=path)
                     entry.metadata.data_type = KINDS[kind]
@@ -154,9 +140,9 @@ class _First(grpc_v1.VALServicer):
                 update.entry.path = path
                 point = update.entry.actuator_target if is_target else update.entry.value
                 if value is not None:
-                    setattr(point, self._broker.paths[path][0], value)
+                    setattr(point, PATHS[path][0], value)
                     if not is_target:
-                        point.timestamp.CopyFrom(_stamp(self._broker.stamps[path]))
+                        point.timestamp.CopyFrom(self._broker.stamps[path])
             yield response
 
 
@@ -165,24 +151,24 @@ class _Second(grpc_v2.VALServicer):
         self._broker = broker
 
     def _identifier(self, path):
-        return list(self._broker.paths).index(path)
+        return list(PATHS).index(path)
 
     def ListMetadata(self, request, context):  # noqa: N802
         return val_v2.ListMetadataResponse(metadata=[
-            types_v2.Metadata(path=path, id=self._identifier(path)) for path in self._broker.paths
+            types_v2.Metadata(path=path, id=self._identifier(path)) for path in PATHS
             if path == request.root or path.startswith(f'{request.root}.')])
 
     def Subscribe(self, request, context):  # noqa: N802
         for path in request.signal_paths:
-            if path not in self._broker.paths:
+            if path not in PATHS:
                 context.abort(grpc.StatusCode.NOT_FOUND, path)
         for values in self._broker.updates(set(request.signal_paths), context):
             response = val_v2.SubscribeResponse()
             for path, value in values.items():
                 point = response.entries[path]
-                point.timestamp.CopyFrom(_stamp(self._broker.stamps[path]))
+                point.timestamp.CopyFrom(self._broker.stamps[path])
                 if value is not None:
-                    setattr(point.value, self._broker.paths[path][0], value)
+                    setattr(point.value, PATHS[path][0], value)
             yield response
 
     def PublishValue(self, request, context):  # noqa: N802
@@ -197,5 +183,5 @@ class _Second(grpc_v2.VALServicer):
             for path, value in values.items():
                 request = response.batch_actuate_stream_request.actuate_requests.add()
                 request.signal_id.id = self._identifier(path)
-                setattr(request.value, self._broker.paths[path][0], value)
+                setattr(request.value, PATHS[path][0], value)
             yield response

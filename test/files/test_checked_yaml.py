@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import pytest
-from refusals import problems_of
+from refusals import problems_in
 import yaml
 
 from bev_preheat.files.checked_yaml import load_checked_yaml
@@ -21,9 +21,13 @@ def load(tmp_path):
     return lambda path: load_checked_yaml(path, schema)
 
 
-def problem_of(load, path, text):
-    path.write_text(text)
-    (problem,) = problems_of(load, path)
+@pytest.fixture
+def problem_of(load, tmp_path):
+    """Return the problem of a file with a text, without its path."""
+    def problem(text):
+        (path := tmp_path / 'wrong.yaml').write_text(text)
+        [found] = problems_in(f'{path}: ', load, path)
+        return found
     return problem
 
 
@@ -36,25 +40,23 @@ def test_a_file_holds_what_the_reference_parser_finds(load, path):
     'a: 1\nb: [1, 2\n', 'a: 1\n b: 2\n', 'a: "\\q"\n', '\ta: 1\n', 'a: *nothing\n', 'a: !!python/none x\n',
     'a: 1\nb: 2\na: 3\n'],
     ids=['open bracket', 'indentation', 'escape', 'tab', 'alias', 'tag', 'duplicate key'])
-def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(load, tmp_path, monkeypatch, text):
-    path = tmp_path / 'wrong.yaml'
-    told = problem_of(load, path, text)
+def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(problem_of, monkeypatch, text):
+    told = problem_of(text)
     # Read by the fast parser as far as it gets, and by the other one alone.
     monkeypatch.setattr('bev_preheat.files.checked_yaml.HARMLESS_NESTING', 0)
-    assert problem_of(load, path, text) == told
+    assert problem_of(text) == told
     assert 'is not YAML' in told
 
 
-def test_aliases_that_multiply_are_refused_at_once(load, tmp_path):
+def test_aliases_that_multiply_are_refused_at_once(problem_of):
     """Nine levels of nine aliases are a billion values."""
     levels = [f'l{level}: &l{level} [{", ".join([f"*l{level - 1}"] * 9)}]' for level in range(1, 10)]
-    text = '\n'.join(['l0: &l0 [x]', *levels])
-    path = tmp_path / 'many.yaml'
-    assert problem_of(load, path, text) == f'{path}: cannot be read: its aliases (*) make more than 1000000 values'
+    assert problem_of('\n'.join(['l0: &l0 [x]', *levels])) == (
+        'cannot be read: its aliases (*) make more than 1000000 values')
 
 
 @pytest.mark.parametrize('opening, depth', [
     pytest.param('[', 2_400, marks=pytest.mark.deep), ('- ', 4_900), ('- ', 30_000), ('? ', 4_900), ('? ', 30_000),
     ('{a: ', 2_400), ('{a: ', 30_000)])
-def test_nesting_of_any_kind_is_refused(load, tmp_path, opening, depth):
-    assert 'nested too deeply' in problem_of(load, tmp_path / 'deep.yaml', f'a:\n  {opening * depth}')
+def test_nesting_of_any_kind_is_refused(problem_of, opening, depth):
+    assert 'nested too deeply' in problem_of(f'a:\n  {opening * depth}')

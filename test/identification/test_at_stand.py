@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import yaml
 
-from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.trips import trip_of
 from bev_preheat.logs.recording import Recording, Series
@@ -20,9 +19,9 @@ CAPACITY_J_PER_K, EFFICIENCY = VEHICLE.battery.heat_capacity_j_per_k, VEHICLE.hv
 AMBIENT_C, PARKED_C = 2.0, 24.0
 
 
-def put_night(path, leakage_w_per_k, hours=9.0):
-    """Write a night of a battery that only loses heat: temperatures alone, every 30 s, in tenths of a degree."""
-    time_s = np.arange(0.0, hours * 3600.0, 30.0)
+def put_night(path, leakage_w_per_k):
+    """Write 9 h of a battery that only loses heat: temperatures alone, every 30 s, in tenths of a degree."""
+    time_s = np.arange(0.0, 9.0 * 3600.0, 30.0)
     cells_c = AMBIENT_C + (PARKED_C - AMBIENT_C) * np.exp(-leakage_w_per_k / CAPACITY_J_PER_K * time_s)
     np.savetxt(path, np.column_stack((time_s, np.round(cells_c - 1.0, 1), np.round(cells_c + 1.0, 1),
                                       np.full(len(time_s), AMBIENT_C))), '%.5g', ',',
@@ -39,14 +38,12 @@ def put_heated(path, ambient_c, end_c, heater_w, capacity_j_per_k, leakage_w_per
 
 
 @pytest.mark.parametrize('leakage_w_per_k', [5.0, 9.0, 20.0])
-def test_a_night_alone_tells_the_leakage_and_nothing_else(tmp_path, capsys, leakage_w_per_k):
-    pytest.importorskip('casadi')
+@pytest.mark.needs('casadi')
+def test_a_night_alone_tells_the_leakage_and_nothing_else(tmp_path, said, leakage_w_per_k):
     put_night(tmp_path / 'night.csv', leakage_w_per_k)
-    words = ['identify', str(tmp_path / 'night.csv'), '--vehicle', 'small_hatchback', '--output',
-             str(tmp_path / 'my.yaml'), '--json', str(tmp_path / 'my.json')]
-    assert main(words) == 0
-    printed = ' '.join(capsys.readouterr().out.split())
-    assert 'Only 1 log: nothing tests the file' in printed
+    status, output, _ = said(
+        'identify', 'night.csv', '--vehicle', 'small_hatchback', '--output', 'my.yaml', '--json', 'my.json')
+    assert status == 0 and 'Only 1 log: nothing tests the file' in ' '.join(output.split())
     car, start = load_vehicle(tmp_path / 'my.yaml'), VEHICLE
     assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(leakage_w_per_k, rel=0.05)
     assert car.battery.heat_capacity_j_per_k == start.battery.heat_capacity_j_per_k
@@ -59,28 +56,25 @@ def test_a_night_alone_tells_the_leakage_and_nothing_else(tmp_path, capsys, leak
 
 
 @pytest.mark.parametrize('scale, leakage_w_per_k', [(0.8, 3.0), (1.15, 10.0)])
-def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, capsys, scale, leakage_w_per_k):
-    pytest.importorskip('casadi')
+@pytest.mark.needs('casadi')
+def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, said, scale, leakage_w_per_k):
     minutes = {ambient_c: put_heated(tmp_path / f'heated{ambient_c}.csv', ambient_c, 20.0, 5000.0,
                                      scale * CAPACITY_J_PER_K, leakage_w_per_k) for ambient_c in (0, -10, -20)}
-    logs = [str(tmp_path / f'heated{ambient_c}.csv') for ambient_c in (0, -10)]
-    assert main(['identify', *logs, '--vehicle', 'small_hatchback', '--output', str(tmp_path / 'my.yaml'),
-                 '--json', str(tmp_path / 'my.json')]) == 0
-    assert 'heated from a charger' in ' '.join(capsys.readouterr().out.split())
+    status, output, _ = said('identify', 'heated0.csv', 'heated-10.csv', '--vehicle', 'small_hatchback',
+                             '--output', 'my.yaml', '--json', 'my.json')
+    assert status == 0 and 'heated from a charger' in ' '.join(output.split())
     parameters = json.loads((tmp_path / 'my.json').read_text())['parameters']
     capacity = next(item for item in parameters if item['name'] == 'heat_capacity')
     assert capacity['low'] < scale * CAPACITY_J_PER_K < capacity['high'] < 1.5 * scale * CAPACITY_J_PER_K
-    assert main(['check', str(tmp_path / 'heated-20.csv'), '--vehicle', str(tmp_path / 'my.yaml'), '--json',
-                 str(tmp_path / 'check.json')]) == 0
+    status, output, _ = said('check', 'heated-20.csv', '--vehicle', './my.yaml', '--json', 'check.json')
     found = json.loads((tmp_path / 'check.json').read_text())['heated_minutes']['heated-20']
     assert found['measured'] == pytest.approx(minutes[-20], abs=0.02)
     assert found['predicted'] == pytest.approx(minutes[-20], rel=0.03)
-    line = f'heated for {found["measured"]:.1f} min, predicted {found["predicted"]:.1f} min'
-    assert line in capsys.readouterr().out
+    assert f'heated for {found["measured"]:.1f} min, predicted {found["predicted"]:.1f} min' in output
 
 
+@pytest.mark.needs('scipy')
 def test_two_logs_have_the_interval_of_the_fit():
-    pytest.importorskip('scipy')
     from bev_preheat.identification.uncertainty import bootstrap_intervals
     fit = SimpleNamespace(gradients=np.array([[200.0], [-200.0]]), informations=np.full((2, 1, 1), 15.0),
                           information=np.array([[36.0]]), prior_precision=np.array([[6.0]]),
@@ -90,15 +84,14 @@ def test_two_logs_have_the_interval_of_the_fit():
     assert list(found) == [0] and found[0] == pytest.approx((2.0 - 0.27415, 2.0 + 0.27415), abs=1e-4)
 
 
-def test_the_minutes_of_a_heated_battery_are_those_of_its_equation(tmp_path, capsys):
+def test_the_minutes_of_a_heated_battery_are_those_of_its_equation(tmp_path, said):
     gamma = VEHICLE.battery.leakage.gamma_0_w_per_k
     minutes = put_heated(tmp_path / 'heated.csv', -20, 15.0, 4000.0, CAPACITY_J_PER_K, gamma)
     for name, end_c in (('early', 10.0), ('late', 17.0)):
         # A car that was colder or warmer after these minutes took longer or less.
         (tmp_path / f'{name}.csv').write_text((tmp_path / 'heated.csv').read_text().replace('15.0', f'{end_c}'))
         expected = -CAPACITY_J_PER_K / gamma * math.log(1.0 - (end_c + 20.0) * gamma / EFFICIENCY / 4000.0) / 60.0
-        assert main(['check', str(tmp_path / f'{name}.csv'), '--vehicle', 'small_hatchback', '--json',
-                     str(tmp_path / 'check.json')]) == 0
+        assert said('check', f'{name}.csv', '--vehicle', 'small_hatchback', '--json', 'check.json')[0] == 0
         found = json.loads((tmp_path / 'check.json').read_text())['heated_minutes'][name]
         assert found['measured'] == pytest.approx(minutes, abs=0.02)
         assert found['predicted'] == pytest.approx(expected, rel=5e-3)

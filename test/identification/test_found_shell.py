@@ -8,7 +8,6 @@ import sys
 
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi', 'scipy')]
@@ -22,11 +21,15 @@ signals:
 """
 
 
-def identified(folder, start, logs, name):
-    assert main(['identify', *(str(folder / f'{log}.csv') for log in logs), '--vehicle', start, '--signals',
-                 str(folder / 'map.yaml'), '--output', str(folder / f'{name}.yaml'), '--json',
-                 str(folder / 'found.json')]) == 0
-    return json.loads((folder / 'found.json').read_text()), load_vehicle(folder / f'{name}.yaml').heat_path
+@pytest.fixture
+def identified(said):
+    """Return the figures of an identification, the heat path of its file and the printed text."""
+    def run(start, logs, name):
+        status, output, _ = said('identify', *(f'{log}.csv' for log in logs), '--vehicle', start, '--signals',
+                                 './map.yaml', '--output', f'{name}.yaml', '--json', 'found.json')
+        assert status == 0
+        return json.loads(Path('found.json').read_text()), load_vehicle(f'./{name}.yaml').heat_path, output
+    return run
 
 
 # A slow shell, and the drivetrain's heat, with all Joule heat, in the core.
@@ -54,14 +57,14 @@ def assert_contain(parameters, truth):
 
 
 @pytest.mark.parametrize('logs', [SLOW_SHELL], indirect=True)
-def test_a_slow_shell_is_found_and_no_slow_sensor_in_its_place(tmp_path, logs):
-    found, path = identified(tmp_path, 'mid_size_lfp', logs, 'my_car')
+def test_a_slow_shell_is_found_and_no_slow_sensor_in_its_place(identified, logs):
+    found, path, _ = identified('mid_size_lfp', logs, 'my_car')
     assert path.sensor_place == 'shell'
     assert_contain({item['name']: item for item in found['parameters']}, {**TRUTH, 'shell_conductance': 80.0})
 
 
-def test_shell_and_core_are_found_and_stay_where_logs_do_not_tell_them(tmp_path, capsys, logs):
-    found, path = identified(tmp_path, 'mid_size_lfp', logs, 'my_car')
+def test_shell_and_core_are_found_and_stay_where_logs_do_not_tell_them(identified, logs):
+    found, path, output = identified('mid_size_lfp', logs, 'my_car')
     parameters = {item['name']: item for item in found['parameters']}
     assert_contain(parameters, TRUTH)
     assert parameters['shell_conductance']['high'] < 2.0 * TRUTH['shell_conductance']
@@ -69,7 +72,7 @@ def test_shell_and_core_are_found_and_stay_where_logs_do_not_tell_them(tmp_path,
     assert path.sensor_place == 'shell'
     assert path.shell_share == pytest.approx(parameters['shell_share']['estimate'], rel=1e-4)
     assert found['leave_one_out']['rmse_k'] < 0.4
-    assert 'it explains unseen trips better than one mass' in ' '.join(capsys.readouterr().out.split())
+    assert 'it explains unseen trips better than one mass' in ' '.join(output.split())
     # A night tells nothing of the share, and is no reason to leave the structure of START.
-    _, kept = identified(tmp_path, str(tmp_path / 'my_car.yaml'), ['night'], 'again')
+    _, kept, _ = identified('./my_car.yaml', ['night'], 'again')
     assert (kept.shell_share, kept.sensor_place) == (path.shell_share, 'shell')

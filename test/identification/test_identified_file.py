@@ -21,14 +21,13 @@ from bev_preheat.vehicle.loading import vehicle_of_text
 Q = 1.6448536
 
 
-def estimated(name, estimate, low, high, is_identified=True):
-    return Estimated(name, name, '', estimate, estimate, low, high, low, high, is_identified, 0.0, '', '')
+def estimated(name, estimate, low, high):
+    return Estimated(name, name, '', estimate, estimate, low, high, low, high, True, 0.0, '', '')
 
 
-def around(name, estimate, deviation, is_identified=True):
+def around(name, estimate, deviation):
     """Return an Estimated with the interval of a lognormal distribution."""
-    return estimated(name, estimate, estimate * math.exp(-Q * deviation), estimate * math.exp(Q * deviation),
-                     is_identified)
+    return estimated(name, estimate, estimate * math.exp(-Q * deviation), estimate * math.exp(Q * deviation))
 
 
 def estimates(**changes):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 
-from bev_preheat.commands.main import main
 from bev_preheat.estimation.prior import Learned, prior_factor_covariance
 from bev_preheat.estimation.state_file import save_state
 from bev_preheat.numerics import FLOATS
@@ -26,10 +25,10 @@ def state_file(tmp_path):
     return path
 
 
-def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys):
+def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, said):
     output = tmp_path / 'my.yaml'
-    assert main(['identify', '--state-file', str(state_file), '--vehicle', 'small_car',
-                 '--output', str(output)]) == 0
+    status, printed, _ = said('identify', '--state-file', state_file, '--vehicle', 'small_car', '--output', output)
+    assert status == 0
     start, car = load_vehicle('small_car'), load_vehicle(output)
     assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * start.battery.heat_capacity_j_per_k, rel=1e-4)
     assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(
@@ -52,17 +51,16 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys)
         rel=5e-3)
     # Half the prior's standard deviation of 0.058, and 0.01 for the time since, times 1.645.
     low = 1.1 * math.exp(-1.6449 * math.hypot(0.029, 0.01))
-    assert f'{low:.4g}' in capsys.readouterr().out
+    assert f'{low:.4g}' in printed
 
 
-def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp_path):
+def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp_path, said):
     start, output = tmp_path / 'start.yaml', tmp_path / 'my.yaml'
     start.write_bytes(vehicle_contents('small_car') + b'\nuncertainty: {leakage: 0.09, resistance: 0.07}\n')
     scale = np.diag([0.2, 1.0, 0.2, 1.0, 1.0])
     save_state(tmp_path / 'state.json', vehicle_fingerprint(start.read_bytes()),
                Learned(np.zeros(5), scale @ prior_factor_covariance() @ scale))
-    assert main(['identify', '--state-file', str(tmp_path / 'state.json'), '--vehicle', str(start),
-                 '--output', str(output)]) == 0
+    assert said('identify', '--state-file', 'state.json', '--vehicle', start, '--output', output)[0] == 0
     told = load_vehicle(output).uncertainty
     assert (told.heat_capacity, told.resistance) == pytest.approx(
         (math.hypot(0.2 * 0.058, 0.01), math.hypot(0.2 * 0.115, 0.01)), rel=5e-3)
@@ -76,9 +74,6 @@ def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp
     ('--state-file other.json --vehicle small_car', 'it is not a state file of this planner'),
     ('--vehicle small_car', 'LOG: missing')])
 @pytest.mark.usefixtures('state_file')
-def test_another_car_logs_beside_it_and_what_is_no_state_file_are_refused(
-        tmp_path, monkeypatch, capsys, words, line):
-    monkeypatch.chdir(tmp_path)
+def test_another_car_logs_beside_it_and_what_is_no_state_file_are_refused(tmp_path, refused, words, line):
     (tmp_path / 'other.json').write_text('{"mine": 1}')
-    assert main(['identify', '--output', 'x.yaml', *words.split()]) == 2
-    assert line in capsys.readouterr().err
+    assert line in refused('identify', '--output', 'x.yaml', *words.split())

@@ -9,8 +9,11 @@ import pytest
 from recorded import night, recording
 
 from bev_preheat.identification.check import predict
+from bev_preheat.identification.curves import CorrectedResistance, KNOTS_C, resistance_table
+from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
+from bev_preheat.identification.structures import chosen_structure, StructureResult
 from bev_preheat.identification.trips import trip_of
-from bev_preheat.numerics import FLOATS
+from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Leakage
@@ -24,9 +27,7 @@ VEHICLE = replace(REFERENCE, battery=replace(
 
 def arrival_c(trip, start_c, vehicle=VEHICLE, sensor='', **coordinates):
     """Return the last sensor temperature of the fit's model, with START's parameters but for these coordinates."""
-    from bev_preheat.identification.curves import KNOTS_C
     from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
     from bev_preheat.identification.thermal import course_of, ThermalModel
     fixed = {name: parameter.fixed for name, parameter in parameters_of(vehicle).items()} | coordinates
     theta = np.array([fixed[name] for name in NAMES] + [0.0] * len(KNOTS_C))
@@ -105,9 +106,7 @@ def test_a_night_cools_as_the_exponential_does():
 
 
 def test_slopes_are_those_of_finite_differences():
-    from bev_preheat.identification.curves import KNOTS_C
     from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
     from bev_preheat.identification.thermal import course_of, ThermalModel
     trip = trip_of(recording(), VEHICLE)
     trip = replace(trip, heater_w=np.where(np.arange(len(trip)) < 600, 2000.0, 0.0),
@@ -135,9 +134,7 @@ def test_the_fits_model_agrees_with_plans_where_power_is_steady():
 
 
 def test_resistance_and_capacity_come_from_voltage_and_current():
-    from bev_preheat.identification.curves import CorrectedResistance
     from bev_preheat.identification.electrical import fit_electrical
-    from bev_preheat.numerics import ARRAYS
     # 0.1 ohm where START has 2/(7.5 + 15); 100 Ah where START has 90; a lasting error of 3 V.
     start = replace(VEHICLE, battery=replace(VEHICLE.battery, capacity_ah=90.0))
     trips = [trip_of(recording(str(number), 1200 + number, voltage_v=lambda v: v - 3.0),
@@ -151,7 +148,6 @@ def test_resistance_and_capacity_come_from_voltage_and_current():
 
 
 def test_resistance_over_charge_is_found_although_start_has_none():
-    from bev_preheat.identification.curves import resistance_table
     from bev_preheat.identification.electrical import fit_electrical
 
     def ohm(soc):
@@ -179,7 +175,6 @@ def test_resistance_over_charge_is_found_although_start_has_none():
     # … and more than the standard error of the sum: that of 9, -1, -1 is 10.
     ((1.0, 11.0, 11.0, 0.0), False), ((2.0, 9.5, 9.5, 90.0), True)])
 def test_another_structure_must_explain_unseen_readings_better_by_more_than_chance(misfits, chosen):
-    from bev_preheat.identification.structures import chosen_structure, StructureResult
     one = StructureResult('one mass', 0.0, (10.0, 10.0, 10.0, 50.0), ())
     two = StructureResult('two masses, sensor in the core', 0.0, misfits, ())
     # The only night decides nothing.

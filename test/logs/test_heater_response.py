@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.heater_response import heater_response
 from bev_preheat.logs.reading import read_recording
@@ -63,7 +62,7 @@ def log(tmp_path):
     return path
 
 
-def test_the_map_that_the_note_shows_names_the_heater(log, tmp_path, capsys):
+def test_the_map_that_the_note_shows_names_the_heater(log, tmp_path, said):
     note = next(remark for remark in read_recording(log).remarks if 'answers to it' in remark)
     own = tmp_path / 'own.yaml'
     own.write_text(note[note.index('{extends'):])
@@ -72,12 +71,10 @@ def test_the_map_that_the_note_shows_names_the_heater(log, tmp_path, capsys):
     assert recording.signals['battery_heater_w'].value.max() == pytest.approx(5000.0)
     assert recording.signals.keys() - {'battery_heater_w'} == read_recording(log).signals.keys() - {'heater_w'}
     assert not any('answers to it' in remark for remark in recording.remarks)
-    words = ['check', str(log), '--vehicle', 'small_hatchback', '--no-replay']
-    assert main(words) == 0
-    printed = ' '.join(capsys.readouterr().out.split())
-    assert 'answers to it' in printed
-    assert main([*words, '--signals', str(own)]) == 0
-    assert 'heater_w' not in capsys.readouterr().out.replace('no cabin_heater_w', '')
+    words = ['check', log, '--vehicle', 'small_hatchback', '--no-replay']
+    assert 'answers to it' in ' '.join(said(*words)[1].split())
+    status, output, _ = said(*words, '--signals', own)
+    assert status == 0 and 'heater_w' not in output.replace('no cabin_heater_w', '')
 
 
 def test_a_map_extends_one_beside_it_and_keeps_the_rest(tmp_path):

@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.recording.changes import signal_change, UNITS
 
 pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
@@ -33,10 +32,8 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
     (['--from', '300', '--to', '10'], 'is before --from'), (['--from', 'noon'], 'seconds from the start'),
     (['--route', 'reference'], '--route')])
 def test_an_option_that_is_not_understood_is_one_line_with_unit_range_or_the_name_meant(
-        recorded, capsys, words, told):
-    assert main(['replay', str(recorded[1]), *words]) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert told in line
+        recorded, refused, words, told):
+    assert told in refused('replay', recorded[1], *words)
 
 
 @pytest.mark.parametrize('signal', UNITS)
@@ -48,24 +45,27 @@ def test_a_number_replaces_and_a_sign_changes(signal):
     assert signal_change(signal, '*2').of(1.25) == 2.5
 
 
-def result_of(capsys, folder, *words):
-    assert main(['replay', str(folder), '--to', '150', '--json', '-', *words]) == 0
-    return json.loads(capsys.readouterr().out)
+@pytest.fixture
+def result_of(recorded, said):
+    """Return the result of a replay of the first minutes with a change."""
+    def run(change):
+        status, output, _ = said('replay', recorded[1], '--to', '150', '--json', '-', '--change', change)
+        assert status == 0
+        return json.loads(output)
+    return run
 
 
-def test_a_target_replaces_that_of_the_route(recorded, capsys):
+def test_a_target_replaces_that_of_the_route(result_of):
     """The recorded route asks for 12.5 degC."""
-    folder = recorded[1]
-    by_value, by_difference = (result_of(capsys, folder, '--change', f'target={text}') for text in ('10.5', '-2'))
+    by_value, by_difference = result_of('target=10.5'), result_of('target=-2')
     assert by_value['changed'] == by_difference['changed']
     assert by_value['changed']['hvch_commanded_wh'] < by_value['recorded']['hvch_commanded_wh']
     assert 'target 10.5 degC' in by_value['verdict'][-1]
-    aliased = result_of(capsys, folder, '--change', 'target_temperature=10.5')
-    assert aliased['changed'] == by_value['changed']
+    assert result_of('target_temperature=10.5')['changed'] == by_value['changed']
 
 
-def test_a_key_of_the_vehicle_file_changes_the_planners_car(recorded, capsys):
-    result = result_of(capsys, recorded[1], '--change', 'hvch.maximum_power_w=3000')
+def test_a_key_of_the_vehicle_file_changes_the_planners_car(result_of):
+    result = result_of('hvch.maximum_power_w=3000')
     assert 'With hvch.maximum_power_w=3000' in result['verdict'][-1]
     heated_s = sum(span['to_ns'] - span['from_ns'] for span in result['changed']['heating']) / 1e9
     assert heated_s > 60.0

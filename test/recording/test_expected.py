@@ -6,7 +6,6 @@ import json
 import pytest
 from recorded_drive import LONG_TARGET_C
 
-from bev_preheat.commands.main import main
 from bev_preheat.recording.comparison import deviations
 
 pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
@@ -28,34 +27,29 @@ def test_a_deviation_is_named(expected, told):
     assert [tuple(each) for each in found] == ([] if told is None else [told])
 
 
-@pytest.fixture(scope='module')
-def written(recorded, tmp_path_factory):
+@pytest.fixture
+def written(recorded, said, tmp_path):
     """Return the recording's folder, and its written figures."""
-    path = tmp_path_factory.mktemp('expected') / 'expected.json'
-    assert main(['replay', str(recorded[1]), *PART, '--write-expected', str(path)]) == 0
-    return recorded[1], json.loads(path.read_text())
+    assert said('replay', recorded[1], *PART, '--write-expected', 'expected.json')[0] == 0
+    return recorded[1], json.loads((tmp_path / 'expected.json').read_text())
 
 
-def expect(folder, path, contents, *words):
+def expecting(folder, path, contents):
+    """Write a file of figures; returns the words of a replay that expects them."""
     path.write_text(contents if isinstance(contents, str) else json.dumps(contents))
-    return main(['replay', str(folder), *PART, '--expect', str(path), *words])
+    return ['replay', folder, *PART, '--expect', path]
 
 
-def test_what_was_written_is_expected(written, tmp_path, capsys):
+def test_what_was_written_is_expected_and_the_first_deviation_is_told(written, tmp_path, said):
     folder, contents = written
-    assert contents['expected']['reproduced'] == {'value': True}
-    assert len(contents['expected']['minute_command_w']['value']) == 3
-    assert expect(folder, tmp_path / 'e.json', contents) == 0
-    assert 'as expected: 18 figures' in capsys.readouterr().out
-
-
-def test_the_first_deviation_is_told(written, tmp_path, capsys):
-    folder, contents = written
-    contents = json.loads(json.dumps(contents))
-    contents['expected']['hvch_commanded_wh']['value'] -= 30.0
-    contents['expected']['switch_ons']['value'] = 7
-    assert expect(folder, tmp_path / 'e.json', contents) == 1
-    output = capsys.readouterr().out
+    expected = contents['expected']
+    assert expected['reproduced'] == {'value': True} and len(expected['minute_command_w']['value']) == 3
+    status, output, _ = said(*expecting(folder, tmp_path / 'e.json', contents))
+    assert status == 0 and 'as expected: 18 figures' in output
+    expected['hvch_commanded_wh']['value'] -= 30.0
+    expected['switch_ons']['value'] = 7
+    status, output, _ = said(*expecting(folder, tmp_path / 'e.json', contents))
+    assert status == 1
     assert 'not as expected: switch_ons: 1, expected 7, tolerance 0; 2 of 18 figures deviate' in output
 
 
@@ -68,16 +62,15 @@ def test_the_first_deviation_is_told(written, tmp_path, capsys):
     ({'format': 1, 'expected': {'arrival_s': {'value': 1.0, 'tolerance': -1}}}, 'at least 0'),
     pytest.param({'format': 1, 'expected': {'arrival_s': {'value': 1.0, 'tolerance': True}}}, 'at least 0',
                  marks=pytest.mark.deep)])
-def test_a_wrong_file_of_figures_is_one_line(recorded, tmp_path, capsys, contents, told):
-    assert expect(recorded[1], tmp_path / 'e.json', contents) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert told in line
+def test_a_wrong_file_of_figures_is_one_line(recorded, tmp_path, said, contents, told):
+    status, _, errors = said(*expecting(recorded[1], tmp_path / 'e.json', contents))
+    [line] = errors.splitlines()
+    assert status == 2 and told in line
 
 
 @pytest.mark.deep
-def test_a_changed_signal_changes_the_planner(long_folder, capsys):
-    assert main(['replay', str(long_folder), '--change', 'temperature=+2', '--json', '-']) == 0
-    result = json.loads(capsys.readouterr().out)
+def test_a_changed_signal_changes_the_planner(long_folder, said):
+    result = json.loads(said('replay', long_folder, '--change', 'temperature=+2', '--json', '-')[1])
     # The part of the 2 K that the battery does not keep until arrival is saved heat: by the file, C dT / eta. The
     # drives do not arrive equally warm: each stops by an estimate from readings in steps of half a kelvin.
     from bev_preheat.vehicle import load_vehicle

@@ -6,8 +6,6 @@ import json
 
 import pytest
 
-from bev_preheat.commands.main import main
-
 pytestmark = [pytest.mark.costly, pytest.mark.needs('mcap', 'jinja2')]
 
 # A part of a sentence in the report, by scenario. The heater's, signals' and inputs' own words, not the plan's.
@@ -42,18 +40,15 @@ NAMED = {
 # Daily, test_report.py has the report of a drive, test_inputs.py the inputs' time, and the tutorial a heater.
 @pytest.mark.deep
 @pytest.mark.parametrize('name', NAMED)
-def test_report_names_the_fault(name, tmp_path):
+def test_report_names_the_fault(name, said, tmp_path):
     # Whether the drive goes as expected is another test's question.
-    main(['scenario', name, '--record', str(tmp_path)])
-    report, results = tmp_path / 'report.html', tmp_path / 'results.json'
-    assert main(['replay', str(tmp_path / f'{name}.mcap'), '--report', str(report), '--json', str(results)]) == 0
-    assert json.loads(results.read_text())['reproduced']
-    assert NAMED[name] in html.unescape(report.read_text())
+    said('scenario', name, '--record', '.')
+    status, output, _ = said('replay', f'{name}.mcap', '--report', 'report.html', '--json', '-')
+    assert status == 0 and json.loads(output)['reproduced']
+    assert NAMED[name] in html.unescape((tmp_path / 'report.html').read_text())
 
 
 @pytest.mark.deep
-def test_report_of_a_good_drive_names_none(tmp_path):
-    assert main(['scenario', 'nominal', '--record', str(tmp_path)]) == 0
-    results = tmp_path / 'results.json'
-    assert main(['replay', str(tmp_path / 'nominal.mcap'), '--json', str(results)]) == 0
-    assert json.loads(results.read_text())['remarks'] == []
+def test_report_of_a_good_drive_names_none(said):
+    assert said('scenario', 'nominal', '--record', '.')[0] == 0
+    assert json.loads(said('replay', 'nominal.mcap', '--json', '-')[1])['remarks'] == []

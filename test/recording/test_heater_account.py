@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import pytest
 from recorded_drive import record_drive
 
-from bev_preheat.commands.main import main
 from bev_preheat.control.decision import Command
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -103,11 +102,10 @@ def test_an_arrival_is_compared_with_the_highest_temperature_allowed(arrival_c, 
 
 
 @pytest.mark.needs('mcap', 'rclpy')
-def test_each_heat_source_has_an_account(tmp_path, capsys):
+def test_each_heat_source_has_an_account(tmp_path, said):
     outputs = record_drive(tmp_path, 40.0, 120, vehicle='heat_pump_car')
     commands = [output.command for _, output in outputs if output.command is not None]
-    assert main(['replay', str(tmp_path), '--json', '-']) == 0
-    replayed = json.loads(capsys.readouterr().out)
+    replayed = json.loads(said('replay', tmp_path, '--json', '-')[1])
     assert replayed['reproduced'] is True
     # Two commands a second.
     for name in ('hvch', 'motor', 'heat_pump', 'chiller'):
@@ -115,9 +113,8 @@ def test_each_heat_source_has_an_account(tmp_path, capsys):
             sum(command.power_w(name) for command in commands) / 7200.0, rel=0.03), name
     assert replayed['recorded']['heat_pump_commanded_wh'] > 75.0
     assert any(told.startswith('The heat_pump was commanded 8') for told in replayed['recorded']['results'][0])
-    expected = str(tmp_path / 'expected.json')
-    assert main(['replay', str(tmp_path), '--write-expected', expected]) == 0
-    assert json.loads(Path(expected).read_text())['expected']['heat_pump_commanded_wh'] == {
+    assert said('replay', tmp_path, '--write-expected', 'expected.json')[0] == 0
+    assert json.loads(Path('expected.json').read_text())['expected']['heat_pump_commanded_wh'] == {
         'value': pytest.approx(replayed['recorded']['heat_pump_commanded_wh'], abs=1e-3), 'tolerance': 20.0}
-    assert main(['replay', str(tmp_path), '--expect', expected]) == 0
-    assert 'heat_pump commanded [Wh]' in capsys.readouterr().out
+    status, output, _ = said('replay', tmp_path, '--expect', 'expected.json')
+    assert status == 0 and 'heat_pump commanded [Wh]' in output

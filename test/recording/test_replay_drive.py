@@ -5,18 +5,16 @@ from dataclasses import replace
 import json
 
 import pytest
-from recorded_drive import LENGTH_S, LONG_S, LONG_TARGET_C, no_warning, record_drive
+from recorded_drive import LENGTH_S, no_warning
 
-from bev_preheat.commands.main import main
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import Beginning
-from bev_preheat.recording.replay import replay, replay_changed
+from bev_preheat.recording.replay import replay
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 
@@ -60,28 +58,14 @@ def test_a_changed_command_is_found(recorded):
     assert comparison.largest_w == pytest.approx(50.0)
 
 
-@pytest.mark.deep
-def test_what_if_agrees_with_a_drive_that_was_so(long_folder, tmp_path):
-    """With another target the replay must go where a simulated car goes that is given that target."""
-    changed = replay_changed(read_flight(long_folder), Changes(parameters={'estimation': False}))
-    record_drive(tmp_path, LONG_TARGET_C, LONG_S, {'estimation': False})
-    replayed = replay(read_flight(tmp_path))
-    assert replayed.comparison.is_reproduced
-    actual = replayed.course
-    assert len(changed.heating) == len(actual.heating)
-    assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02)
-    assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
-
-
-def test_the_command_says_reproduced_and_compares(recorded, capsys):
+def test_the_command_says_reproduced_and_compares(recorded, said):
     _, folder = recorded
-    assert main(['replay', str(folder), '--json', '-']) == 0
-    captured = capsys.readouterr()
-    result = json.loads(captured.out)
-    assert result['reproduced'] and result['changed'] is None
-    assert 'each to the last digit' in captured.err
-    assert main(['replay', str(folder), '--set', 'estimation=false']) == 0
-    assert 'changed' in capsys.readouterr().out
+    status, output, errors = said('replay', folder, '--json', '-')
+    result = json.loads(output)
+    assert status == 0 and result['reproduced'] and result['changed'] is None
+    assert 'each to the last digit' in errors
+    status, output, _ = said('replay', folder, '--set', 'estimation=false')
+    assert status == 0 and 'changed' in output
 
 
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
@@ -101,11 +85,11 @@ def test_another_format_is_refused_by_name(recorded):
         Beginning.from_dictionary(values)
 
 
-@pytest.fixture(scope='module')
-def cooled(tmp_path_factory):
+@pytest.fixture
+def cooled(tmp_path):
     """`cooled(most_c)` returns the recording of a car that arrives with at most that [deg C]."""
     def cooled(most_c):
-        path = tmp_path_factory.mktemp('cooled') / 'drive.mcap'
+        path = tmp_path / f'{most_c}.mcap'
         scenario = load_scenario('summer_at_most')
         drive = replace(scenario.first, route=scenario.first.route.before(540.0), goal=Goal(
             25.0, maximum_arrival_temperature_c=most_c))
@@ -116,13 +100,13 @@ def cooled(tmp_path_factory):
     return cooled
 
 
-def test_a_drive_that_cools_is_told_and_asked_what_if(cooled, capsys):
-    assert main(['replay', str(cooled(36.0)), '--change', 'maximum_arrival_temperature=+1', '--json', '-']) == 0
-    printed = capsys.readouterr()
-    result = json.loads(printed.out)
+def test_a_drive_that_cools_is_told_and_asked_what_if(cooled, said):
+    status, output, errors = said(
+        'replay', cooled(36.0), '--change', 'maximum_arrival_temperature=+1', '--json', '-')
+    result = json.loads(output)
     recorded, changed = result['recorded'], result['changed']
-    assert result['reproduced'] and recorded['heating'] == changed['heating'] == []
-    assert len(recorded['cooling']) == 1 and 'cooling begins after' in printed.err
+    assert status == 0 and result['reproduced'] and recorded['heating'] == changed['heating'] == []
+    assert len(recorded['cooling']) == 1 and 'cooling begins after' in errors
     assert 'allowed 25.0 … 36.0 degC.' in recorded['results'][0][0]
     assert 'later, used' in result['verdict'][-1] and 'arrived at' in result['verdict'][-1]
     actual = replay(read_flight(cooled(37.0))).course

@@ -8,7 +8,6 @@ import random
 
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.nodes import flight_recording
 from bev_preheat.nodes.recorded_scenario import drive_recorded, MessageWire
 from bev_preheat.numerics import NS_PER_S
@@ -98,8 +97,6 @@ def test_each_file_of_a_life_can_be_replayed_alone(tmp_path, monkeypatch):
     assert replay(read_flight(tmp_path)).comparison.is_reproduced
 
 
-def test_the_command_begins_there(path, capsys):
-    assert main(['replay', str(path), '--from', '700', '--json', '-']) == 0
-    captured = capsys.readouterr()
-    assert json.loads(captured.out)['reproduced']
-    assert main(['replay', str(path), '--explain', '900']) == 0
+def test_the_command_begins_there(path, said):
+    assert json.loads(said('replay', path, '--from', '700', '--json', '-')[1])['reproduced']
+    assert said('replay', path, '--explain', '900')[0] == 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import json
 import random
 
-from mistakes import mutated
+from mistakes import changed, GONE, mutated, places
 import pytest
 import route_examples as examples
 
@@ -33,7 +33,8 @@ FORMATS = {
     'fastsim': (examples.fastsim(), COLD), 'sumo': (examples.sumo(), CONSUMED)}
 JSONS = [name for name in FORMATS if FORMATS[name][0].startswith('{')]
 BROKEN_FILES = 20
-VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50]
+VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50,
+          *[GONE] * 4]
 
 
 def load(folder, contents, options):
@@ -65,32 +66,14 @@ def test_changed_bytes_give_a_route_or_a_refusal(tmp_path, name):
         load(tmp_path, mutated(text.encode(), random.Random(f'{name} {seed}')), options)
 
 
-def places(node, path=()):
-    """Yield the paths to the values in JSON; of long lists the first few and the last."""
-    pairs = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    for key, value in pairs:
-        if isinstance(node, list) and 3 < key < len(node) - 1:
-            continue
-        yield (*path, key)
-        yield from places(value, (*path, key))
-
-
 @pytest.mark.parametrize('name', JSONS)
 def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     text, options = FORMATS[name]
-    choose = random.Random(name)
-    paths = list(places(json.loads(text)))
+    choose, contents = random.Random(name), json.loads(text)
+    paths = list(places(contents))
     for _ in range(2 * BROKEN_FILES):
-        contents = json.loads(text)
-        *way, last = choose.choice(paths)
-        parent = contents
-        for key in way:
-            parent = parent[key]
-        if choose.random() < 0.2:
-            del parent[last]
-        else:
-            parent[last] = choose.choice(VALUES)
-        load(tmp_path, json.dumps(contents).encode(), options)
+        broken = changed(contents, choose.choice(paths), choose.choice(VALUES))
+        load(tmp_path, json.dumps(broken).encode(), options)
 
 
 @pytest.mark.parametrize('contents, problem', [
@@ -110,6 +93,7 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
      "routes[0].sections[0].polyline: character 3, '*', does not belong to an encoded polyline"),
     ('{"response": {"route": [{"leg": [{"length": 9, "travelTime": 9}], "shape": ["48.1,11.5.8"]}]}}',
      'response.route[0].shape[0]: must be [longitude, latitude], or an object'),
+    ('{"distance": 9, "duration": 9, "geometry": "_"}', 'route.geometry: the encoded polyline is cut off'),
     ('{"paths": [{"distance": 5000, "time": 300000, "points": {"coordinates": [[11, 48]]}}]}',
      'paths[0].points.coordinates: has 1 points; at least 2 are needed'),
     ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: 'Impossible'"),
@@ -158,6 +142,9 @@ def test_mistakes_are_named(tmp_path, contents, problem):
     (('lat="47.0000000"', 'lat="x"'), "trkpt 1: lat: 'x' is not a number"),
     (('lat="47.0000000"', ''), "trkpt 1: lat: '' is not a number"),
     (('<time>', '<time>x'), "trkpt 1: time: 'x2026-"),
+    # From the south to the last 107 points no car drives in a few seconds.
+    (('lat="47.0', 'lat="4.0'),
+     '107 of 400 trkpts would need more than 299 km/h from the previous one; check times and coordinates'),
     # A drive that was recorded before, and a track without times.
     (('</trk>', '</trk>' + examples.gpx().partition('<gpx')[2].partition('>')[2].partition('</gpx>')[0].replace(
         'T07:', 'T06:')), 'trkpt 401: time: is 4597.5 s before that of the previous trkpt, and 400 of 800 do not '

@@ -9,7 +9,6 @@ import pytest
 from refusals import problems_of
 import yaml
 
-from bev_preheat.commands.main import main
 from bev_preheat.route import Route, route_for, route_source
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.vehicle import load_vehicle
@@ -28,8 +27,8 @@ def file_of(folder, text, name='trip.csv'):
     return folder / name
 
 
-def legs_file_of(folder, name='errand.yaml'):
-    return file_of(folder, yaml.safe_dump(LEGS), name)
+def legs_file_of(folder):
+    return file_of(folder, yaml.safe_dump(LEGS), 'errand.yaml')
 
 
 def same(one, other):
@@ -90,52 +89,31 @@ def test_legs_that_are_not_there(tmp_path, monkeypatch, name, problem):
     assert problems_of(route_for, name, SMALL_CAR) == problems_of(route_source, name) == [problem]
 
 
-@pytest.fixture
-def preheat(capsys):
-    """Run the command; returns exit status, standard output, lines on standard error."""
-    def run(*arguments):
-        status = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err.splitlines()
-    return run
-
-
-def plan_of(preheat, folder, command, vehicle, route, *options):
-    """Return the JSON of a plan, without computing times, and standard error."""
-    output = folder / 'plan.json'
-    status, _, errors = preheat(command, '--vehicle', vehicle, '--route', route, *STATE, *options,
-                                '--step', '120', '--json', output)
-    assert status == 0
-    plan = json.loads(output.read_text())
-    for key in ('planning_time_s', 'solve_time_s'):
-        plan.pop(key, None)
-    return plan, errors
-
-
 @pytest.mark.costly
 @pytest.mark.parametrize('vehicle, legs', [('reference', 'city_stop_and_go'), ('small_car', 'winter_commute')])
-def test_a_plan_of_legs_is_that_of_the_file_made_from_them(preheat, tmp_path, vehicle, legs):
-    made = tmp_path / 'made.csv'
-    assert preheat('route', '--legs', legs, '--vehicle', vehicle, '--output', made)[0] == 0
-    of_file, errors_of_file = plan_of(preheat, tmp_path, 'plan', vehicle, made)
-    of_legs, errors_of_legs = plan_of(preheat, tmp_path, 'plan', vehicle, f'legs/{legs}')
-    assert of_legs == of_file
-    assert of_legs['route_made_for'] == vehicle
-    assert errors_of_file == errors_of_legs == []
+def test_a_plan_of_legs_is_that_of_the_file_made_from_them(said, tmp_path, vehicle, legs):
+    assert said('route', '--legs', legs, '--vehicle', vehicle, '--output', 'made.csv')[0] == 0
+    plans = []
+    for route in ('made.csv', f'legs/{legs}'):
+        status, _, errors = said(
+            'plan', '--vehicle', vehicle, '--route', route, *STATE, '--step', '120', '--json', 'plan.json')
+        assert (status, errors) == (0, '')
+        plans.append(json.loads((tmp_path / 'plan.json').read_text()))
+        del plans[-1]['planning_time_s']
+    assert plans[0] == plans[1] and plans[0]['route_made_for'] == vehicle
 
 
-def test_legs_of_an_itinerary(preheat, tmp_path):
+def test_legs_of_an_itinerary(said, tmp_path):
     """One leg with another car's powers, one made by this car; the warning comes once."""
     legs_file_of(tmp_path)
     stop = {'stop_duration_s': 900, 'departure_temperature_c': 25, 'departure_soc': 0.8}
     trip = file_of(tmp_path, yaml.safe_dump({'name': 'round trip', 'legs': [
         {'route': 'winter_commute', **stop}, {'route': 'errand.yaml', **stop},
         {'route': 'winter_commute', **stop}, {'route': 'legs/winter_commute'}]}), 'trip.yaml')
-    output = tmp_path / 'plans.json'
-    status, _, errors = preheat('plan', '--vehicle', 'small_car', '--itinerary', trip, *STATE, '--json', output)
-    assert status == 0
-    assert errors == [f'preheat: warning: {WARNING.format(name="winter_commute")}']
-    plans = json.loads(output.read_text())['plans']
+    status, _, errors = said(
+        'plan', '--vehicle', 'small_car', '--itinerary', trip, *STATE, '--json', 'plans.json')
+    assert (status, errors) == (0, f'preheat: warning: {WARNING.format(name="winter_commute")}\n')
+    plans = json.loads((tmp_path / 'plans.json').read_text())['plans']
     assert [plan['route_made_for'] for plan in plans] == ['reference', 'small_car', 'reference', 'small_car']
     # 2.5 t compared with 1.55 t.
     heat = [plan['energy_wh']['drivetrain_heat'] for plan in plans]
@@ -150,7 +128,7 @@ def scenario_of(folder, **drive):
         'traffic': [{'event': 'detour', 'at_s': 300, 'route': 'errand.yaml'}]}), 'short.yaml')
 
 
-def test_scenarios_read_legs_and_warn(preheat, tmp_path):
+def test_scenarios_read_legs_and_warn(said, tmp_path):
     errand = legs_file_of(tmp_path)
     by_legs = load_scenario(scenario_of(tmp_path, route='legs/winter_commute'))
     assert by_legs.warnings == ()
@@ -159,5 +137,5 @@ def test_scenarios_read_legs_and_warn(preheat, tmp_path):
     assert errand in by_legs.files
     path = scenario_of(tmp_path, route='winter_commute')
     assert load_scenario(path).warnings == (WARNING.format(name='winter_commute'),)
-    assert preheat('scenario', path, '--list')[2] == [
-        f'preheat: warning: scenario short: {WARNING.format(name="winter_commute")}']
+    assert said('scenario', path, '--list')[2] == (
+        f'preheat: warning: scenario short: {WARNING.format(name="winter_commute")}\n')

@@ -104,22 +104,17 @@ def cruising_power_w(make, slope_percent=0.0, wind=0.0, **changes):
 
 
 @pytest.mark.parametrize('wind', [0.0, 6.0, -4.0])
-def test_constant_speed_on_the_level(make, wind):
-    force = ROLLING_N + DRAG * (20.0 + wind)**2
-    assert cruising_power_w(make, wind=wind) == pytest.approx(
-        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-5)
-
-
 @pytest.mark.parametrize('slope_percent', [0.0, 5.0])
-def test_constant_speed_of_a_loaded_car(make, slope_percent):
+def test_constant_speed_of_a_loaded_car_in_wind(make, slope_percent, wind):
     """Payload adds rolling resistance and climbing, the roof box drag, snow rolling resistance."""
     weight = (CAR['mass_kg'] + 300.0) * GRAVITY
     along = hypot(1.0, slope_percent / 100.0)
     force = (weight * (slope_percent / 100.0 + 1.7 * CAR['rolling_resistance']) / along
-             + (DRAG + 0.5 * DENSITY_AT_15_C * 0.25) * 20.0**2)
+             + (DRAG + 0.5 * DENSITY_AT_15_C * 0.25) * (20.0 + wind)**2)
     load = {'payload_kg': 300.0, 'additional_drag_area_m2': 0.25, 'rolling_resistance_factor': 1.7}
-    assert cruising_power_w(make, slope_percent=slope_percent, load=load) == pytest.approx(
-        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-3)
+    # On the level to rounding; on a slope the air gets thinner.
+    assert cruising_power_w(make, slope_percent=slope_percent, wind=wind, load=load) == pytest.approx(
+        force * 20.0 / CAR['drivetrain_efficiency'], rel=1e-3 if slope_percent else 1e-5)
 
 
 def test_a_car_that_is_too_weak_for_the_drive_is_refused(problems_with):
@@ -218,9 +213,6 @@ def test_energies_that_are_far_off_are_refused(make, problems_with):
         'vehicle': 'test car', 'total_magnitude': float(driven), 'net': float(driven)}) == [
         f'propulsion_energy_wh: 0 Wh regenerating cannot be reached; the segments have {regenerated:.1f} Wh, '
         'which may be scaled by 0.5 ... 2']
-
-
-def test_net_energy_above_the_total_is_refused(problems_with):
     assert problems_with(TRIP, propulsion_energy_wh={
         'vehicle': 'test car', 'total_magnitude': 900, 'net': -1000}) == [
         'propulsion_energy_wh.net: -1000 is not allowed; its magnitude must be at most total_magnitude, 900']

@@ -2,7 +2,6 @@
 """Positions matched to the route: the true place within its accuracy, and no place for a vehicle off it."""
 
 from collections import Counter
-from dataclasses import replace
 import math
 
 from gps_drives import gnss_errors, NS, on_earth, Road, START_NS
@@ -24,9 +23,9 @@ class Drive:
     """A vehicle that drives along `path` while `route` is planned; `told` are (s, Match, true distance [m])."""
 
     def __init__(self, route, path=None, speed_mps=SPEED_MPS, period_s=1.0, seed=1, from_s=0.0, stands_s=0.0,
-                 from_start=True, noisy=True, deviation_m=None):
+                 from_start=True, noisy=True):
         path = path or route
-        self.route, self.period_s, self.deviation_m = route, period_s, deviation_m
+        self.route = route
         distance_m = np.arange(from_s * speed_mps, path.length_m, speed_mps * period_s)
         self.true_m = np.concatenate((np.full(round(stands_s / period_s), distance_m[0]), distance_m))
         self.seconds = np.arange(len(self.true_m)) * period_s
@@ -38,7 +37,7 @@ class Drive:
     def fix(self, number):
         (latitude_deg,), (longitude_deg,) = on_earth(
             self.east_m[number:number + 1], self.north_m[number:number + 1], self.route.origin)
-        return Fix(START_NS + round(self.seconds[number] * NS), latitude_deg, longitude_deg, self.deviation_m)
+        return Fix(START_NS + round(self.seconds[number] * NS), latitude_deg, longitude_deg)
 
     def run(self, without=(), odometer=False):
         """Drive; no fixes in the spans (from, until) [s]."""
@@ -98,17 +97,13 @@ def test_the_deviation_is_an_honest_one():
     assert np.max(np.abs(ratios)) < 4.0
 
 
-def turned(road, angle, east_m=0.0, north_m=0.0, origin=None):
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return Road(cosine * road.east_m - sine * road.north_m + east_m,
-                sine * road.east_m + cosine * road.north_m + north_m, origin or road.origin)
-
-
 @settings(max_examples=settings.default.max_examples // 8)
 @given(angle=st.floats(0.0, 6.28), latitude_deg=st.floats(-70.0, 70.0), longitude_deg=st.floats(-180.0, 180.0))
 def test_turned_and_elsewhere_on_earth_the_places_are_the_same(angle, latitude_deg, longitude_deg):
     short = Road(COUNTRY.east_m[:3000], COUNTRY.north_m[:3000])
-    other = turned(short, angle, origin=(latitude_deg, longitude_deg))
+    cosine, sine = math.cos(angle), math.sin(angle)
+    other = Road(cosine * short.east_m - sine * short.north_m, sine * short.east_m + cosine * short.north_m,
+                 (latitude_deg, longitude_deg))
     here = Drive(short, noisy=False).run()
     there = Drive(other, noisy=False).run()
     assert here.causes() == there.causes()
@@ -224,7 +219,7 @@ def test_both_directions_of_one_road_are_told_apart(from_s, seed):
 @given(st.lists(st.tuples(st.integers(-5, 100), st.floats(-90.0, 90.0), st.floats(-180.0, 180.0),
                           st.one_of(st.none(), st.floats(0.0, 1e6))), max_size=20))
 def test_no_fix_on_earth_raises_or_gives_a_place_beyond_the_route(fixes):
-    matcher = Matcher(MapLine(replace(CORNERS.line(spacing_m=500.0))), True)
+    matcher = Matcher(MapLine(CORNERS.line(spacing_m=500.0)), True)
     for second, latitude_deg, longitude_deg, deviation_m in fixes:
         match = matcher.take(Fix(START_NS + second * NS, latitude_deg, longitude_deg, deviation_m))
         assert match.sentence

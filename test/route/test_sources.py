@@ -43,13 +43,13 @@ def without_legs(text):
 
 def loaded(folder, text, options=COLD, car=CAR):
     path = folder / 'file'
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_bytes(text.encode())
     return route_for(path, car, options=options)
 
 
-def refusal(folder, text, options=COLD, car=CAR):
+def refusal(folder, text, options=COLD):
     """Return the refusal of a text, without the path that begins each problem."""
-    problems = problems_in(folder / 'file', loaded, folder, text, options, car)
+    problems = problems_in(folder / 'file', loaded, folder, text, options)
     return '; '.join(problem.lstrip(':, ') for problem in problems)
 
 
@@ -148,6 +148,13 @@ def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
     assert '1 trkpts dropped, from trkpt 200 on: the time does not fit those of the others' in found.remarks
     assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
     assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
+
+
+def test_a_point_that_no_car_reaches_is_dropped_and_counted(tmp_path):
+    found = loaded(tmp_path, examples.gpx().replace(f'lat="{examples.LATITUDE[199]:.7f}"', 'lat="46"'))
+    assert ('1 trkpts dropped, from trkpt 200 on: at the same time as the one before, or too far from it'
+            in found.remarks)
+    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
 
 
 def test_single_points_without_a_time_are_left_out(tmp_path):

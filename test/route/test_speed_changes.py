@@ -19,27 +19,19 @@ CAR = replace(VEHICLE, road_load=RoadLoad(1500.0, 2.0, 0.3, 0.01), drivetrain=re
     VEHICLE.drivetrain, efficiency=0.8, maximum_regeneration_power_w=40e3))
 
 
-def test_the_share_within_segments_is_that_of_a_simulated_process():
-    """An Ornstein-Uhlenbeck process of unit variance, sampled each tenth of a second, divided into segments."""
-    random, step_s, count = np.random.default_rng(11), 0.1, 2_000_000
-    decay = np.exp(-step_s / CORRELATION_TIME_S)
-    noise = random.normal(0.0, np.sqrt(1.0 - decay**2), count)
-    process = np.empty(count)
-    value = 0.0
-    for at, each in enumerate(noise.tolist()):
-        value = decay * value + each
-        process[at] = value
+def test_the_share_within_segments_is_that_of_an_ornstein_uhlenbeck_process():
+    def within(duration_s):
+        """Return 1 minus the variance of a segment's mean: the mean correlation of its pairs of instants."""
+        at_s = np.linspace(0.0, duration_s, 2000)
+        return 1.0 - np.exp(-np.abs(at_s[:, None] - at_s) / CORRELATION_TIME_S).mean()
+
+    def found(duration_s):
+        # At high speed the deviation has its highest value; a drive without changes of its own has the usual ones.
+        changes = speed_changes(np.full(400, duration_s), np.full(400, 30.0), np.full(401, 30.0))
+        return changes.kinetic_power_variance[0]
+
     for duration_s in (5.0, 30.0, 100.0):
-        per = round(duration_s / step_s)
-        parts = process[:count // per * per].reshape(-1, per)
-        within = float(parts.var(axis=1).mean())
-        # At high speed the deviation has its highest value; the drive's own changes are the usual ones without
-        # any.
-        found = speed_changes(np.full(400, duration_s), np.full(400, 30.0),
-                              np.full(401, 30.0)).kinetic_power_variance
-        assert found[0] / speed_changes(np.full(400, 1e4), np.full(400, 30.0),
-                                        np.full(401, 30.0)).kinetic_power_variance[0] == pytest.approx(
-            within, rel=0.05)
+        assert found(duration_s) / found(1e4) == pytest.approx(within(duration_s) / within(1e4), rel=0.01)
 
 
 @settings(deadline=None)

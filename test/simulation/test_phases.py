@@ -4,6 +4,7 @@
 from dataclasses import replace
 import math
 
+from level_car import CAPACITY_AH, current_a, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, VOLTAGE_V
 import pytest
 
 from bev_preheat.control.settings import Settings
@@ -17,25 +18,15 @@ from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge,
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage
-
-HEAT_CAPACITY_J_PER_K, CAPACITY_AH, VOLTAGE_V, RESISTANCE_OHM = 361e3, 170.0, 390.0, 0.17
-
-
-def level(value):
-    return Table(soc=(0.0,), temperature_c=(0.0,), values=((value,),))
 
 
 def vehicle(leakage_w_per_k=0.0):
-    """Return a vehicle with constant voltage and resistance."""
-    base = load_vehicle('reference')
-    return replace(base, battery=replace(
-        base.battery, capacity_ah=CAPACITY_AH, heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
-        open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM),
-        charge_power_limit=level(-2e5), leakage=Leakage(leakage_w_per_k, 0.0)),
-        charging=replace(base.charging, power_limit=level(-2e5), heating_limit_c=25.0))
+    """Return the level car, which may charge with 200 kW and heats itself up to 25 degC."""
+    limit = level(-2e5)
+    return replace(
+        LEVEL, charging=replace(LEVEL.charging, power_limit=limit, heating_limit_c=25.0),
+        battery=replace(LEVEL.battery, charge_power_limit=limit, leakage=Leakage(leakage_w_per_k, 0.0)))
 
 
 def a_route(duration_s=100.0):
@@ -56,21 +47,16 @@ def at_the_start_of_its_second_phase(*following, **of):
     return car
 
 
-def charging_current_a(power_w):
-    """Return I of U I + R I^2 = P."""
-    return (math.sqrt(VOLTAGE_V**2 + 4.0 * RESISTANCE_OHM * power_w) - VOLTAGE_V) / (2.0 * RESISTANCE_OHM)
-
-
 def test_the_charger_feeds_consumers_and_battery():
     charge = Charge(30e3, 900.0, 0.0, cabin_heating_power_w=1500.0, auxiliary_power_w=700.0)
     car = at_the_start_of_its_second_phase(charge)
     soc, temperature_c = car.plant.soc, car.plant.temperature_c
     car.advance_under(NO_LEASE, 1000.0)
-    current_a = charging_current_a(30e3 - 1500.0 - 700.0)
-    assert car.plant.soc - soc == pytest.approx(900.0 * current_a / (3600.0 * CAPACITY_AH), rel=1e-9)
+    charging_a = current_a(-(30e3 - 1500.0 - 700.0))
+    assert car.plant.soc - soc == pytest.approx(-900.0 * charging_a / (3600.0 * CAPACITY_AH), rel=1e-9)
     # Only I^2 R warms the cells: no drivetrain runs.
     assert car.plant.temperature_c - temperature_c == pytest.approx(
-        900.0 * RESISTANCE_OHM * current_a**2 / HEAT_CAPACITY_J_PER_K, rel=1e-9)
+        900.0 * OHM * charging_a**2 / HEAT_CAPACITY_J_PER_K, rel=1e-9)
 
 
 def test_what_the_planner_commands_at_the_charger_the_charger_gives():
@@ -79,8 +65,8 @@ def test_what_the_planner_commands_at_the_charger_the_charger_gives():
     idle.advance_under(NO_LEASE, 700.0)
     heated.advance_under(HeaterLease(4000.0, 700.0), 700.0)
     # Meanwhile less current flows into the battery, and warms it less.
-    heat_w = vehicle().hvch.efficiency * 4000.0 + RESISTANCE_OHM * (
-        charging_current_a(30e3 - AWAKE_POWER_W - 4000.0)**2 - charging_current_a(30e3 - AWAKE_POWER_W)**2)
+    heat_w = vehicle().hvch.efficiency * 4000.0 + OHM * (
+        current_a(4000.0 + AWAKE_POWER_W - 30e3)**2 - current_a(AWAKE_POWER_W - 30e3)**2)
     assert heated.plant.temperature_c - idle.plant.temperature_c == pytest.approx(
         600.0 * heat_w / HEAT_CAPACITY_J_PER_K, rel=1e-6)
 

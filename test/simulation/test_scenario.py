@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: the shipped ones, and the messages about wrong ones."""
 
-import re
-
+from mistakes import changed, GONE
 import pytest
 import yaml
 
@@ -12,7 +11,6 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import Goal
 from bev_preheat.simulation.phases import Charge, Park
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulation.scenario_drive import evaluate
 from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Spike
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.vehicle.description import HeatPath
@@ -48,20 +46,6 @@ GOOD = {
                'regime_during': [{'regime': 'standing', 'from_s': 460, 'until_s': 500}],
                'never_regimes': ['charging'], 'signals': ['current'], 'named_within_s': 120},
 }
-
-
-def changed(path, value):
-    """Return GOOD with a value at a path of keys; None removes the key."""
-    contents = yaml.safe_load(yaml.safe_dump(GOOD))
-    *folders, key = path
-    node = contents
-    for name in folders:
-        node = node[name]
-    if value is None:
-        del node[key]
-    else:
-        node[key] = value
-    return contents
 
 
 def load(tmp_path, contents):
@@ -178,10 +162,8 @@ def test_every_key_of_a_chain_takes_effect(tmp_path):
     (chained([CHAIN[0], {**CHAIN[2], 'expect': {'off_during': [[9, 5]]}}]),
      r'chain\[1\].expect.off_during\[0\]: \[9, 5\] must rise')])
 def test_a_wrong_chain_is_refused_with_file_key_and_value(tmp_path, contents, problem):
-    with pytest.raises(InvalidInput) as refusal:
+    with pytest.raises(InvalidInput, match=f'tried.yaml: .*{problem}'):
         load(tmp_path, contents)
-    assert re.search(problem, str(refusal.value)), refusal.value
-    assert 'tried.yaml' in str(refusal.value)
 
 
 def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own(tmp_path):
@@ -191,43 +173,39 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
         assert load(tmp_path, contents).imperfections.heat_path == path
 
 
-@pytest.mark.parametrize('path, value, problem', [
-    (('expect',), None, 'missing expect'),
-    (('name',), '../up', r"name: '../up' is not allowed; it must be one line of text without a "
-                         'slash'),
-    (('name',), 'two\nlines', 'name: .* is not allowed; it must be one line'),
-    (('name',), '', "name: '' is not allowed; it must be one line"),
-    (('drive', 'initial_soc'), 1.2, 'drive.initial_soc: 1.2'),
-    (('drive', 'standing_time_s'), -1, 'drive.standing_time_s: -1'),
-    (('drive', 'standing_time_s'), float('nan'), 'drive.standing_time_s: nan'),
-    (('drive', 'initial_soc'), None, 'drive: missing initial_soc'),
-    (('drive', 'route'), None, 'drive: missing route'),
-    (('drive', 'vehicle'), 'no_such', "vehicle 'no_such' is unknown"),
-    (('drive', 'route'), 'no_such', "route 'no_such' is unknown"),
-    (('drive', 'ends_after_s'), 5000, 'drive.ends_after_s: 5000 s is beyond'),
-    (('drive', 'initial_battery_temperature_c'), -55, 'temperature'),
-    (('planner', 'no_such'), 1.0, "planner: 'no_such' is not a parameter of"),
-    (('mismatch', 'heat_capacity'), 5.0, 'mismatch.heat_capacity: 5.0'),
-    (('sensors', 'no_such'), 1.0, 'no_such'),
-    (('sensors', 'drop_outs'), [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
-    (('route_progress', 'period_s'), 0, 'route_progress.period_s: 0'),
-    (('route_progress', 'drop_outs'), [[20, 10]],
-     r'route_progress.drop_outs\[0\]: \[20, 10\] must rise'),
-    (('heat_path',), {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* needs coolant_cond'),
-    (('heater_faults', 0, 'share'), 1.5, r'heater_faults\[0\].share: 1.5'),
-    (('traffic', 0, 'event'), 'earthquake', r'traffic\[0\].event'),
-    (('traffic', 0, 'factor'), 2.0, r'traffic\[0\]: stop has duration_s, factor'),
-    (('traffic', 2, 'route'), None, r'traffic\[2\]: detour has nothing'),
-    (('traffic', 2, 'route'), 'no_such', "route 'no_such' is unknown"),
-    (('expect', 'statuses'), ['SLEEPING'], r"expect.statuses\[0\]: 'SLEEPING' is not one of"),
-    (('expect', 'heater'), 'tired', 'expect.heater'),
-    (('expect', 'off_during'), [[5, 5]], r'expect.off_during\[0\]'),
+@pytest.mark.parametrize('place, value, problem', [
+    ('expect', GONE, 'missing expect'),
+    ('name', '../up', "name: '../up' is not allowed; it must be one line of text without a slash"),
+    ('name', 'two\nlines', 'name: .* is not allowed; it must be one line'),
+    ('name', '', "name: '' is not allowed; it must be one line"),
+    ('drive.initial_soc', 1.2, 'drive.initial_soc: 1.2'),
+    ('drive.standing_time_s', -1, 'drive.standing_time_s: -1'),
+    ('drive.standing_time_s', float('nan'), 'drive.standing_time_s: nan'),
+    ('drive.initial_soc', GONE, 'drive: missing initial_soc'),
+    ('drive.route', GONE, 'drive: missing route'),
+    ('drive.vehicle', 'no_such', "vehicle 'no_such' is unknown"),
+    ('drive.route', 'no_such', "route 'no_such' is unknown"),
+    ('drive.ends_after_s', 5000, 'drive.ends_after_s: 5000 s is beyond'),
+    ('drive.initial_battery_temperature_c', -55, 'temperature'),
+    ('planner.no_such', 1.0, "planner: 'no_such' is not a parameter of"),
+    ('mismatch.heat_capacity', 5.0, 'mismatch.heat_capacity: 5.0'),
+    ('sensors.no_such', 1.0, 'no_such'),
+    ('sensors.drop_outs', [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
+    ('route_progress.period_s', 0, 'route_progress.period_s: 0'),
+    ('route_progress.drop_outs', [[20, 10]], r'route_progress.drop_outs\[0\]: \[20, 10\] must rise'),
+    ('heat_path', {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* needs coolant_cond'),
+    ('heater_faults.0.share', 1.5, r'heater_faults\[0\].share: 1.5'),
+    ('traffic.0.event', 'earthquake', r'traffic\[0\].event'),
+    ('traffic.0.factor', 2.0, r'traffic\[0\]: stop has duration_s, factor'),
+    ('traffic.2.route', GONE, r'traffic\[2\]: detour has nothing'),
+    ('traffic.2.route', 'no_such', "route 'no_such' is unknown"),
+    ('expect.statuses', ['SLEEPING'], r"expect.statuses\[0\]: 'SLEEPING' is not one of"),
+    ('expect.heater', 'tired', 'expect.heater'),
+    ('expect.off_during', [[5, 5]], r'expect.off_during\[0\]'),
 ])
-def test_a_wrong_file_is_refused_with_file_key_and_value(tmp_path, path, value, problem):
-    with pytest.raises(InvalidInput) as refusal:
-        load(tmp_path, changed(path, value))
-    assert re.search(problem, str(refusal.value)), refusal.value
-    assert 'tried.yaml' in str(refusal.value)
+def test_a_wrong_file_is_refused_with_file_key_and_value(tmp_path, place, value, problem):
+    with pytest.raises(InvalidInput, match=f'(?s)tried.yaml: .*{problem}'):
+        load(tmp_path, changed(GOOD, place, value))
 
 
 def test_a_highest_temperature_on_arrival_is_what_the_error_counts_from(tmp_path):
@@ -247,26 +225,10 @@ def test_a_highest_temperature_on_arrival_is_what_the_error_counts_from(tmp_path
 def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
     (tmp_path / 'own.csv').write_text(
         'duration_s,speed_kmh,propulsion_power_kw,ambient_temperature_c\n700,50,8,-4\n800,90,16,-4\n')
-    contents = changed(('drive', 'route'), './own.csv')
+    contents = changed(GOOD, 'drive.route', './own.csv')
     del contents['drive']['ends_after_s']
     route = load(tmp_path, contents).first.route
     assert route.duration_s.tolist() == [700.0, 800.0]
     # km/h / 3.6, and a thousand watts a kilowatt.
     assert route.distance_m == pytest.approx((700.0 * 50.0 + 800.0 * 90.0) / 3.6)
     assert route.propulsion_power_w.tolist() == [8e3, 16e3]
-
-
-@pytest.mark.costly
-def test_a_scenario_that_expects_what_does_not_happen_finds_it(tmp_path):
-    from bev_preheat.simulation.scenario_drive import drive_scenario
-    contents = yaml.safe_load((FOLDER / 'nominal.yaml').read_text())
-    contents['drive']['ends_after_s'] = 300
-    contents['expect'] = {'arrival_error_k': [50, 60], 'most_switch_ons': 0, 'statuses': ['ARRIVED'],
-                          'never': ['ARRIVED'], 'off_during': [[0, 300]], 'heats_during': [[0, 300]],
-                          'heater': 'dead'}
-    scenario = load(tmp_path, contents)
-    findings = evaluate(scenario.expectations, drive_scenario(scenario))
-    # In five minutes the car does not arrive 50 K too warm, and the heater, which is healthy, heats.
-    assert [(finding.what.split()[0], finding.good) for finding in findings] == [
-        ('arrival', False), ('heater', False), ('statuses', True), ('statuses', False),
-        ('command', False), ('command', True), ('heater', False)]

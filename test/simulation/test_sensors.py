@@ -18,11 +18,14 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 
 
-def readings(to_s=100.0, power_w=20e3, following=(), **sensors):
-    route = make_route({
-        'duration_s': [100.0], 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
+def a_route(power_w=20e3, speed_mps=20.0):
+    return make_route({
+        'duration_s': [100.0], 'speed_mps': [speed_mps], 'propulsion_power_w': [power_w],
         'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, None)
-    car = ImperfectCar(VEHICLE, DrivePhase(route, Goal(20.0)), BatteryState(5.0, 0.6),
+
+
+def readings(to_s=100.0, power_w=20e3, following=(), **sensors):
+    car = ImperfectCar(VEHICLE, DrivePhase(a_route(power_w), Goal(20.0)), BatteryState(5.0, 0.6),
                        Imperfections(sensors=Sensors(**sensors)), following=following)
     car.advance_under(NO_LEASE, to_s)
     return car.readings()
@@ -75,21 +78,10 @@ def test_the_supply_status_says_what_its_kind_knows(kind, driving, braking, char
 START_NS = 1_700_000_000_000_000_000
 
 
-def a_route(speed_mps=20.0):
-    return make_route({
-        'duration_s': [100.0], 'speed_mps': [speed_mps], 'propulsion_power_w': [5e3],
-        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0],
-        'auxiliary_power_w': [0.0]}, None)
-
-
-def a_car(*events, **imperfections):
-    return ImperfectCar(
-        VEHICLE, DrivePhase(a_route(), Goal(20.0), events=events, position=PositionReports()),
-        BatteryState(0.0, 0.8), Imperfections(sensors=Sensors(period_s=50.0), **imperfections), route_id='home')
-
-
-def distances(car, until_s):
+def distances(until_s, *events):
     """Drive, and return the distance reported at each second, or None."""
+    car = ImperfectCar(VEHICLE, DrivePhase(a_route(), Goal(20.0), events=events, position=PositionReports()),
+                       BatteryState(0.0, 0.8), Imperfections(sensors=Sensors(period_s=50.0)), route_id='home')
     said, mission = {}, car.mission(START_NS)
     for second in range(until_s + 1):
         car.advance_under(NO_LEASE, float(second))
@@ -103,12 +95,11 @@ def distances(car, until_s):
 
 
 def test_the_distance_grows_as_it_drives_and_stays_where_it_stands():
-    said = distances(a_car(Event(Kind.STOP, 30.0, None, 40.0),
-                           Event(Kind.OTHER_PACE, 80.0, None, 20.0, 2.0)), 180)
+    said = distances(180, Event(Kind.STOP, 30.0, None, 40.0), Event(Kind.OTHER_PACE, 80.0, None, 20.0, 2.0))
     assert [said[second] for second in (0, 10, 30, 50, 70, 80, 100, 120, 180)] == [
         0.0, 200.0, 600.0, 600.0, 600.0, 800.0, 1000.0, 1200.0, 2000.0]
 
 
 def test_off_its_route_it_says_nothing_until_the_next_one_comes():
-    said = distances(a_car(Event(Kind.DETOUR, 30.0, 10.0, route=a_route(speed_mps=10.0))), 50)
+    said = distances(50, Event(Kind.DETOUR, 30.0, 10.0, route=a_route(speed_mps=10.0)))
     assert [said[second] for second in (29, 30, 39, 40, 50)] == [580.0, None, None, 0.0, 100.0]

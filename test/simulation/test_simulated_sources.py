@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated cars with several heat sources: balances of their own, and plans made again on the way."""
+"""Simulated cars with several heat sources: balances of their own."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route, make_route
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route import make_route
 from bev_preheat.simulation.heater import HeaterLease
-from bev_preheat.simulation.imperfect_car import Mismatch, true_vehicle
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
@@ -109,21 +107,3 @@ def test_a_chiller_cools_down_to_its_temperature(temperature_c, power_w, cold):
 
     cooled_j = (driven_c(0.0) - driven_c(2400.0)) * CAR.battery.heat_capacity_j_per_k
     assert cooled_j == pytest.approx(cold * power_w * 10.0, rel=0.03)
-
-
-@pytest.mark.parametrize(('mismatch', 'temperature_c'), [
-    (Mismatch(), -12.0), (Mismatch(heat_capacity=1.1, leakage=1.2, sources=0.85), -12.0),
-    (Mismatch(heat_capacity=0.9, leakage=0.8, heater=1.05, sources=1.15), 0.0)])
-def test_a_plan_made_again_on_the_way_brings_a_car_that_differs_to_its_target(mismatch, temperature_c):
-    route = load_route('reference', CAR.defaults).divided(60.0)
-    plant = VehiclePlant(true_vehicle(CAR, mismatch, None), route, BatteryState(temperature_c, 0.9))
-    for step in range(0, len(route), 5):
-        plan = plan_preheating(CAR, route.segments(step, len(route)), BatteryState(
-            plant.temperature_c, plant.soc), Goal(22.0))
-        for k in range(min(5, len(route) - step)):
-            powers_w = {name: float(power_w[k]) for name, power_w in plan.source_power_w.items()}
-            plant.advance_under(HeaterLease(powers_w.pop('hvch'), np.inf, powers_w),
-                                float(route.time_s[step + k + 1]))
-    assert plant.has_arrived
-    # Full power that comes too late cannot catch up.
-    assert plant.temperature_c == pytest.approx(22.0, abs=0.1 if mismatch == Mismatch() else 1.0)

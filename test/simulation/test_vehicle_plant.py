@@ -2,46 +2,20 @@
 """The simulated vehicle compared with closed forms and balances."""
 
 from dataclasses import replace
-import math
 
+from level_car import CAPACITY_AH, current_a, CURVED, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, VOLTAGE_V
 import pytest
 
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import make_route
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Drivetrain, HeatPath, Hvch, Leakage
-
-HEAT_CAPACITY_J_PER_K = 361e3
-CAPACITY_AH = 170.0
-VOLTAGE_V = 390.0
-RESISTANCE_OHM = 0.17
-
-
-def level(value):
-    return Table(soc=(0.0,), temperature_c=(0.0,), values=((value,),))
-
-
-# The curves of the reference vehicle, and numbers that are all different.
-VEHICLE = load_vehicle('reference')
-VEHICLE = replace(
-    VEHICLE,
-    battery=replace(VEHICLE.battery, capacity_ah=CAPACITY_AH,
-                    heat_capacity_j_per_k=HEAT_CAPACITY_J_PER_K,
-                    leakage=Leakage(gamma_0_w_per_k=31.0, gamma_v_w_per_k_per_mps=0.7)),
-    drivetrain=Drivetrain(efficiency=0.88, heat_recovery_efficiency=0.6, maximum_power_w=2e5),
-    hvch=Hvch(maximum_power_w=7000.0, efficiency=0.93))
-# Constant voltage and resistance, so that currents have a closed form.
-SIMPLE = replace(VEHICLE, battery=replace(
-    VEHICLE.battery, open_circuit_voltage=level(VOLTAGE_V), resistance=level(RESISTANCE_OHM)))
+from bev_preheat.vehicle.description import HeatPath
 
 
 def with_limits(charge_w, discharge_w):
-    return replace(SIMPLE, battery=replace(
-        SIMPLE.battery, charge_power_limit=level(charge_w),
-        discharge_power_limit=level(discharge_w)))
+    return replace(LEVEL, battery=replace(
+        LEVEL.battery, charge_power_limit=level(charge_w), discharge_power_limit=level(discharge_w)))
 
 
 def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), cabin_w=(0.0,),
@@ -49,10 +23,10 @@ def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), 
     return make_route({
         'duration_s': durations_s, 'speed_mps': speed_mps, 'propulsion_power_w': power_w,
         'propulsion_power_rms_w': rms_w, 'ambient_temperature_c': ambient_c,
-        'cabin_heating_power_w': cabin_w, 'auxiliary_power_w': auxiliary_w}, VEHICLE.defaults)
+        'cabin_heating_power_w': cabin_w, 'auxiliary_power_w': auxiliary_w}, CURVED.defaults)
 
 
-def winter_plant(vehicle=VEHICLE):
+def winter_plant(vehicle=CURVED):
     """Return a plant on a route on which everything varies."""
     route = route_of([31.0, 47.5, 60.0, 12.25], power_w=[18e3, -7e3, 42e3, 0.0],
                      speed_mps=[14.0, 22.0, 33.0, 0.0], ambient_c=[-9.0, -4.0, -11.0, -2.0],
@@ -65,7 +39,7 @@ def winter_plant(vehicle=VEHICLE):
     heater_lag_s=60.0, coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0, sensor_lag_s=90.0)],
     ids=['direct', 'late'])
 def test_heat_balance_closes(path):
-    plant = winter_plant(replace(VEHICLE, heat_path=path))
+    plant = winter_plant(replace(CURVED, heat_path=path))
     plant.advance(80.0, 4000.0)
     plant.advance(plant.duration_s, 0.0)
     energy = plant.energy_wh
@@ -97,15 +71,13 @@ def test_after_arrival_the_vehicle_stands():
 
 
 def test_power_that_the_battery_cannot_deliver_is_accounted_for():
-    most_w = VOLTAGE_V**2 / (4.0 * RESISTANCE_OHM)
-    plant = VehiclePlant(SIMPLE, route_of([10.0, 20.0], power_w=[60e3, most_w + 5e3]),
+    most_w = VOLTAGE_V**2 / (4.0 * OHM)
+    plant = VehiclePlant(LEVEL, route_of([10.0, 20.0], power_w=[60e3, most_w + 5e3]),
                          BatteryState(5.0, 0.8))
     plant.advance(30.0, 0.0)
     assert plant.undeliverable_power_w == pytest.approx(5e3)
     assert plant.undeliverable_energy_wh == pytest.approx(5e3 * 20.0 / 3600.0)
-    current_a = (VOLTAGE_V - math.sqrt(VOLTAGE_V**2 - 4.0 * RESISTANCE_OHM * 60e3)) \
-        / (2.0 * RESISTANCE_OHM)
-    drawn_as = current_a * 10.0 + VOLTAGE_V / (2.0 * RESISTANCE_OHM) * 20.0
+    drawn_as = current_a(60e3) * 10.0 + VOLTAGE_V / (2.0 * OHM) * 20.0
     assert (0.8 - plant.soc) * CAPACITY_AH * 3600.0 == pytest.approx(drawn_as)
     assert plant.energy_wh.battery_total == pytest.approx(VOLTAGE_V * drawn_as / 3600.0)
 
@@ -115,8 +87,7 @@ def test_friction_brake_takes_what_the_battery_must_not():
         [200.0], power_w=[-30e3], auxiliary_w=[350.0]), BatteryState(5.0, 0.8))
     plant.advance(200.0, 0.0)
     assert plant.energy_wh.battery_total == pytest.approx(-5e3 * 200.0 / 3600.0)
-    current_a = 5e3 / VOLTAGE_V
-    brake_w = 30e3 - 350.0 - (5e3 + RESISTANCE_OHM * current_a**2)
+    brake_w = 30e3 - 350.0 - (5e3 + OHM * (5e3 / VOLTAGE_V)**2)
     assert plant.friction_brake_energy_wh == pytest.approx(brake_w * 200.0 / 3600.0)
     assert plant.energy_wh.drivetrain_heat == pytest.approx(
         0.6 * 0.12 * (30e3 - brake_w) * 200.0 / 3600.0)
@@ -128,7 +99,7 @@ def test_heater_gets_what_the_battery_may_give():
         [200.0], power_w=[18e3]), BatteryState(5.0, 0.8))
     plant.advance(150.0, 6e3)
     assert plant.energy_wh.battery_total == pytest.approx(20e3 * 150.0 / 3600.0)
-    joule_w = RESISTANCE_OHM * (20e3 / VOLTAGE_V)**2
+    joule_w = OHM * (20e3 / VOLTAGE_V)**2
     assert plant.heater_power_w == pytest.approx(20e3 - joule_w - 18e3)
 
 
@@ -136,10 +107,7 @@ def test_with_an_empty_battery_the_vehicle_stands():
     strong = with_limits(charge_w=-1e5, discharge_w=1e5)
     plant = VehiclePlant(strong, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.05))
     plant.advance(900.0, 1000.0)
-    power_w = 81e3
-    current_a = (VOLTAGE_V - math.sqrt(VOLTAGE_V**2 - 4.0 * RESISTANCE_OHM * power_w)) \
-        / (2.0 * RESISTANCE_OHM)
-    lasts_s = 0.05 * CAPACITY_AH * 3600.0 / current_a
+    lasts_s = 0.05 * CAPACITY_AH * 3600.0 / current_a(81e3)
     assert lasts_s <= plant.empty_at_s <= lasts_s + 1.0
     assert plant.is_standing and not plant.has_arrived
     assert plant.energy_wh.hvch_electric == pytest.approx(1000.0 * plant.empty_at_s / 3600.0)
@@ -147,9 +115,9 @@ def test_with_an_empty_battery_the_vehicle_stands():
 
 
 def test_a_car_does_not_let_its_battery_melt():
-    plant = VehiclePlant(SIMPLE, route_of([600.0], power_w=[2e6]), BatteryState(40.0, 0.9))
+    plant = VehiclePlant(LEVEL, route_of([600.0], power_w=[2e6]), BatteryState(40.0, 0.9))
     plant.advance(600.0, 0.0)
-    hottest_c = VEHICLE.battery.temperature_range_c[1] + 20.0
+    hottest_c = CURVED.battery.temperature_range_c[1] + 20.0
     energy = plant.energy_wh
     assert plant.temperature_c == hottest_c
     assert (energy.joule + energy.drivetrain_heat + energy.leakage) == pytest.approx(
@@ -157,11 +125,11 @@ def test_a_car_does_not_let_its_battery_melt():
 
 
 def test_current_and_voltage_are_those_of_the_circuit():
-    plant = VehiclePlant(SIMPLE, route_of([10.0, 10.0], power_w=[30e3, -12e3]),
+    plant = VehiclePlant(LEVEL, route_of([10.0, 10.0], power_w=[30e3, -12e3]),
                          BatteryState(5.0, 0.8))
     plant.advance(5.0, 2000.0)
     assert plant.current_a > 0.0
-    assert plant.terminal_voltage_v == pytest.approx(VOLTAGE_V - RESISTANCE_OHM * plant.current_a)
+    assert plant.terminal_voltage_v == pytest.approx(VOLTAGE_V - OHM * plant.current_a)
     assert plant.terminal_voltage_v * plant.current_a == pytest.approx(32e3)
     plant.advance(15.0, 0.0)
     assert plant.terminal_voltage_v * plant.current_a == pytest.approx(-12e3)

@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from bev_preheat.commands.main import main
 from bev_preheat.control.decision import Command
 from bev_preheat.control.settings import Settings
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -216,19 +215,17 @@ def arguments(tmp_path):
 @pytest.mark.parametrize('kind, printed', [
     ([], 'Measured temperature: noise 0.2 K'),
     (['--days'], 'healthy heaters reported as faulty'), (['--signals'], 'current reversed')])
-def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, capsys, monkeypatch, kind, printed):
+def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, said, monkeypatch, kind, printed):
     from bev_preheat_studies.robustness import signals
     for name in set(signals.CASES) - {'current reversed'}:
         monkeypatch.delitem(signals.CASES, name)
-    file, results = tmp_path / 'study.json', tmp_path / 'study.jsonl'
-    study = [*arguments, *kind, '--trips', '1', '--json', str(file), '--results', str(results)]
-    assert main(study) == 0
-    first = capsys.readouterr().out
-    assert printed in ' '.join(first.replace('│', '').split())
-    written = json.loads(file.read_text())
+    study = [*arguments, *kind, '--trips', '1', '--json', 'study.json', '--results', 'study.jsonl']
+    first = said(*study)
+    assert first[0] == 0 and printed in ' '.join(first[1].replace('│', '').split())
+    written = json.loads((tmp_path / 'study.json').read_text())
     assert [result['number'] for result in written['results']] == [0] and written['seed'] == 7
-    assert main(study) == 0
-    assert capsys.readouterr().out == first and len(results.read_text().splitlines()) == 2
+    assert said(*study)[:2] == first[:2]
+    assert len((tmp_path / 'study.jsonl').read_text().splitlines()) == 2
 
 
 @pytest.mark.parametrize('extra, message', [
@@ -238,6 +235,5 @@ def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, capsys, 
     (['--vehicle', 'referenz'], "vehicle 'referenz' is unknown; did you mean 'reference'"),
     (['--days', '--plot', 'days.png'], '--plot: not allowed with --days'),
     (['--signals', '--fault', 'dead'], '--fault: not allowed with --signals')])
-def test_bad_options_are_refused(arguments, extra, message, capsys):
-    assert main([*arguments, *extra]) == 2
-    assert message in capsys.readouterr().err
+def test_bad_options_are_refused(arguments, extra, message, refused):
+    assert message in refused(*arguments, *extra)

@@ -45,17 +45,6 @@ def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
     assert (limit.warm_c(1000.0), limit.warm_c(154.0), limit.warm_c(10.0)) == (25.0, pytest.approx(20.0), -1000.0)
 
 
-@pytest.mark.parametrize('text, problem', [
-    (f'{LIMIT}0,60\n', '1 points; 2 ... 1000 are allowed'),
-    (f'{LIMIT}0,60\n0,70\n', '0 degC must be above the 0 degC before it'),
-    (f'{LIMIT}0,60\nnan,70\n', 'nan degC is not allowed; it must be -9999 ... 9999 degC'),
-    (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
-    (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature')])
-def test_a_limit_that_cannot_be_is_refused_in_words(curve_of, text, problem):
-    (refusal,) = problems_of(curve_of, text)
-    assert refusal.endswith(f'curve.csv: {problem}')
-
-
 @pytest.mark.parametrize('soc, temperature_c, expected_kw', [
     # The limit, between 0 and 15 degC with 1 kW more for each kelvin.
     (0.35, -40.0, 60.0), (0.5, 0.0, 60.0), (0.35, 7.5, 67.5), (0.35, 15.0, 75.0),
@@ -82,8 +71,13 @@ def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, tempe
     (HEADER + '10,100000\n80,50\n', '100000 kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
     (HEADER + '80,50\n10,100\n', '10 % must be above the 80 % before it'),
     (HEADER + '10,100\n50,0\n80,50\n', 'the power must be above 0 kW up to 80 %'),
-    (b'\xff\xfe\x00', 'cannot be read: is not UTF-8 text')])
-def test_a_file_that_is_no_curve_is_refused_in_words(curve_of, text, problem):
+    (b'\xff\xfe\x00', 'cannot be read: is not UTF-8 text'),
+    (f'{LIMIT}0,60\n', '1 points; 2 ... 1000 are allowed'),
+    (f'{LIMIT}0,60\n0,70\n', '0 degC must be above the 0 degC before it'),
+    (f'{LIMIT}0,60\nnan,70\n', 'nan degC is not allowed; it must be -9999 ... 9999 degC'),
+    (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
+    (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature')])
+def test_a_file_that_is_no_curve_and_no_limit_is_refused_in_words(curve_of, text, problem):
     (refusal,) = problems_of(curve_of, text)
     assert refusal.startswith('--charging-curve: ') and refusal.endswith(f'curve.csv: {problem}')
 

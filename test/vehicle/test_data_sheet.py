@@ -12,7 +12,6 @@ import pytest
 from refusals import problems_of
 import yaml
 
-from bev_preheat.commands.main import main
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating
@@ -22,7 +21,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet
 from bev_preheat.vehicle.data_sheet_import import describe_car
-from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.plausibility import meaning_of
 from bev_preheat.vehicle.writing import vehicle_text
 
@@ -76,21 +74,6 @@ def test_resistance_is_that_of_the_published_cell_in_a_pack_of_this_size(id4):
     assert battery.resistance.function(FLOATS)(0.5, 25.0) == pytest.approx(cells_ohm + connection_ohm, rel=1e-3)
 
 
-def test_joule_heat_at_25_degc_in_closed_form(id4):
-    """Half charge, 25 degC, 40 kW: I from U I - R I^2 = P, heat R I^2."""
-    vehicle, contents = id4
-    tables = contents['battery']
-    voltage_v = dict(zip(*map(tables['open_circuit_voltage']['table'].get, ('soc', 'values'))))[0.5]
-    resistance = tables['resistance']['table']
-    ohm = resistance['values'][resistance['soc'].index(0.5)][
-        resistance['temperature_c'].index(25)] + tables['connection_resistance_ohm']
-    current_a = (voltage_v - math.sqrt(voltage_v**2 - 4.0 * ohm * 40e3)) / (2.0 * ohm)
-    _, _, joule_w = make_rates(vehicle, FLOATS)(0.5, 25.0, 40e3, 0.0, 0.0, 0.0)
-    assert joule_w == pytest.approx(ohm * current_a**2, rel=1e-9)
-    # A familiar order of magnitude: about 1 % of the power.
-    assert 0.005 < joule_w / 40e3 < 0.02
-
-
 def test_a_made_car_keeps_warm_as_long_as_parked_cars_do(id4):
     """
     Published and measured cars: docs/reference/vehicles.md.
@@ -105,20 +88,19 @@ def test_a_made_car_keeps_warm_as_long_as_parked_cars_do(id4):
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_shipped_car_is_what_its_command_makes(name, tmp_path, monkeypatch):
+def test_shipped_car_is_what_its_command_makes(name, tmp_path, said):
     file = configuration_folder('vehicles') / f'{name}.yaml'
     lines = file.read_text().splitlines()
     command = ' '.join(line.removeprefix('#').strip() for line in lines[
         1:next(number for number, line in enumerate(lines) if line.startswith('# "given"'))])
     (tmp_path / 'config/vehicles').mkdir(parents=True)
-    monkeypatch.chdir(tmp_path)
     # The limit over the temperature of a car that has one is the highest row of its map.
     limit = yaml.safe_load(file.read_text())['charging']['power_limit']
     points = zip(limit['temperature_c'], map(min, zip(*limit['values'])))
     (tmp_path / 'limits.csv').write_text('battery_temperature_c,max_power_kw\n' + ''.join(
         f'{at_c},{-most_w / 1000.0}\n' for at_c, most_w in points))
     program, *words = shlex.split(command)
-    assert program == 'preheat' and main(words) == 0
+    assert program == 'preheat' and said(*words)[0] == 0
     again = yaml.safe_load(Path(f'config/vehicles/{name}.yaml').read_text())
     shipped = yaml.safe_load(file.read_text())
     # A given figure whose source says "assumed" is listed as well. The shipped cars do not state the hot end yet.
@@ -154,31 +136,26 @@ def test_every_number_of_a_shipped_car_says_where_it_comes_from(name):
         assert 'given' not in notes[key], key
 
 
-def sheets():
-    """Return plausible data sheets of cars from 20 to 150 kWh."""
-    @st.composite
-    def draw_sheet(draw):
-        chemistry = draw(st.sampled_from(CHEMISTRIES))
-        figures = load_chemistry(chemistry)
-        gross_kwh = draw(st.floats(20.0, 150.0))
-        usable_kwh = draw(st.none() | st.floats(0.85, 1.0).map(lambda share: share * gross_kwh))
-        cells = draw(st.integers(80, 220))
-        cell_v = draw(st.floats(*figures.nominal_cell_voltage_range_v))
-        density = draw(st.none() | st.floats(110.0, 180.0))
-        drive_kw = draw(st.none() | st.floats(1.2, 5.0).map(lambda rate: rate * gross_kwh))
-        # The heater's size matches its car: no coolant warms a battery by 4 K a minute, and
-        # a heater must exceed the leakage of a cold day.
-        heater_kw = draw(st.none() | st.floats(max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh)))
-        both = draw(st.sampled_from(('cells', 'voltage', 'both')))
-        return DataSheet(
-            'drawn', chemistry, charging_power_kw=draw(st.floats(0.8, 3.0)) * gross_kwh,
-            gross_energy_kwh=gross_kwh, usable_energy_kwh=usable_kwh,
-            battery_mass_kg=None if density is None else 1000.0 * gross_kwh / density,
-            cells_in_series=cells if both != 'voltage' else None,
-            nominal_voltage_v=cells * cell_v if both != 'cells' else None,
-            drive_power_kw=drive_kw, heater_power_kw=heater_kw,
-            vehicle_mass_kg=draw(st.none() | st.floats(2500.0, 3500.0)))
-    return draw_sheet()
+@st.composite
+def sheets(draw):
+    """Return a plausible data sheet of a car from 20 to 150 kWh."""
+    chemistry = draw(st.sampled_from(CHEMISTRIES))
+    gross_kwh = draw(st.floats(20.0, 150.0))
+    cells = draw(st.integers(80, 220))
+    cell_v = draw(st.floats(*load_chemistry(chemistry).nominal_cell_voltage_range_v))
+    density = draw(st.none() | st.floats(110.0, 180.0))
+    both = draw(st.sampled_from(('cells', 'voltage', 'both')))
+    return DataSheet(
+        'drawn', chemistry, charging_power_kw=draw(st.floats(0.8, 3.0)) * gross_kwh, gross_energy_kwh=gross_kwh,
+        usable_energy_kwh=draw(st.none() | st.floats(0.85, 1.0).map(lambda share: share * gross_kwh)),
+        battery_mass_kg=None if density is None else 1000.0 * gross_kwh / density,
+        cells_in_series=cells if both != 'voltage' else None,
+        nominal_voltage_v=cells * cell_v if both != 'cells' else None,
+        drive_power_kw=draw(st.none() | st.floats(1.2, 5.0).map(lambda rate: rate * gross_kwh)),
+        # The heater's size matches its car: no coolant warms a battery by 4 K a minute, and a heater must exceed
+        # the leakage of a cold day.
+        heater_power_kw=draw(st.none() | st.floats(max(3.0, 0.04 * gross_kwh), min(10.0, 0.4 * gross_kwh))),
+        vehicle_mass_kg=draw(st.none() | st.floats(2500.0, 3500.0)))
 
 
 ROUTE = load_route('reference', load_vehicle('reference').defaults).resampled(300.0)
@@ -188,11 +165,6 @@ ROUTE = load_route('reference', load_vehicle('reference').defaults).resampled(30
 @given(sheet=sheets())
 @settings(max_examples=8, deadline=None, derandomize=True)
 def test_every_plausible_data_sheet_makes_a_usual_car_that_plans(tmp_path_factory, sheet):
-    check_made_car(tmp_path_factory, sheet)
-
-
-def check_made_car(tmp_path_factory, sheet):
-    """Make a car: its figures are those given, none is unusual, and plans work."""
     vehicle, contents = made(tmp_path_factory.getbasetemp(), sheet)
     usable_kwh = sheet.usable_energy_kwh or (load_chemistry(sheet.chemistry).usable_share * sheet.gross_energy_kwh)
     assert trapezoids_kwh(contents) == pytest.approx(usable_kwh, rel=1e-4)

@@ -12,7 +12,7 @@ import pytest
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heat_step, make_heated_step, sensed_c
+from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.variants import with_shell
 
@@ -32,8 +32,8 @@ INPUTS = st.tuples(st.floats(1.0, 60.0), st.floats(-10e3, 40e3), st.floats(0.0, 
 STATES = st.tuples(st.floats(0.3, 0.95), st.floats(-20.0, 30.0), st.floats(0.0, 7e3), st.floats(-5.0, 20.0))
 
 
-def stepper(path, arithmetic=FLOATS):
-    return make_heated_step(replace(REFERENCE, heat_path=path), arithmetic)
+def stepper(path):
+    return make_heated_step(replace(REFERENCE, heat_path=path), FLOATS)
 
 
 @given(STATES, INPUTS)
@@ -135,30 +135,6 @@ def test_halved_steps_come_closer_to_a_fine_integration(path):
     assert (errors[0] < (1e-6, 2e-4, 1e-6, 5e-3)).all()
     for state in (0, 1, 3):
         assert errors[2][state] <= 0.6 * errors[0][state] + 1e-9
-
-
-# Heater and coolant alone
-
-
-def advance(path, state, duration_s, command_w, other_heat_w):
-    """Return the state (power, coolant, battery) after a step, and the mean powers."""
-    power_w, coolant_c, battery_c = state
-    mean_w, heat_w, power_w, coolant_c = make_heat_step(replace(REFERENCE, heat_path=path), FLOATS)(
-        power_w, coolant_c, battery_c, duration_s, command_w, other_heat_w, 0.0, 0.0)
-    battery_c += (heat_w + other_heat_w) * duration_s / BATTERY_J_PER_K
-    return (power_w, coolant_c if path.has_coolant else battery_c, battery_c), mean_w, heat_w
-
-
-@given(PATHS, st.floats(0.0, 7e3), st.floats(-20.0, 30.0), st.floats(-20.0, 30.0), st.floats(0.05, 300.0),
-       st.floats(0.0, 7e3), st.floats(-3e3, 5e3))
-def test_two_halves_are_the_whole(path, power_w, coolant_c, battery_c, duration_s, command_w, other_w):
-    if not path.has_coolant:
-        coolant_c = battery_c
-    start = (power_w, coolant_c, battery_c)
-    whole, _, _ = advance(path, start, duration_s, command_w, other_w)
-    half, _, _ = advance(path, start, 0.5 * duration_s, command_w, other_w)
-    halves, _, _ = advance(path, half, 0.5 * duration_s, command_w, other_w)
-    assert halves == pytest.approx(whole, rel=1e-6, abs=1e-6)
 
 
 # A battery of shell and core

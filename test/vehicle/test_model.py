@@ -57,11 +57,11 @@ def hand_written_rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage
             joule_w)
 
 
-def rolled(make_integrator, step_s, duration_s=1200.0, start=(0.8, -9.0)):
-    """Return state of charge and temperature after constant inputs, in equal steps."""
+def rolled(make_integrator, step_s):
+    """Return state of charge and temperature after 1200 s of constant inputs, in equal steps."""
     step = make_integrator(make_rates(car(), FLOATS))
-    soc, temperature_c = start
-    for _ in range(round(duration_s / step_s)):
+    soc, temperature_c = 0.8, -9.0
+    for _ in range(round(1200.0 / step_s)):
         soc, temperature_c, _, _ = step(soc, temperature_c, step_s, *INPUTS)
     return np.array([soc, temperature_c])
 
@@ -95,8 +95,9 @@ def test_battery_power_is_terminal_power_and_joule_heat(power_w, deviation_w, so
     assert battery_power_w == pytest.approx(power_w + joule_w, rel=1e-11, abs=1e-9)
 
 
-def brute_force(k_ohm_k, power_w=24e3, amplitude_w=15e3):
+def brute_force(k_ohm_k):
     """Return mean current and mean Joule heat of a sinusoidal power, and the model's, minus a constant's."""
+    power_w, amplitude_w = 24e3, 15e3
     phases = (np.arange(4000) + 0.5) * 2 * math.pi / 4000
     currents = current_a(power_w + amplitude_w * np.sin(phases), k_ohm_k=k_ohm_k)
     r = k_ohm_k / (TEMPERATURE_C + REFERENCE_C)

@@ -10,16 +10,16 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, limited
 VEHICLE = load_vehicle('reference')
 
 
-def quantities(vehicle, arithmetic=FLOATS):
+def quantities(vehicle):
     battery = vehicle.battery
     return {
         'heat_capacity': battery.heat_capacity_j_per_k,
         'leakage at rest': battery.leakage.coefficient_w_per_k(0.0),
         'leakage at speed': battery.leakage.coefficient_w_per_k(31.0),
-        'resistance': battery.resistance.function(arithmetic)(0.63, -7.0),
+        'resistance': battery.resistance.function(FLOATS)(0.63, -7.0),
         'heater_efficiency': vehicle.hvch.efficiency,
         'heater power': vehicle.hvch.maximum_power_w,
-        'voltage': battery.open_circuit_voltage.function(arithmetic)(0.63, -7.0),
+        'voltage': battery.open_circuit_voltage.function(FLOATS)(0.63, -7.0),
         'capacity': battery.capacity_as,
         'drivetrain': vehicle.drivetrain.heat_to_battery_w(1.0)}
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Vehicle files: the vehicle from a good one, and the messages about bad ones."""
 
-from copy import deepcopy
 from dataclasses import replace
 
+from mistakes import changed, GONE
 import pytest
 from refusals import problems_in, problems_of
 import yaml
@@ -42,23 +42,8 @@ CHARGE = 'battery.power_limits.charge'
 NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one and preheating would gain '
            'nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the cold')
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
-GONE = object()
 AGEING = {'model': 'schimpe_2018', 'battery_price': 8000, 'age_years': 2.5, 'full_cycles': 150}
 THERMAL = {'shell_share': 0.25, 'conductance_w_per_k': 300, 'sensor': 'shell'}
-
-
-def with_change(key, value):
-    """Return GOOD with the value at a dotted key set (added if new); GONE removes the key."""
-    contents = deepcopy(GOOD)
-    *path, last = key.split('.')
-    node = contents
-    for part in path:
-        node = node[part]
-    if value is GONE:
-        del node[last]
-    else:
-        node[last] = value
-    return contents
 
 
 def written(folder, contents):
@@ -92,21 +77,21 @@ def test_every_number_of_the_file_finds_its_place(tmp_path):
 def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
     assert load_vehicle(written(tmp_path, GOOD)).charging is None
     node = {'battery_heating': True, 'heating_limit_c': 18, 'maximum_inlet_power_w': 88000}
-    vehicle = load_vehicle(written(tmp_path, with_change('charging', node)))
+    vehicle = load_vehicle(written(tmp_path, changed(GOOD, 'charging', node)))
     assert replace(vehicle.charging, power_limit=None) == Charging(
         None, True, 18.0, 88e3, assumed_fall_c=vehicle.battery.temperature_range_c[1] - 5.0)
     assert vehicle.charging.heated_below_c == 18.0
-    empty = load_vehicle(written(tmp_path, with_change('charging', {})))
+    empty = load_vehicle(written(tmp_path, changed(GOOD, 'charging', {})))
     assert replace(empty.charging, power_limit=None, assumed_fall_c=None) == Charging(None)
     with pytest.raises(InvalidInput):
         charging_of(empty)
-    aged = load_vehicle(written(tmp_path, with_change('charging', {**node, 'ageing': AGEING})))
+    aged = load_vehicle(written(tmp_path, changed(GOOD, 'charging', {**node, 'ageing': AGEING})))
     assert aged.charging.ageing == Ageing('schimpe_2018', 8000.0, 2.5, 150.0, 0.8)
     assert aged.charging.ageing.price == pytest.approx(40000.0)
 
 
 def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
-    contents = with_change('battery.power_limits.charge', {'soc': [0, 1], 'values': [-70000, -2000]})
+    contents = changed(GOOD, 'battery.power_limits.charge', {'soc': [0, 1], 'values': [-70000, -2000]})
     contents.pop('charging', None)
     assert load_vehicle(written(tmp_path, contents)).charging is None
     contents['charging'] = {'battery_heating': False}
@@ -115,7 +100,7 @@ def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
 
 
 def test_a_shell_includes_the_coolant(tmp_path):
-    contents = with_change('thermal', THERMAL)
+    contents = changed(GOOD, 'thermal', THERMAL)
     car = load_vehicle(written(tmp_path, contents))
     # A quarter of 222 kJ/K.
     assert (car.battery.heat_capacity_j_per_k, car.heat_path.coolant_heat_capacity_j_per_k) == (166.5e3, 55.5e3)
@@ -260,7 +245,7 @@ def test_refused_in_words(tmp_path, key, value, problem):
     expected = [problem] if problem else [
         f'battery.soc_range[{i}]: {number} is not allowed; it must be at least 0 and at most 1'
         for i, number in enumerate(value)]
-    assert problems_with(written(tmp_path, with_change(key, value))) == expected
+    assert problems_with(written(tmp_path, changed(GOOD, key, value))) == expected
 
 
 @pytest.mark.parametrize('text', [
