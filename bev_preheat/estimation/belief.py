@@ -104,8 +104,8 @@ LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, PLACING_BOUNDS)).T
 # Random walk of the true state: standard deviation after an hour. Unmodelled heat moves the temperature
-# (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge. Heat under way is
-# only what the model sends: a wander of it would tell the place of the sensor in a drive without any heat.
+# (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge. Heat under way
+# does not wander: its noise alone told the place of the sensor in drives without heat.
 WANDER_IN_AN_HOUR = np.array(
     [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.0, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])

@@ -12,6 +12,7 @@ import pytest
 
 from bev_preheat.code_generation.ecu_export import Export, own_sources, vehicle_source
 from bev_preheat.code_generation.ecu_vectors import (
+    Answer,
     BAD_INPUT,
     draw_vector,
     LIMITED,
@@ -99,7 +100,7 @@ def test_a_wrong_vector_is_found(export, place, by, told, method):
         if vector.answers[method].heats and vector.answers[method].is_exact)
     answers = [*vector.answers]
     expected = (value + by * (n == place) for n, value in enumerate(answers[method].expected))
-    answers[method] = answers[method]._replace(expected=tuple(expected))
+    answers[method] = Answer(answers[method].status, tuple(expected))
     wrong = [*export.vectors]
     wrong[number] = replace(vector, answers=tuple(answers))
     (export.folder / 'wrong.txt').write_text(vectors_text(wrong))

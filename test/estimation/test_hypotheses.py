@@ -58,6 +58,11 @@ def told(kind, suspicion, support):
     return report.heater is not Heater.ANSWERS
 
 
+def changed(suspicion, **fields):
+    """Return the suspicion with other fields."""
+    return Suspicion(**{**dict(zip(Suspicion.__annotations__, suspicion, strict=True)), **fields})
+
+
 @pytest.mark.parametrize('kind, suspicion, support', [
     *((kind, SHORT, support) for kind in ('dead', 'derated') for support in (20.0, None)),
     # Any other consumer would look the same as uncommanded heat.
@@ -72,7 +77,7 @@ def test_temperature_alone_needs_a_long_course(kind, suspicion):
     # Of 6.1 K half is missing with the weakest plausible derated heater.
     assert 0.5 * 6.1 > LEAST_COURSE_K
     assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K, LEAST_COURSE_K), None)
-    assert not told(kind, suspicion._replace(lasts_s=LEAST_COURSE_S - 1.0), None)
+    assert not told(kind, changed(suspicion, lasts_s=LEAST_COURSE_S - 1.0), None)
 
 
 @pytest.mark.parametrize('kind, suspicion', [('dead', LONG_ON), ('derated', LONG_ON), ('stuck_on', LONG_OFF)])
@@ -110,17 +115,17 @@ def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
 def test_uncommanded_heat_needs_a_reading_that_rises():
     # After a spike the reading falls back while the hypothesis is still likely.
     assert told('stuck_on', LONG_OFF, 5.0)
-    assert not told('stuck_on', LONG_OFF._replace(rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
+    assert not told('stuck_on', changed(LONG_OFF, rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
 
 
 def test_warming_by_driving_is_no_fault_unless_the_power_shows_the_heater():
     # The reading rises by 5.0 K, and by all but 2.3 K without a fault; 40 % of 6.1 K are 2.4 K.
-    explained = LONG_OFF._replace(explained_k=5.0 - 0.95 * LEAST_RISE * LONG_OFF.uncommanded_k)
+    explained = changed(LONG_OFF, explained_k=5.0 - 0.95 * LEAST_RISE * LONG_OFF.uncommanded_k)
     assert not told('stuck_on', explained, None) and not told('stuck_on', explained, 0.9 * LEANING)
     assert told('stuck_on', explained, 1.1 * LEANING)
-    assert told('stuck_on', explained._replace(explained_k=2.0), None)
+    assert told('stuck_on', changed(explained, explained_k=2.0), None)
     # A battery that would have cooled has no more heat than it shows.
-    assert not told('stuck_on', LONG_OFF._replace(rise_k=0.1, explained_k=-5.0), None)
+    assert not told('stuck_on', changed(LONG_OFF, rise_k=0.1, explained_k=-5.0), None)
 
 
 @pytest.mark.parametrize('support, others_k, needless_k', [(5.0, 4.0, 1.3 * 4.0), (0.0, 4.0, 1.0 + 0.3 * 4.0),
@@ -129,5 +134,5 @@ def test_heat_by_which_other_sources_may_differ_from_their_file_is_no_fault(supp
     # 40 % of the heater's possible heat have to be seen beyond the others' heat, which is known within 30 %.
     least_k = needless_k + LEAST_RISE * LONG_OFF.uncommanded_k
     for rise_k, is_told in ((0.98 * least_k, False), (1.02 * least_k, True)):
-        assert told('stuck_on', LONG_OFF._replace(
-            rise_k=rise_k, explained_k=1.0, others_k=others_k), support) is is_told
+        assert told('stuck_on', changed(
+            LONG_OFF, rise_k=rise_k, explained_k=1.0, others_k=others_k), support) is is_told
