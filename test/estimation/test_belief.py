@@ -181,3 +181,15 @@ def test_a_place_that_has_lost_begins_the_next_trip_with_the_car_of_the_likelies
     assert (after.covariance[:, 2] == after.covariance[:, 0])[:, lasting].all()
     assert after.covariance[:, 2, own, own] == pytest.approx(begun.covariance[:, 2, own, own])
     assert (np.linalg.eigvalsh(after.covariance) >= -1e-12).all()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_readings_that_wander_without_any_heat_are_no_shell(seed):
+    """The battery has the temperature of the air; nothing warms it, and the reading walks at random."""
+    belief, drawn, reading_c = placed(), np.random.default_rng(seed), -5.0
+    before = belief.weights.sum(axis=0)
+    for _ in range(360):
+        reading_c += drawn.normal(0.0, 0.08)
+        belief = belief.followed(VEHICLE, 10.0, replace(STILL, ambient_temperature_c=-5.0), 0.0, LIMIT_W)
+        belief, _ = belief.with_battery(round(reading_c), 1.0, 0.8, 0.01)
+    assert (belief.weights.sum(axis=0)[1:] < before[1:]).all()
