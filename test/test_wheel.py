@@ -112,7 +112,7 @@ SHOWN = {
     '--version': ([], 'preheat 0.3.0')}
 LACKING = {
     'optimum': (SITUATION, 'the Python package casadi'), 'compare': (SITUATION, 'the Python package casadi'),
-    'monitor': ([], 'ROS 2'), 'prepare': ([], 'ROS 2')}
+    'prepare': ([], 'ROS 2')}
 
 
 @pytest.fixture(scope='module')

@@ -16,7 +16,7 @@ GROUPS = {
     'plan a drive': ('plan', 'worth', 'charge', 'route', 'compare', 'optimum'),
     'your car': ('vehicle', 'identify', 'export-ecu'),
     'your drives': ('log', 'check'),
-    'a running planner': ('prepare', 'monitor', 'replay'),
+    'a running planner': ('prepare', 'replay'),
     'studies': ('scenario', 'sweep', 'robustness', 'reproduce')}
 # The studies are a separate, optional package.
 STUDIES = {

@@ -7,10 +7,10 @@ from datetime import datetime, timedelta
 from functools import partial
 import os
 import re
+import signal
 import time
 from typing import TYPE_CHECKING
 
-from bev_preheat.commands.monitor import add_planner_arguments, planner_of
 from bev_preheat.commands.output import add_json_argument, check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
@@ -27,13 +27,13 @@ from bev_preheat.control.departures import (
 from bev_preheat.control.preparation import prepare_week
 from bev_preheat.drawing.drive_figure import make_week_figure
 from bev_preheat.errors import InvalidInput, located, quoted
-from bev_preheat.monitoring.end_signals import EndSignals
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from datetime import tzinfo
+    from types import FrameType
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.control.preparation import PreparedDeparture
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 LONGEST_MIN = 24 * 60.0
+# A closed terminal ends the command like Ctrl-C.
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Options that only this part of the subcommand reads.
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
 # Options of a goal for a running planner.
@@ -67,9 +69,31 @@ def add_parser(subparsers: Subparsers) -> None:
                         '(default: that of the route, or the last known)')
     parser.add_argument('--plugged-in', action='store_true',
                         help='the vehicle stands, and the grid supplies the heater')
-    add_planner_arguments(parser)
+    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
+    parser.add_argument('--node', default='planner', metavar='NAME',
+                        help='node name of the planner (default: %(default)s)')
     add_departure_arguments(parser)
     parser.set_defaults(run=run)
+
+
+class EndSignals:
+    """Whether SIGINT, SIGTERM or SIGHUP has come within the block; a second one raises KeyboardInterrupt."""
+
+    have_come = False
+
+    def __enter__(self) -> EndSignals:
+        self._before = {number: signal.signal(number, self._hear) for number in END_SIGNALS}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        if self.have_come:
+            # A blocked output must end, too.
+            raise KeyboardInterrupt
+        self.have_come = True
 
 
 def seconds_until(clock: str, now: datetime) -> float:
@@ -102,12 +126,14 @@ def run(arguments: Namespace) -> int:
         with EndSignals() as signals:
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
             from bev_preheat.nodes.listening import listening
+            prefix = arguments.namespace.strip('/')
+            planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
             with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
                 if arguments.skip_next or arguments.skip_none:
-                    is_done, sentence = skip_departure(listener, planner_of(arguments), arguments.skip_next)
+                    is_done, sentence = skip_departure(listener, planner, arguments.skip_next)
                     result_console().say(sentence)
                     return 0 if is_done else FAILED
-                return _pursue(PreparationClient(listener, planner_of(arguments), signals), Wanted(
+                return _pursue(PreparationClient(listener, planner, lambda: signals.have_come), Wanted(
                     ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in,
                     arguments.max_arrival_temperature))
     except KeyboardInterrupt:

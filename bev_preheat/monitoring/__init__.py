@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running planners seen from outside, in a terminal and on a live web page; the report of a recording."""
+"""Running planners seen from outside, on a live web page; the report of a recording."""

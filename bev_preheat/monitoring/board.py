@@ -121,7 +121,7 @@ class Span(NamedTuple):
 
 class Board:
     """
-    The state of one planner, as page and terminal show it; instants in seconds of its clock, `now_s` monotonic.
+    The state of one planner, as the page shows it; instants in seconds of its clock, `now_s` monotonic.
 
     Temperatures in deg C, powers in W, charge 0 ... 1; None and NaN stand for unknown. `until_s` is the end of the
     latest command's lease, `sources_w` the commands to all heat sources by name, {} for the HVCH alone. `unheated`
@@ -272,7 +272,7 @@ class Board:
         self.at_s = at_s if self.at_s is None else max(self.at_s, at_s)
         self.pulses[topic].beat(now_s, at_s)
 
-    # Values for page and terminal
+    # Values for the page
 
     def banner(self, now_s: float) -> Banner | None:
         """Return the Banner on a missing, silent or frozen planner; None if all is well."""

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-    from bev_preheat.monitoring.end_signals import EndSignals
     from bev_preheat.nodes.listening import Listener
 
     # An rclpy future, None before the request: rclpy's have no types.
@@ -68,11 +67,11 @@ class Wanted:
 
 
 class PreparationClient:
-    """Sends one goal to a planner by its full name and follows it, in the caller's thread, until a signal."""
+    """Sends one goal to a planner by its full name and follows it, in the caller's thread, until `is_over`."""
 
-    def __init__(self, listener: Listener, planner: str, signals: EndSignals) -> None:
+    def __init__(self, listener: Listener, planner: str, is_over: Callable[[], bool]) -> None:
         """Connect to the planner's action and command topic."""
-        self._listener, self._planner, self._signals = listener, planner, signals
+        self._listener, self._planner, self._is_over = listener, planner, is_over
         self._client = ActionClient(listener.node, PrepareBattery, f'{planner}/prepare_battery')
         self._now_ns: int | None = None
         self._goal_handle: Any = None
@@ -85,8 +84,8 @@ class PreparationClient:
         """Send the goal; return False after a signal; raises InvalidInput if no planner answers."""
         # The planner's clock may be simulated; its commands give the time.
         if not _wait(self._listener, lambda: self._now_ns is not None and self._client.server_is_ready(),
-                     FOUND_WITHIN_S, self._signals):
-            if self._signals.have_come:
+                     FOUND_WITHIN_S, self._is_over):
+            if self._is_over():
                 return False
             raise InvalidInput(NOT_THERE.format(self._planner))
         sent, sent_s = self._send(wanted), time.monotonic()
@@ -113,7 +112,7 @@ class PreparationClient:
 
     def follow(self, show: Callable[[PrepareBattery.Feedback], object]) -> PrepareBattery.Result | None:
         """Show feedback until the goal ends; return its result, None after a signal; silence is InvalidInput."""
-        while not self._result.done() and not self._signals.have_come:
+        while not self._result.done() and not self._is_over():
             self._listener.listen(SPIN_PERIOD_S)
             if self._feedback is not None:
                 show(self._feedback)
@@ -158,17 +157,18 @@ def skip_departure(listener: Listener, planner: str, is_skipped: bool) -> tuple[
     # Sent once: a second request would skip another departure.
     answer = client.call_async(SetBool.Request(data=is_skipped))
     if not _wait(listener, answer.done, FOUND_WITHIN_S + ANSWERED_WITHIN_S):
-        raise InvalidInput(f'{planner} has not answered; `preheat monitor` shows whether the departure is skipped')
+        raise InvalidInput(
+            f'{planner} has not answered; the page of dashboard shows whether the departure is skipped')
     response = answer.result()
     return bool(response.success), str(response.message)
 
 
 def _wait(listener: Listener, condition: Callable[[], bool], patience_s: float,
-          signals: EndSignals | None = None) -> bool:
+          is_over: Callable[[], bool] = lambda: False) -> bool:
     """Listen until a condition holds; return whether it does, False after `patience_s` [s] or a signal."""
     end_s = time.monotonic() + patience_s
     while not condition():
-        if time.monotonic() > end_s or (signals is not None and signals.have_come):
+        if time.monotonic() > end_s or is_over():
             return False
         listener.listen(SPIN_PERIOD_S)
     return True

@@ -61,13 +61,13 @@ class Planners:
     """
     Follows the planners of the ROS graph; `boards` has the Board of each by the full name of its node.
 
-    `wanted` chooses planners by name. `look` is to be called about once a second, in the thread of the node's
-    callbacks; other threads read `boards` under `lock`.
+    `look` is to be called about once a second, in the thread of the node's callbacks;
+    other threads read `boards` under `lock`.
     """
 
-    def __init__(self, node: Node, wanted: Callable[[str], bool] = lambda name: True) -> None:
+    def __init__(self, node: Node) -> None:
         """Listen to diagnostics."""
-        self._node, self._wanted, self._news = node, wanted, RepetitionFilter()
+        self._node, self._news = node, RepetitionFilter()
         self.lock = Lock()
         self.boards: dict[str, Board] = {}
         self._found: dict[str, Topics] = {}
@@ -82,8 +82,6 @@ class Planners:
         there, now_s, back = find_planners(self._node, self._found), time.monotonic(), list[str]()
         for name, topics in there.items():
             self._gone_s.pop(name, None)
-            if not self._wanted(name):
-                continue
             if name in self.boards and not self.boards[name].around.is_there:
                 back.append(name)
             if self._found.get(name) != topics:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What web page and terminal show alike: the banner on a planner's health, and values as they are shown."""
+"""The banner on a planner's health, and values as the page shows them."""
 
 from __future__ import annotations
 

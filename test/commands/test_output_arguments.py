@@ -45,13 +45,11 @@ COMMANDS = {
     'check': ['check', LOG, '--vehicle', './car.yaml'],
     'vehicle check': ['vehicle', 'check', './car.yaml'],
     'log': ['log', LOG],
-    'monitor': ['monitor'],
 }
-JSON = [name for name in COMMANDS if not name.startswith('route') and name != 'monitor']
+JSON = [name for name in COMMANDS if not name.startswith('route')]
 OPTIONS = [(name, '--json', '') for name in JSON] + [
     (name, '--plot', '.png') for name in JSON if name != 'scenario'] + [
-    ('route from legs', '--output', ''), ('route from logs', '--output', ''),
-    ('monitor', '--picture', '.svg')]
+    ('route from legs', '--output', ''), ('route from logs', '--output', '')]
 INPUTS = {
     'plan': [CAR, ROUTE], 'itinerary': [CAR, TRIP, ROUTE, OTHER_ROUTE], 'optimum': [CAR, ROUTE],
     'compare': [CAR, ROUTE], 'sweep': [CAR], 'robustness': [CAR, ROUTE],

@@ -36,7 +36,7 @@ LONGEST = [f'{name}.py' for name in (
     'test_demo', 'test_whole_car', 'test_nlp_checker', 'test_scenarios', 'test_installed_drive',
     'test_dashboard_page', 'test_optimum', 'test_dashboard', 'test_target_choice', 'test_planner_over_dds',
     'test_bus_gateway', 'test_wheel', 'test_managed', 'test_tutorials', 'test_planner_node',
-    'test_monitor', 'test_prepare_action', 'test_planning_commands', 'test_worker', 'test_exported_planner')]
+    'test_prepare_action', 'test_planning_commands', 'test_worker', 'test_exported_planner')]
 
 
 def pytest_collection_modifyitems(items):
