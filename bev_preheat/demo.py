@@ -8,14 +8,14 @@ battery arrived within GOOD_ARRIVAL_K of its target.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from bev_preheat.commands.program import Interrupted, loading, run_program, say
 
 if __name__ == '__main__':
     # The imports below take a second, in which Ctrl-C may come.
     loading('demo')
 
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 import math
@@ -32,7 +32,7 @@ import yaml
 from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.commands.output import ENERGY_ROWS
 from bev_preheat.commands.parser import OneLineParser
-from bev_preheat.commands.terminal import print_figures, progress_bar, result_console
+from bev_preheat.commands.terminal import print_figures, progress_bar, result_console, ResultConsole
 from bev_preheat.drawing.drive_figure import AMBIENT, BATTERY, make_drive_figure, PREDICTED, UNHEATED
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.errors import InvalidInput
@@ -46,23 +46,15 @@ from bev_preheat.nodes.installed_drive import (
     reserved_domain_id,
     ScenarioFailed,
 )
-from bev_preheat.nodes.simulated_drive import ARRIVED
+from bev_preheat.nodes.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import recording_beside
 from bev_preheat.route import route_file
-from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.scenario import load_scenario, Scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.vehicle import vehicle_file
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable, Sequence
-
-    from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.nodes.simulated_drive import SimulatedDriveReport
-    from bev_preheat.simulation.scenario import Scenario
 
 GOOD_ARRIVAL_K = 1.0
 # Simulated time between two lines on the drive [s].

@@ -3,26 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.bus.frame_checks import FrameChecks
-from bev_preheat.bus.heater_frame import SHARES
-from bev_preheat.bus.live_map import CHARGING
-from bev_preheat.bus.source import by_channel, live_channels, LiveChannel
+from bev_preheat.bus.heater_frame import HeaterFrame, SHARES
+from bev_preheat.bus.live_map import CHARGING, LiveMap
+from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from bev_preheat.bus.heater_frame import HeaterFrame
-    from bev_preheat.bus.live_map import LiveMap
-    from bev_preheat.bus.source import Readings
 
 # Names of the HVCH's readings.
 HEATER_POWER, HEATER_FAULT = 'battery_heater_w', 'heater_fault'

@@ -9,19 +9,16 @@ from functools import partial
 import logging
 from threading import Event, Lock, Thread
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER, reading_of
 from bev_preheat.bus.heater_frame import HeaterFrame
-from bev_preheat.bus.live_map import REPLAY
+from bev_preheat.bus.live_map import CanSettings, LiveMap, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.logs.can_frames import recorded_frames
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import CanSettings, LiveMap
 
 # How long one wait for a frame lasts [s]; the thread ends within it.
 FRAME_WAIT_S = 0.1

@@ -8,14 +8,11 @@ from collections.abc import Mapping
 from functools import reduce
 from operator import xor
 import re
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
-from bev_preheat.bus.live_map import MessageRule
+from bev_preheat.bus.live_map import ChecksumRule, MessageRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
-
-if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import ChecksumRule
 
 # Bits, polynomial, start value and final exclusive or.
 Crc = tuple[int, int, int, int]

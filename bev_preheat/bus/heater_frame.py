@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.bus.frame_checks import Checksum, counts_of, signal_of
+from bev_preheat.bus.live_map import HeaterFrameRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from bev_preheat.bus.live_map import HeaterFrameRule
 
 USUAL_PERIOD_S = 0.1
 # Shares of full power by the unit of a signal.

@@ -6,15 +6,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TypeVar
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.signal_map import database_files, load_signal_map, read_source, source_problems
+from bev_preheat.files.checked_yaml import FileData
+from bev_preheat.logs.signal_map import (
+    database_files,
+    load_signal_map,
+    read_source,
+    SignalMap,
+    Source,
+    source_problems,
+)
 from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.logs.signal_map import SignalMap, Source
 
 # Signals of a map that battery_state is made of.
 BATTERY_SIGNALS = ('battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'power_w')

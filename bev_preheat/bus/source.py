@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import math
 from threading import Lock
 import time
-from typing import TYPE_CHECKING
 
-from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING
+from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING, LiveMap
 from bev_preheat.errors import figure, InvalidInput, located
 from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
-
-if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import LiveMap
-    from bev_preheat.logs.signal_map import Source
+from bev_preheat.logs.signal_map import Source
 
 # A stamp this far from the system's clock is another clock's: some adapters count from their own start [s].
 FAR_S = 3600.0

@@ -9,17 +9,14 @@ from functools import partial
 import math
 from threading import Event, Lock, Thread
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from bev_preheat.bus.live_map import CHARGING
+from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, LiveSource
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.input_files import read_text
 from bev_preheat.files.units import unit_named
 from bev_preheat.optional_packages import require
-
-if TYPE_CHECKING:
-    from bev_preheat.bus.live_map import LiveMap
 
 # A call of the broker takes at most CALL_S; it is asked for a sign of life every HEARTBEAT_S.
 CALL_S, HEARTBEAT_S, RECONNECT_S = 2.0, 0.5, 1.0

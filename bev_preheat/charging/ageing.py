@@ -22,16 +22,13 @@ the charge outside. The ageing of drive and parking is not counted.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from bev_preheat.numerics import array_exp, S_PER_H
+from bev_preheat.numerics import array_exp, FloatArray, S_PER_H
 from bev_preheat.vehicle.charging import charging_of
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Ageing, Vehicle
+from bev_preheat.vehicle.description import Ageing, Vehicle
 
 GAS_J_PER_MOL_K, FARADAY_C_PER_MOL = 8.314, 96485.0
 ZERO_C_K, REFERENCE_K, CELL_AH, HOURS_PER_YEAR = 273.15, 298.15, 3.0, 8766.0

@@ -13,33 +13,28 @@ after; its energy counts.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.charging.stop import CERTAIN, ChargingProspect
-from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.target_worth import Prices, TargetWorth, Worth
 from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput, quoted, share_hint
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.numerics import S_PER_H, S_PER_MIN, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_unheated
-from bev_preheat.planning.situation import BatteryState, check_situation, reserve_soc
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.route.places import Places
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.charging.target_worth import TargetWorth, Worth
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.description import Vehicle
 
 # Tolerances of the departure's state of charge; the second applies if only the battery's temperature is open.
 DEPARTURE_SOC_TOLERANCE, DEPARTURE_TOLERANCE = 1e-6, 1e-4

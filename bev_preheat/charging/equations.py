@@ -5,21 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import cast, NamedTuple, TYPE_CHECKING
+from typing import cast, NamedTuple
 
-from bev_preheat.numerics import Arithmetic, Number
+from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.numerics import AnyNumber, Arithmetic, CurveFunction, Number
 from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.model import make_runge_kutta_4, stage_mean
+from bev_preheat.vehicle.description import Cooling, Vehicle
+from bev_preheat.vehicle.model import make_runge_kutta_4, Rates, stage_mean, Step
 
-if TYPE_CHECKING:
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics import AnyNumber, CurveFunction
-    from bev_preheat.vehicle.description import Cooling, Vehicle
-    from bev_preheat.vehicle.model import Rates, Step
-
-    # `powers(temperature_c, left_w)` -> electrical power of the cooling, heat flow out of the battery [W].
-    CoolingPowers = Callable[[AnyNumber, AnyNumber], tuple[AnyNumber, AnyNumber]]
+# `powers(temperature_c, left_w)` -> electrical power of the cooling, heat flow out of the battery [W].
+CoolingPowers = Callable[[AnyNumber, AnyNumber], tuple[AnyNumber, AnyNumber]]
 
 
 class ChargingPowers(NamedTuple):

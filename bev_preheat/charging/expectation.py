@@ -18,33 +18,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, LONGEST_SESSION_S
-from bev_preheat.charging.stop import stop_after
-from bev_preheat.charging.target_worth import pays_from_per_h
+from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
+from bev_preheat.charging.target_worth import pays_from_per_h, Prices, TargetWorth
 from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
 from bev_preheat.estimation.prior import factor_deviations, temperature_after
-from bev_preheat.numerics import FLOATS, JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.situation import BatteryState
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.stop import ChargingProspect, ChargingStop
-    from bev_preheat.charging.target_worth import Prices, TargetWorth
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 # Abscissas and weights of Gauss and Hermite for a normal distribution (Abramowitz & Stegun 25.4.46, n = 7).
 ABSCISSAS, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)

@@ -14,23 +14,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.heating_policy import ALWAYS, find_policy, HeatingLimit, HeatingPolicy, NEVER
-from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import check_stop
+from bev_preheat.charging.session import charge, Session
+from bev_preheat.charging.stop import ChargingStop, check_stop
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.charging import charging_of
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.target_worth import Prices
-    from bev_preheat.planning.situation import BatteryState
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # More heating must save more than this share of the cost.
 LEAST_SAVING_SHARE = 1e-5

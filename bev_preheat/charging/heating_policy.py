@@ -19,23 +19,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 from math import inf
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.charging.ageing import cost_per_s
 from bev_preheat.charging.equations import heater_power_of, make_charging_rates, make_cooling, supply_of
+from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.numerics import ARRAYS, JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.numerics import ARRAYS, FloatArray, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
-from bev_preheat.vehicle.description import DIRECT
+from bev_preheat.vehicle.description import DIRECT, Vehicle
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge, Session
 from bev_preheat.charging.stop import CHARGER_RANGE_W, ChargingStop
@@ -18,17 +17,14 @@ from bev_preheat.numerics import S_PER_MIN
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.charging_curve import charging_map, FIT_RANGE
 from bev_preheat.vehicle.chemistry import load_chemistry
-from bev_preheat.vehicle.data_sheet_import import curves_of, describe_car
+from bev_preheat.vehicle.data_sheet import DataSheet
+from bev_preheat.vehicle.data_sheet_import import curves_of, describe_car, Entry
 from bev_preheat.vehicle.loading import vehicle_of_text
 from bev_preheat.vehicle.writing import vehicle_text
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.data_sheet import DataSheet
-    from bev_preheat.vehicle.data_sheet_import import Entry
 
 USUAL_WARM_C = 25.0
 AIR_C = 20.0

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,22 +33,17 @@ from bev_preheat.charging.equations import (
     make_cooling,
     supply_of,
 )
-from bev_preheat.charging.heating_policy import ALWAYS
-from bev_preheat.charging.stop import check_stop
-from bev_preheat.numerics import FLOATS, JOULES_PER_WH
+from bev_preheat.charging.heating_policy import ALWAYS, HeatingLimit
+from bev_preheat.charging.stop import ChargingStop, check_stop
+from bev_preheat.numerics import FloatArray, FLOATS, JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.planning.heat_run import heated_heat_capacity_j_per_k
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.heating_policy import HeatingLimit
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 # Longest step [s], and the largest share of the charge in a step.
 STEP_S = 20.0

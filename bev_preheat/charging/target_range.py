@@ -9,35 +9,29 @@ state.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.charging.expectation import spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import refuse_stranded
-from bev_preheat.charging.target_worth import check_prices, TargetWorth
+from bev_preheat.charging.stop import ChargingStop, refuse_stranded
+from bev_preheat.charging.target_worth import check_prices, Prices, TargetWorth
 from bev_preheat.charging.worth_search import TARGET_RESOLUTION_K, targets_between
 from bev_preheat.errors import InvalidInput, share_hint
 from bev_preheat.files.table import read_table
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.bracketing import scan
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.situation import check_situation, reserve_soc
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K, SOC_TOLERANCE
 from bev_preheat.vehicle.curves import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.target_worth import Prices
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 COLUMNS = ('arrival_soc', 'arrival_temperature_c', 'charging_time_s')
 # Bounds of the columns.

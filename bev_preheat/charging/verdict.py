@@ -8,25 +8,20 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.charging.equations import supply_of
-from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import chance_text
-from bev_preheat.charging.target_worth import HEATING
+from bev_preheat.charging.session import charge, Session
+from bev_preheat.charging.stop import chance_text, ChargingProspect, ChargingStop
+from bev_preheat.charging.target_worth import HEATING, Prices, TargetWorth
 from bev_preheat.numerics import ARRAYS, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.charging import charging_of, falls_from_c
 from bev_preheat.vehicle.curves import Table
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingProspect, ChargingStop
-    from bev_preheat.charging.target_worth import Prices, TargetWorth
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # Colder arrivals are tried in steps of this [K], then of 1 K around the fastest.
 STEP_K = 5.0

@@ -13,14 +13,24 @@ the map of the charging power has corners. So a grid is scanned, and refined aro
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.charging.expectation import arrival_of, Expectation, spent_wh
-from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import CERTAIN, check_prospect, check_stop, refuse_stranded, stop_after
+from bev_preheat.charging.heating_choice import ChargerHeating, HeatingChoice
+from bev_preheat.charging.session import Session
+from bev_preheat.charging.stop import (
+    CERTAIN,
+    ChargingProspect,
+    ChargingStop,
+    check_prospect,
+    check_stop,
+    refuse_stranded,
+    stop_after,
+)
 from bev_preheat.charging.target_worth import (
     check_prices,
     COOLING,
@@ -45,20 +55,12 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.planning.bracketing import refine, scan
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
-from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from bev_preheat.charging.heating_choice import HeatingChoice
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingProspect, ChargingStop
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # Targets are scanned in whole degrees, and the best is refined to this [K].
 GRID_K = 1.0

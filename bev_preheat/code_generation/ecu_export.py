@@ -10,21 +10,15 @@ import os
 from pathlib import Path
 import re
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 from bev_preheat.code_generation import c_source
-from bev_preheat.code_generation.ecu_vectors import draw_vectors, first_heated, vectors_text
+from bev_preheat.code_generation.ecu_vectors import draw_vectors, first_heated, Vector, vectors_text
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import installed_prefix
-from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
-from bev_preheat.vehicle.core_structs import NativeVehicle, NotDescribed, TABLE, VehicleStruct
+from bev_preheat.files.output_files import AnyPath, check_outputs, expanded, OutputFile, write_whole
+from bev_preheat.vehicle.core_structs import CurveStruct, NativeVehicle, NotDescribed, TABLE, VehicleStruct
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import TRIP_COLUMNS
-
-if TYPE_CHECKING:
-    from bev_preheat.code_generation.ecu_vectors import Vector
-    from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.vehicle.core_structs import CurveStruct
-    from bev_preheat.vehicle.description import Vehicle
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */

@@ -6,25 +6,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning import engine
 from bev_preheat.planning.methods import is_best, leaves_enough, plan_by_values
+from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.outcome import find_outcome, NoRegretCheck
+from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.core_library import without_core
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import TRIP_COLUMNS
-
-if TYPE_CHECKING:
-    from bev_preheat.planning.one_interval import SwitchPlan
-    from bev_preheat.planning.schedule import Schedule
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.description import Vehicle
 
 OK, LIMITED, BAD_INPUT = 0, 4, -3
 # The methods of an export, in the order of their answers in a vector.

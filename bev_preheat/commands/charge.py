@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.charging.ageing import outside_in_words
-from bev_preheat.charging.heating_choice import ChargerHeating
+from bev_preheat.charging.heating_choice import ChargerHeating, HeatingChoice
+from bev_preheat.charging.session import Session
 from bev_preheat.charging.stop import (
     ChargingStop,
     refuse_stranded,
@@ -15,9 +18,9 @@ from bev_preheat.charging.stop import (
     USUAL_DEPARTURE_SOC,
 )
 from bev_preheat.charging.target_worth import check_prices, ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
-from bev_preheat.charging.verdict import too_warm
+from bev_preheat.charging.verdict import too_warm, TooWarm
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
-from bev_preheat.commands.parser import given_options, option_group, option_of
+from bev_preheat.commands.parser import given_options, option_group, option_of, Subparsers
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.drawing.charging_figure import make_session_figure
@@ -26,18 +29,7 @@ from bev_preheat.numerics import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.vehicle import vehicle_file
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-    from collections.abc import Callable
-    from typing import Any
-
-    from bev_preheat.charging.heating_choice import HeatingChoice
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.verdict import TooWarm
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.vehicle import Vehicle
+from bev_preheat.vehicle import Vehicle, vehicle_file
 
 MOST_TEMPERATURES = 2
 PREHEATED, UNHEATED = 'preheated', 'without preheating'

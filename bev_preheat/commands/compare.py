@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import Namespace
 
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines, solved
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.program import FAILED
 from bev_preheat.commands.situation import add_methods_argument, add_situation_arguments, read_situation, warn
 from bev_preheat.commands.terminal import print_records
@@ -22,11 +23,6 @@ from bev_preheat.planning.planner import (
 )
 from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from bev_preheat.commands.parser import Subparsers
 
 
 def add_parser(subparsers: Subparsers) -> None:

@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 import shlex
-from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from bev_preheat.code_generation.ecu_export import Export
 from bev_preheat.code_generation.ecu_vectors import BAD_INPUT, METHODS, OK
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.situation import add_vehicle_argument
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from bev_preheat.commands.parser import Subparsers
 
 VECTORS, MOST_VECTORS = 100, 100_000
 

@@ -3,26 +3,21 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from datetime import datetime, UTC
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.situation import add_signal_arguments
 from bev_preheat.commands.terminal import print_records
 from bev_preheat.drawing.inputs_figure import make_recording_figure
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
 from bev_preheat.logs.reading import LONGEST_LIST, read_recording
-from bev_preheat.logs.recording import Sampling, sampling
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.logs.recording import Recording, Series
+from bev_preheat.logs.recording import Recording, Sampling, sampling, Series
 
 
 def add_parser(subparsers: Subparsers) -> None:

@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import sys
-from typing import TYPE_CHECKING
 
 from bev_preheat.commands.program import loading, run_program
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 # The subcommands, grouped by what people do.
 GROUPS = {

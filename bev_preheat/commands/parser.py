@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Action, ArgumentParser
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
@@ -11,20 +13,15 @@ from importlib.util import find_spec
 import os
 import re
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, NoReturn, TypeAlias
 
 from bev_preheat.commands.program import REFUSED, say, write_output
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import configuration_folder
 
-if TYPE_CHECKING:
-    from argparse import Action, ArgumentParser
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from typing import Any, NoReturn
-
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
-    # A group that requires exactly one argument.
-    Alternatives = argparse._MutuallyExclusiveGroup
+Subparsers: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
+# A group that requires exactly one argument.
+Alternatives = argparse._MutuallyExclusiveGroup
 
 # Negative numbers, which are never options. argparse's own pattern misses -7. and -1e1, and takes "-7C" for a
 # missing value.

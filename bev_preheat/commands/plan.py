@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
-from bev_preheat.charging.stop import chance_text
+from bev_preheat.charging.stop import chance_text, ChargingProspect
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
-from bev_preheat.commands.parser import completed_by, given_options
+from bev_preheat.commands.parser import completed_by, given_options, Subparsers
 from bev_preheat.commands.situation import (
     add_method_argument,
     add_prospect_arguments,
@@ -30,22 +31,13 @@ from bev_preheat.drawing.plan_figure import make_itinerary_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.sensitivity import find_sensitivity
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.sensitivity import find_sensitivity, Sensitivity
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import Route
 from bev_preheat.vehicle import vehicle_file
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from typing import Any
-
-    from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.sensitivity import Sensitivity
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat.route import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 
 def add_parser(subparsers: Subparsers) -> None:

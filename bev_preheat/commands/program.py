@@ -4,25 +4,20 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 import os
 import signal
 import sys
-from typing import TYPE_CHECKING
+from types import FrameType
+from typing import Any
 
 from bev_preheat.errors import InvalidInput, one_line, PlanningFailure
-from bev_preheat.files.output_files import STANDARD_OUTPUT
+from bev_preheat.files.output_files import AnyPath, STANDARD_OUTPUT
 from bev_preheat.optional_packages import advice, MissingPackage, PACKAGES
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from types import FrameType
-    from typing import Any
-
-    from bev_preheat.files.output_files import AnyPath
-
-    # The argument and result of signal.signal.
-    Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
+# The argument and result of signal.signal.
+Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 # The third is raised by this module itself.

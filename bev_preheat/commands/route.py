@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 import shlex
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, option_group
+from bev_preheat.commands.parser import completed_by, option_group, Subparsers
 from bev_preheat.commands.situation import (
     add_route_options,
     add_signal_arguments,
@@ -23,28 +24,19 @@ from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.drawing.inputs_figure import make_route_figure
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.files.output_files import AnyPath, check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.identification.recorded_route import load_drive_logs
 from bev_preheat.interface.inputs import route_or_log
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
+from bev_preheat.route import Route
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.for_vehicle import ambient_of, LEGS_SUFFIXES
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.road_load import compare_averages
-from bev_preheat.route.sources.journey import Journey
+from bev_preheat.route.sources.journey import ChargingStop, Journey
 from bev_preheat.route.sources.registry import has_powers, read_journey
+from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Sequence
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route import Route
-    from bev_preheat.route.sources.journey import ChargingStop
-    from bev_preheat.vehicle import Vehicle
 
 DEFAULT_STEP_S = 30.0
 

@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError
+from argparse import _ArgumentGroup as ArgumentGroup
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.stop import ChargingProspect, check_prospect
-from bev_preheat.commands.parser import completed_by, option_group
+from bev_preheat.commands.parser import Alternatives, completed_by, option_group
 from bev_preheat.commands.program import say
 from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.inputs import route_or_log
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import (
     check_method,
     DEFAULT_METHOD,
@@ -34,15 +37,8 @@ from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
-    from argparse import _ArgumentGroup as ArgumentGroup
-    from argparse import ArgumentParser, Namespace
-    from collections.abc import Iterator, Sequence
-    from typing import Any
-
-    from bev_preheat.commands.parser import Alternatives
     from bev_preheat.drawing.figure import Figure
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.planning.plan import Plan
 
 # Options of `add_route_options`.
 ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')

@@ -3,24 +3,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
+from rich.progress import Progress, ProgressColumn
 from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.commands.program import discard_output, OutputFailed
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from typing import Any
-
-    from rich.progress import ProgressColumn
-
-    # A rich Text if it has a colour.
-    Cell = str | Text
+# A rich Text if it has a colour.
+Cell = str | Text
 
 # Width of a table besides the text: a line and a blank on both sides of each column.
 FRAME_WIDTH, COLUMN_FRAME_WIDTH = 1, 3

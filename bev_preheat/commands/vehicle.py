@@ -3,23 +3,25 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 import shlex
-from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
+from bev_preheat.charging.session import Session
 from bev_preheat.commands.charge import time_text
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
-from bev_preheat.commands.parser import completed_by, option_group
+from bev_preheat.commands.parser import completed_by, option_group, Subparsers
 from bev_preheat.commands.situation import LESS_COMMON
-from bev_preheat.commands.terminal import print_figures, print_records, result_console
+from bev_preheat.commands.terminal import print_figures, print_records, result_console, ResultConsole
 from bev_preheat.drawing.vehicle_figure import make_vehicle_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
-from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
+from bev_preheat.files.output_files import AnyPath, check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.numerics import S_PER_MIN
-from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
     ChargingLimit,
@@ -30,19 +32,8 @@ from bev_preheat.vehicle.charging_curve import (
 )
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
-from bev_preheat.vehicle.plausibility import key_in_words, meaning_of
+from bev_preheat.vehicle.plausibility import key_in_words, Meaning, meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Iterable
-
-    from bev_preheat.charging.session import Session
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
 # Name of the curve in --source.

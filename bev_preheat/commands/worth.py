@@ -3,20 +3,20 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 from bev_preheat.charging.ageing import outside_in_words
-from bev_preheat.charging.chargers import load_chargers, rank_chargers, ranking_verdict
-from bev_preheat.charging.expectation import time_deviation
-from bev_preheat.charging.stop import check_stop, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.chargers import CandidateWorth, load_chargers, rank_chargers, ranking_verdict
+from bev_preheat.charging.expectation import time_deviation, TimeDeviation
+from bev_preheat.charging.stop import ChargingProspect, check_stop, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_range import by_session, by_table, COLUMNS, read_charging_times, targets_in_range
-from bev_preheat.charging.target_worth import check_prices, Prices
+from bev_preheat.charging.target_worth import check_prices, Prices, TargetWorth, Worth
 from bev_preheat.charging.worth_search import find_worth, goal_of
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json, write_results
-from bev_preheat.commands.parser import completed_by, given_options, option_group, option_of
+from bev_preheat.commands.parser import completed_by, given_options, option_group, option_of, Subparsers
 from bev_preheat.commands.situation import (
     add_drive_arguments,
     add_prospect_arguments,
@@ -24,23 +24,13 @@ from bev_preheat.commands.situation import (
     read_prospect,
     read_situation,
 )
-from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.commands.terminal import print_records, result_console, ResultConsole
 from bev_preheat.drawing.charging_figure import make_chargers_figure, make_worth_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from bev_preheat.charging.chargers import CandidateWorth
-    from bev_preheat.charging.expectation import TimeDeviation
-    from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.charging.target_worth import TargetWorth, Worth
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
 
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0

@@ -10,7 +10,7 @@ Nothing is planned here.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.control.decision import Command, Decision, Moment
 from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
@@ -24,13 +24,11 @@ from bev_preheat.control.heat_division import (
     Switches,
 )
 from bev_preheat.control.heater_switch import HeaterSwitch
+from bev_preheat.control.settings import Settings
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import LATER, Status
 from bev_preheat.tunables import LEAST_STATUS_S, ROUNDING_W
-
-if TYPE_CHECKING:
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 
 class SteadyStatus(NamedTuple):

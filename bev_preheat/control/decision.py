@@ -5,24 +5,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
 from bev_preheat.control.regime import RegimeReport, UNKNOWN_REGIME
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.target import TargetChoice
+from bev_preheat.control.timetable import Timetable
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import Forecast
+from bev_preheat.estimation.hypotheses import SuspectedFault
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle.description import Defaults, HVCH, Vehicle
 from bev_preheat.vehicle.variants import with_sources_at
-
-if TYPE_CHECKING:
-    from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.hypotheses import SuspectedFault
-    from bev_preheat.planning.situation import Goal
 
 
 class Command(NamedTuple):

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from bev_preheat.charging.stop import Charger
 from bev_preheat.control.charger_heat import ChargerHeat, ChargerHeater, ChargerSituation
 from bev_preheat.control.decision import Decision, Moment
 from bev_preheat.control.forecast_plan import (
@@ -21,28 +22,25 @@ from bev_preheat.control.forecast_plan import (
     planned_as_measured,
     PlanningTask,
 )
+from bev_preheat.control.inputs import Leg, Measurement
 from bev_preheat.control.regime import Regime, RegimeReport
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import TargetChoice
 from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
+from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.prior import temperature_after
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import COLDER_CELL_K, FORESEEN_S, MOST_PARKED_S, MOST_STANDING_S
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.variants import limited_by_coldest_cell
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
-    from bev_preheat.control.inputs import Leg, Measurement
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.timetable import Timetable
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class DecisionMaker(NamedTuple):

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta, tzinfo, UTC
 from functools import partial
 from itertools import pairwise, takewhile
 from pathlib import Path
 import re
-from typing import NamedTuple, TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TypeVar
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
@@ -25,10 +26,6 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.numerics import FloatArray, NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
 
 CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d)(?:\.0+)?)?'

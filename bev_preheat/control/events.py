@@ -13,17 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
-from typing import ClassVar, NamedTuple, Self, TYPE_CHECKING
+from typing import ClassVar, NamedTuple, Self
 
 from bev_preheat.control.heater import HEATER_STATUS, HeaterStatus, SOURCE_STATUS
 from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.estimation.prior import Learned
 from bev_preheat.vehicle.description import HVCH, Vehicle
-
-if TYPE_CHECKING:
-    from bev_preheat.estimation.prior import Learned
 
 # Topics of the planner's inputs; an event of a message is recorded by its topic.
 BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (

@@ -15,12 +15,15 @@ from dataclasses import replace
 from functools import lru_cache, reduce
 from itertools import dropwhile, pairwise
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.charging.expectation import FASTEST_PACE
+from bev_preheat.control.heater import SourcePowers
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.regime import PlannedPower
+from bev_preheat.control.timetable import Timetable
 from bev_preheat.estimation.estimator import DrivenInterval
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS, make_route, Route
@@ -34,13 +37,8 @@ from bev_preheat.tunables import (
     STANDING_AFTER_S,
     STANDING_W,
 )
+from bev_preheat.vehicle.description import Defaults, Vehicle
 from bev_preheat.vehicle.variants import DriveInputs, with_other_sources
-
-if TYPE_CHECKING:
-    from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.inputs import Leg, Mission
-    from bev_preheat.control.timetable import Timetable
-    from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # Places that are looked up.
 SHIFTS = 25

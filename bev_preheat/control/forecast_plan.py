@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, highest_start_c, reserve_soc, Uncertainty
 from bev_preheat.planning.status import LATER, Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import (
     FACTOR_STEP,
     LAG_REVEALED_S,
@@ -44,10 +45,6 @@ from bev_preheat.tunables import (
 )
 from bev_preheat.vehicle.description import HeatPath, HVCH, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
-
-if TYPE_CHECKING:
-    from bev_preheat.route.segments import Route
-
 
 FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
 

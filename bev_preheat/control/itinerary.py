@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
@@ -16,9 +15,7 @@ from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import route_for
 from bev_preheat.route.sources.journey import RouteOptions
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('itinerary_schema.yaml')
 STOP_KEYS = ('stop_duration_s', 'departure_temperature_c', 'departure_soc')

@@ -10,11 +10,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from bev_preheat.control.decision import Moment
 from bev_preheat.control.expected_drive import driven_at, planned_around
+from bev_preheat.control.heater import SourcePowers
 from bev_preheat.control.inputs import Measurement, SupplyStatus
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.timetable import Timetable
 from bev_preheat.estimation.current_check import CurrentSample, CurrentScale, CurrentSign, Sign
 from bev_preheat.estimation.readings import Resolution, SOC_STEPS
 from bev_preheat.estimation.signal_checks import (
@@ -39,14 +43,8 @@ from bev_preheat.tunables import (
     SIGNAL_DOUBT_SHOWN_S,
     UNPLUGGED_AFTER_S,
 )
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.plausibility import energy_between_kwh
-
-if TYPE_CHECKING:
-    from bev_preheat.control.decision import Moment
-    from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.timetable import Timetable
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class Known(NamedTuple):

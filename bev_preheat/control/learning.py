@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from bev_preheat.control.decision import Moment
 from bev_preheat.control.expected_drive import driven_at, intervals_between
+from bev_preheat.control.heater import SourcePowers
+from bev_preheat.control.inputs import Measurement, Mission
+from bev_preheat.control.knowledge import Known
 from bev_preheat.estimation.before_restart import LastSeen
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.prior import after_soak, Learned, Soak
@@ -29,16 +35,7 @@ from bev_preheat.tunables import (
     TRIED_OFF_K,
 )
 from bev_preheat.vehicle.description import HVCH, Vehicle
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from bev_preheat.control.decision import Moment
-    from bev_preheat.control.heater import SourcePowers
-    from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.knowledge import Known
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.vehicle.variants import DriveInputs
+from bev_preheat.vehicle.variants import DriveInputs
 
 
 class StandReport(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from bev_preheat.control.preparation_goal import (
     PreparationOutcome,
     PreparationProgress,
 )
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import TargetChoice, TargetSource
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput, located, PlanningFailure
@@ -42,12 +43,7 @@ from bev_preheat.tunables import (
     LONGEST_SOONEST_S,
     PLANNING_STEP_S,
 )
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # The route_id of plans for a goal; no route plan typed by hand has it.
 ROUTE_ID = '~/prepare_battery'

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 import math
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.planning.planner import DEFAULT_METHOD, REPLACED
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Defaults, Vehicle
+from bev_preheat.vehicle.description import Defaults, Vehicle
 
 
 @dataclass(frozen=True)

@@ -4,31 +4,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, Moment, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswerReport
 from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning, StandReport
 from bev_preheat.control.preparation import Preparation
+from bev_preheat.control.preparation_goal import PreparationGoal
+from bev_preheat.control.regime import RegimeReport
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.timetable import PlaceReport
 from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.prior import Learned
+from bev_preheat.estimation.signal_checks import SignalVerdict
+from bev_preheat.planning.status import Status
 from bev_preheat.tunables import SHARE_STEPS
 from bev_preheat.vehicle.description import HVCH, Vehicle
-
-if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.preparation_goal import PreparationGoal
-    from bev_preheat.control.regime import RegimeReport
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.timetable import PlaceReport
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.estimation.prior import Learned
-    from bev_preheat.estimation.signal_checks import SignalVerdict
-    from bev_preheat.planning.status import Status
 
 
 class Screened(NamedTuple):

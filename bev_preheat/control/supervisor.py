@@ -9,7 +9,7 @@ The result of a stage is kept if a later one fails. Instants are integers, in na
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.control.decision import Command, Decision, find_obstacle, Unserved
 from bev_preheat.control.decision_maker import DecisionMaker
@@ -26,20 +26,18 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.heater import Answers, HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning
+from bev_preheat.control.preparation_goal import PreparationOutcome
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.prior import Learned
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
-
-if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.preparation_goal import PreparationOutcome
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.estimation.prior import Learned
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # Positions, and answers of the heater: no plan is made for them alone.
 WITHOUT_PLAN = ProgressArrived, ProgressUnreadable, HeaterStatusArrived, HeaterStatusUnreadable

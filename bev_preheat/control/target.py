@@ -9,33 +9,35 @@ than no heating. Once it is, the decision stays until the probability changes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
 from enum import IntEnum
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.stop import chance_text, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import (
+    chance_text,
+    CHARGER_RANGE_W,
+    ChargingProspect,
+    stop_after,
+    USUAL_DEPARTURE_SOC,
+)
 from bev_preheat.charging.target_worth import pays_from_probability, Prices, TargetWorth
 from bev_preheat.charging.worth_search import goal_of, WorthSearch
+from bev_preheat.control.inputs import Leg
+from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import USUAL_PAYS_FROM
 from bev_preheat.vehicle.charging import charging_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.charging.stop import ChargingProspect
-    from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 
 class ChargingDoubt(NamedTuple):

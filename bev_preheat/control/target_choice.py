@@ -19,12 +19,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.stop import CERTAIN, held_prospect, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.stop import (
+    CERTAIN,
+    Charger,
+    ChargingProspect,
+    ChargingStop,
+    held_prospect,
+    stop_after,
+    USUAL_DEPARTURE_SOC,
+)
+from bev_preheat.charging.target_worth import TargetWorth
 from bev_preheat.charging.worth_search import Evaluated, goal_of, least_cooled, targets_between, WorthSearch
+from bev_preheat.control.inputs import Leg
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import (
     ChargingDoubt,
     given_target,
@@ -36,7 +47,10 @@ from bev_preheat.control.target import (
 )
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import (
     FIRST_LOOK_K,
     LEAST_GAIN_SHARE,
@@ -47,17 +61,7 @@ from bev_preheat.tunables import (
     USUAL_PAYS_FROM,
 )
 from bev_preheat.vehicle.charging import charging_of
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger, ChargingProspect, ChargingStop
-    from bev_preheat.charging.target_worth import TargetWorth
-    from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
-
+from bev_preheat.vehicle.description import Vehicle
 
 NO_CHARGER = "the route plan does not say the charger's power"
 

@@ -10,13 +10,10 @@ the wider one below shows on both sides and through the gaps of the one above.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from typing import Any
-
-    # Arguments of matplotlib by name.
-    Style = dict[str, Any]
+# Arguments of matplotlib by name.
+Style = dict[str, Any]
 
 BLACK, GRAY = '#000000', '#767676'
 BLUE, SKY_BLUE, GREEN = '#0072B2', '#56B4E9', '#009E73'

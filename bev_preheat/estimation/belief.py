@@ -10,12 +10,14 @@ intervals (`truncated_moments`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from typing import Self, TYPE_CHECKING
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bev_preheat.estimation.estimate import (
     FACTORS,
@@ -55,13 +57,14 @@ from bev_preheat.estimation.prior import (
     FACTOR_DEVIATIONS,
     LAG_BOUNDS,
     LAGS,
+    Lags,
     lags_of_places,
     Learned,
     nothing_learned,
     PLACING,
     PLACING_BOUNDS,
 )
-from bev_preheat.numerics import array_exp, frozen, truncated_moments
+from bev_preheat.numerics import array_exp, FloatArray, frozen, truncated_moments
 from bev_preheat.tunables import (
     CLIPPED_DEVIATIONS,
     EXCESS_DEVIATION,
@@ -84,20 +87,9 @@ from bev_preheat.tunables import (
 )
 from bev_preheat.vehicle.core_calls import Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
 from bev_preheat.vehicle.core_library import operation
-from bev_preheat.vehicle.core_structs import belief_terms
-from bev_preheat.vehicle.description import DIRECT, HeatPath
-from bev_preheat.vehicle.variants import with_coolant_in_battery
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from bev_preheat.estimation.prior import Lags
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.core_structs import BeliefTermsStruct
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.variants import DriveInputs
+from bev_preheat.vehicle.core_structs import belief_terms, BeliefTermsStruct
+from bev_preheat.vehicle.description import DIRECT, HeatPath, Vehicle
+from bev_preheat.vehicle.variants import DriveInputs, with_coolant_in_battery
 
 BOUNDED = slice(FACTORS.start, SENSOR_PLACE + 1)
 LOWEST, HIGHEST = np.concatenate((

@@ -19,24 +19,18 @@ that heat with a time constant of 100 s; the steady rise [K/kW] is estimated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.estimation.hypotheses import HeaterReport
-from bev_preheat.numerics import array_exp, ARRAYS, frozen, mean_magnitude
+from bev_preheat.numerics import array_exp, ARRAYS, FloatArray, frozen, mean_magnitude
 from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, OUTSIDE_LAG_S
-from bev_preheat.vehicle.description import DIRECT, HeatPath
+from bev_preheat.vehicle.description import DIRECT, HeatPath, Vehicle
 from bev_preheat.vehicle.variants import Corrections, DriveInputs, Lagging, make_drive_rates, make_lagging_step
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 (TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, HEAT_LAG, SENSOR_LAG,
  JOULE_RISE, SENSOR_PLACE, UNDER_WAY, SENSOR, LOCAL) = range(14)

@@ -7,9 +7,10 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.estimation.belief import Belief, interval_of
 from bev_preheat.estimation.estimate import Estimate, LOCAL, SENSOR, SOC, TEMPERATURE
@@ -23,9 +24,9 @@ from bev_preheat.estimation.hypotheses import (
     Suspicion,
 )
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
-from bev_preheat.estimation.prior import expected_offset_k
-from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
-from bev_preheat.numerics import array_exp, NS_PER_S
+from bev_preheat.estimation.prior import expected_offset_k, Learned, Soak
+from bev_preheat.estimation.readings import Expected, MeasuredState, ReadingCheck, Verdict
+from bev_preheat.numerics import array_exp, FloatArray, NS_PER_S
 from bev_preheat.tunables import (
     DIVERGED_K,
     ERROR_LASTS_S,
@@ -39,15 +40,8 @@ from bev_preheat.tunables import (
     READING_NOISE_SOC,
     UNHEATED_S,
 )
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.variants import DriveInputs
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from bev_preheat.estimation.prior import Learned, Soak
-    from bev_preheat.estimation.readings import Expected
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class DrivenInterval(NamedTuple):

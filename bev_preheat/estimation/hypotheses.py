@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import lru_cache
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
+from bev_preheat.numerics import FloatArray
 from bev_preheat.tunables import (
     FAILURE_S,
     FAULTY,
@@ -31,9 +32,6 @@ from bev_preheat.tunables import (
     TIMES_AS_LIKELY,
     TOLD_FROM,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 
 class Heater(Enum):

@@ -13,12 +13,13 @@ A power that does not step with the command only moves the excess.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, SHARES, STUCK, transitions
+from bev_preheat.estimation.hypotheses import HEALTHY, Heater, HEATERS, prior_weights, SHARES, STUCK, transitions
 from bev_preheat.numerics import array_exp, array_log, FloatArray, frozen
 from bev_preheat.tunables import (
     CORRELATED,
@@ -33,11 +34,6 @@ from bev_preheat.tunables import (
     SCATTER_W,
     VARIATION_S,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from bev_preheat.estimation.hypotheses import Heater
 
 # Lags of the heater behind its command [s]; heaters lag by up to 90 s.
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])

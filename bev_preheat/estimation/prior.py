@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,10 +46,7 @@ from bev_preheat.tunables import (
     SHELL_LAG_DEVIATION,
     UNMEASURED_LEAKAGE_DEVIATION,
 )
-from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
-
-if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import HeatPath, Uncertainty, Vehicle
+from bev_preheat.vehicle.description import HeatPath, Uncertainty, UNKNOWN_UNCERTAINTY, Vehicle
 
 # Prior standard deviations of the factors' logarithms, for a file that was not measured on this car: uniform over
 # +-10 % (heat capacity, heater) and +-20 % (resistance); leakage between an insulated and a bare pack, which

@@ -12,9 +12,10 @@ follows them has the same scale, unless it continues the last valid value.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from bev_preheat.errors import quoted
 from bev_preheat.numerics import FLOATS
@@ -33,12 +34,8 @@ from bev_preheat.tunables import (
     SLOW_GAPS,
     VOLTAGE_WITHIN,
 )
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.vehicle.description import Vehicle
 
 TEMPERATURE = 'battery_temperature'
 STATE_OF_CHARGE = 'state_of_charge'

@@ -16,23 +16,19 @@ import json
 import math
 import os
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.before_restart import choices_from, last_seen_from, NO_CHOICES
-from bev_preheat.estimation.estimate import FACTOR_NAMES, FACTORS, PROPULSION
+from bev_preheat.estimation.before_restart import choices_from, DriverChoices, last_seen_from, LastSeen, NO_CHOICES
+from bev_preheat.estimation.estimate import Estimate, FACTOR_NAMES, FACTORS, PROPULSION
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, Lags, Learned, prior_factor_covariance
+from bev_preheat.files.checked_yaml import FileData
 from bev_preheat.files.output_files import AnyPath, existing_file, expanded, target_of, write_whole
+from bev_preheat.numerics import FloatArray
 from bev_preheat.tunables import LAG_DEVIATION, LEAST_VARIANCE, OVERNIGHT
-
-if TYPE_CHECKING:
-    from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.numerics import FloatArray
 
 # The consumption error of one route says little about the next.
 REMEMBERED = slice(0, PROPULSION - FACTORS.start)

@@ -11,9 +11,9 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import dropwhile
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
-from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.readings import MeasuredState, Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.numerics import mean_magnitude, NS_PER_S, SATURATING_FLOATS
 from bev_preheat.tunables import (
     BELOW_AMBIENT_K,
@@ -27,12 +27,8 @@ from bev_preheat.tunables import (
     STUCK_WITHIN_S,
     UNMOVED_K,
 )
-from bev_preheat.vehicle.variants import KEPT_VEHICLES, make_drive_rates
-
-if TYPE_CHECKING:
-    from bev_preheat.estimation.readings import MeasuredState
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.variants import DriveInputs, DriveRates
+from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.variants import DriveInputs, DriveRates, KEPT_VEHICLES, make_drive_rates
 
 
 class _Expected(NamedTuple):

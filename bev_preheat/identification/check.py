@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -13,18 +14,12 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.numerics import FLOATS, NS_PER_S, S_PER_MIN, SATURATING_FLOATS
+from bev_preheat.identification.trips import Trip
+from bev_preheat.numerics import FloatArray, FLOATS, NS_PER_S, S_PER_MIN, SATURATING_FLOATS
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route.segments import make_route
+from bev_preheat.route.segments import make_route, Route
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c, sensor_reading_c
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 PREDICTION_STEP_S = 30.0
 

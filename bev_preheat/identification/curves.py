@@ -3,19 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import ARRAYS
+from bev_preheat.numerics import AnyNumber, Arithmetic, ARRAYS, Curve, CurveFunction, FloatArray
 from bev_preheat.vehicle.curves import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction, FloatArray
-    from bev_preheat.vehicle.description import Battery
+from bev_preheat.vehicle.description import Battery
 
 # Temperatures [deg C] at which the correction of the resistance is free; it is linear between them.
 KNOTS_C = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0)

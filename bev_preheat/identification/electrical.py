@@ -10,24 +10,19 @@ the model is R I^2, so the file's resistance is the one with the heat of both pa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from bev_preheat.identification.curves import knot_weights, KNOTS_C, KNOTS_SOC
-from bev_preheat.numerics import ARRAYS
+from bev_preheat.identification.trips import Trip
+from bev_preheat.numerics import ARRAYS, FloatArray
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 LASTING_S = 30.0
 # Voltage and current are averaged over this time [s], because noise of the current makes the resistance too small.

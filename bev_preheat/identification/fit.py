@@ -3,27 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from bev_preheat.identification.electrical import sandwich
+from bev_preheat.identification.electrical import Electrical, sandwich
 from bev_preheat.identification.parameters import ALL_STRUCTURES, NAMES, parameters_of
 from bev_preheat.identification.readings import likely_noise_k, ReadingResiduals
-from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
-from bev_preheat.identification.trips import LEAST_TRIPS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from bev_preheat.identification.electrical import Electrical
-    from bev_preheat.identification.thermal import Course
-    from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics import BoolArray, FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.identification.thermal import Course, course_of, PARAMETERS, ThermalModel
+from bev_preheat.identification.trips import LEAST_TRIPS, Trip
+from bev_preheat.numerics import BoolArray, FloatArray
+from bev_preheat.vehicle.description import Vehicle
 
 # Readings that count as one independent observation against the priors: at least, at most (a quarter of an hour).
 LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0

@@ -3,19 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import gammaincinv
 
 from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
-from bev_preheat.identification.electrical import CAPACITY_DEVIATION, fit_electrical
-from bev_preheat.identification.fit import Fitter
-from bev_preheat.identification.parameters import IN_CORE, NAMES, STRUCTURES, structures_of
+from bev_preheat.identification.electrical import CAPACITY_DEVIATION, Electrical, fit_electrical
+from bev_preheat.identification.fit import Fitter, ThermalFit
+from bev_preheat.identification.parameters import IN_CORE, NAMES, Parameter, STRUCTURES, structures_of
 from bev_preheat.identification.result import coverage_of, Estimated, Identification, ResistanceCurve
 from bev_preheat.identification.structures import (
     baselines,
@@ -23,7 +23,7 @@ from bev_preheat.identification.structures import (
     leave_each_out,
     try_structures,
 )
-from bev_preheat.identification.trips import common_remarks, refuse_poor
+from bev_preheat.identification.trips import common_remarks, refuse_poor, Trip
 from bev_preheat.identification.uncertainty import (
     correlations,
     Interval,
@@ -36,15 +36,7 @@ from bev_preheat.identification.uncertainty import (
 )
 from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.numerics import ARRAYS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from bev_preheat.identification.electrical import Electrical
-    from bev_preheat.identification.fit import ThermalFit
-    from bev_preheat.identification.parameters import Parameter
-    from bev_preheat.identification.trips import Trip
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # An estimate this close to a bound, in its coordinate, lies at it.
 AT_BOUND = 1e-4

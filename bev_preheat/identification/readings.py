@@ -9,17 +9,14 @@ readings of a short window count together, with the temperature constant within 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
+from bev_preheat.numerics import FloatArray
 
 # Standard deviation of sensor and model together, besides the rounding [K]: first guess, and range.
 NOISE_K = 0.3

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +13,10 @@ from bev_preheat.errors import figure, InvalidInput, located
 from bev_preheat.logs.doubts import turned
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.recording import gaps, LEAST_GAP_S, Recording, Series
+from bev_preheat.logs.signal_map import SignalMap
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import make_route, Route
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.description import Defaults
 
 # Signals that a route is made of, or that reveal mix-ups of these.
 USED = ('speed_mps', 'ambient_c', 'power_w', 'voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'heater_w',

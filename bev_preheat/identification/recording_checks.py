@@ -5,23 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.doubts import find_doubts, integral, turned
-from bev_preheat.logs.recording import Series
+from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
 from bev_preheat.logs.unit_hypotheses import JUMP_K, JUMP_S
-from bev_preheat.numerics import first_true, S_PER_H
+from bev_preheat.numerics import first_true, FloatArray, S_PER_H
+from bev_preheat.vehicle.description import Vehicle
 
-if TYPE_CHECKING:
-    from bev_preheat.logs.recording import Recording
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
-
-    Signals = Mapping[str, Series]
+Signals = Mapping[str, Series]
 
 # Valid range of a sample, in the signal's own unit: that of a reading, but without speeds in a wrong unit.
 POSSIBLE = PLAUSIBLE | {'soc': (0.0, 1.0), 'speed_mps': (0.0, 100.0)}

@@ -8,30 +8,23 @@ evaluated with CasADi symbols and differentiated by CasADi.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import casadi
 import numpy as np
 
 from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
+from bev_preheat.identification.electrical import Electrical
 from bev_preheat.identification.parameters import NAMES, Structure
 from bev_preheat.identification.readings import Readings
-from bev_preheat.identification.trips import IDLE_W
+from bev_preheat.identification.trips import IDLE_W, Trip
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
-from bev_preheat.numerics import ARRAYS
-from bev_preheat.vehicle.description import DIRECT, HeatPath, Leakage
+from bev_preheat.numerics import AnyNumber, ARRAYS, FloatArray, IntArray
+from bev_preheat.vehicle.description import DIRECT, HeatPath, Leakage, Vehicle
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import DriveInputs, Lagging, make_drive_rates, make_lagging_step
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from bev_preheat.identification.electrical import Electrical
-    from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
-    from bev_preheat.vehicle.description import Vehicle
 
 # Battery or core, heat under way, sensor.
 STATES = 3

@@ -6,19 +6,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.identification.recording_checks import problems_of
-from bev_preheat.logs.recording import Series
-from bev_preheat.vehicle.description import STANDING_MPS
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.recording import Recording
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.logs.recording import Recording, Series
+from bev_preheat.numerics import FloatArray
+from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 
 # Sensors of power show slightly negative values when nothing is drawn [W].
 MOST_NEGATIVE_NOISE_W = 500.0

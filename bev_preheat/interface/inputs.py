@@ -10,29 +10,24 @@ from inspect import signature
 import math
 from numbers import Integral, Real
 import os
+from pathlib import Path
 import re
-from typing import Any, NamedTuple, ParamSpec, TYPE_CHECKING, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.recording import Recording
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route as make_route_of_columns
 from bev_preheat.route import Route, route_for
-from bev_preheat.route.for_vehicle import route_source
+from bev_preheat.route.for_vehicle import route_source, RouteForVehicle
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle as load_vehicle_file
 from bev_preheat.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike
-
-    from bev_preheat.logs.recording import Recording
-    from bev_preheat.route.for_vehicle import RouteForVehicle
 
 Arguments = ParamSpec('Arguments')
 Returned = TypeVar('Returned')

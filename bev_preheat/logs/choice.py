@@ -5,16 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.files.times import Clock, find_clock, TIME_UNITS
 from bev_preheat.files.units import is_stated, measures, split_unit
-from bev_preheat.logs.signal_map import is_expression, matches, plain, SignalMap
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import Source
+from bev_preheat.logs.signal_map import is_expression, matches, plain, SignalMap, Source
 
 # Words of names that check, qualify, limit or request a reading, and those that do so at the end of a name.
 WORDS = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_]+')

@@ -5,16 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure
 from bev_preheat.logs.recording import Series
-from bev_preheat.numerics import EARTH_RADIUS_M
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray
+from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray
 
 # Intervals longer than this [s] have no known charge, energy or distance.
 LONGEST_HOLD_S = 120.0

@@ -5,15 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.logs.doubts import integral
 from bev_preheat.logs.recording import Series
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
+from bev_preheat.numerics import FloatArray
 
 # The temperature follows the heater's heat on its way by about this time [s].
 DELAY_S = 60.0

@@ -9,7 +9,7 @@ import json
 import math
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table import encoding_of, Layout, line_blocks
 from bev_preheat.files.units import split_unit
 from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, roles_of, TextLog, VALUE
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import IntArray
+from bev_preheat.numerics import IntArray
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.

@@ -9,18 +9,15 @@ import logging
 import multiprocessing
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.can_frames import dbc_files, needs_dbc
-from bev_preheat.logs.raw_log import Channel, Piece, RawLog
+from bev_preheat.logs.raw_log import Channel, Piece, RawLog, Remarks
 from bev_preheat.optional_packages import require
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.raw_log import Remarks
 
 # Without a reading in this time [s] the reader has lost its way in the file.
 LONGEST_WAIT_S = 60.0

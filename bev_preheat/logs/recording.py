@@ -5,12 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
+from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

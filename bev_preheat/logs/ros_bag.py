@@ -5,17 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import beginning_of, installed_prefix, mcap_messages
-from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog, Remarks
 from bev_preheat.optional_packages import MissingPackage, require
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.raw_log import Remarks
 
 MAGIC = (b'\x89MCAP0\r\n', b'SQLite format 3\0')
 MESSAGES = 'bev_preheat_msgs'

@@ -8,17 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import configuration_folder, find_configuration
-from bev_preheat.files.units import check_unit, LONGEST_NAME, MOST_NAMES, own_unit, split_unit
+from bev_preheat.files.units import check_unit, Conversion, LONGEST_NAME, MOST_NAMES, own_unit, split_unit
 from bev_preheat.logs.recording import SIGNALS
-
-if TYPE_CHECKING:
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.files.units import Conversion
 
 SCHEMA = Path(__file__).with_name('signal_map_schema.yaml')
 SUFFIX = '.yaml'

@@ -8,19 +8,16 @@ Messages carry SI units and degrees Celsius, as the planner's values do; only en
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterable
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from builtin_interfaces.msg import Time
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bev_preheat.errors import quoted, range_problem
 from bev_preheat.numerics import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike
 
 # The last second that a builtin_interfaces/Time can hold.
 LAST_TIME_S = 2**31 - 1

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
@@ -13,9 +13,6 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.messages.fields import nanoseconds, stamp_problems
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Fix
-
-if TYPE_CHECKING:
-    from builtin_interfaces.msg import Time
 
 LIMITS = {'latitude': 90.0, 'longitude': 180.0}
 

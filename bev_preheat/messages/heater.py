@@ -7,9 +7,11 @@ HeatSourceCommand and HeatSourceStatus are the same for another heat source of t
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator
 from functools import partial
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
+from bev_preheat.control.decision import Command
 from bev_preheat.control.events import (
     HeaterStatusArrived,
     HeaterStatusUnreadable,
@@ -20,16 +22,9 @@ from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.errors import InvalidInput, shortened
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.vehicle.description import HVCH
-from bev_preheat.vehicle.heater_controller import HeaterCommand, Refusal
+from bev_preheat.vehicle.description import HVCH, Vehicle
+from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterCommand, Refusal
 from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand, HvchStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator
-
-    from bev_preheat.control.decision import Command
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
 REFUSALS = frozenset(map(int, Refusal))
 # A measured power may lie this share above the heater's maximum.

@@ -9,8 +9,9 @@ The requests at the end of a leg stand in one field of the message for the last 
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,19 +31,14 @@ from bev_preheat.messages.fields import (
     stamp_problems,
     time_message,
 )
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import FloatArray, NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.road_load import elevation_of_slope, Motion, propulsion_columns, road_load_of
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, problem_with_values
 from bev_preheat.route.sources.journey import SLOPE_RANGE
 from bev_preheat.tunables import MOST_STOPS
+from bev_preheat.vehicle.description import Defaults, Vehicle
 from bev_preheat_msgs.msg import RoutePlan
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # Arrays with one element for each segment, by the fields of Route.
 ROUTE_FIELDS = {

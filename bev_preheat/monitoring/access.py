@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from ipaddress import ip_address
 import re
 import secrets
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from bev_preheat.errors import InvalidInput, quoted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 SHORTEST_TOKEN, LONGEST_TOKEN = 16, 256
 TOKEN = re.compile(r'[\x21-\x7e]+')

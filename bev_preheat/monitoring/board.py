@@ -4,11 +4,21 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
+from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.seen import diagnose, Diagnosis, LONGEST_SOURCE, MOST_ENTRIES
+from bev_preheat.monitoring.seen import (
+    diagnose,
+    Diagnosis,
+    EntrySeen,
+    LONGEST_SOURCE,
+    MOST_ENTRIES,
+    PlanSeen,
+    RouteSeen,
+)
 from bev_preheat.monitoring.view import (
     Banner,
     banner_of,
@@ -23,15 +33,9 @@ from bev_preheat.monitoring.view import (
 )
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.recording.deviation import Unheated
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from bev_preheat.control.heater import HeaterStatus
-    from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
-    from bev_preheat.recording.deviation import Unheated
 
 TRAIL_POINTS = 2000
 # Points older than this are dropped [s].

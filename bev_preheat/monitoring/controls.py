@@ -3,31 +3,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from queue import SimpleQueue
 import time
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.monitoring.planner_client import Wanted
-from bev_preheat.monitoring.source import Answer, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
+from bev_preheat.monitoring.source import Answer, Asked, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-
-    from rclpy.node import Node
-
-    from bev_preheat.monitoring.source import Asked
-
-    # Steps of a conversation with a planner; the result is its Answer.
-    Conversation = Generator[None, None, Answer]
+# Steps of a conversation with a planner; the result is its Answer.
+Conversation = Generator[None, None, Answer]
 
 # A planner that is there is found, and answers, within this time [s].
 PRESENT_WITHIN_S, REPLY_WITHIN_S = 4.0, 4.0

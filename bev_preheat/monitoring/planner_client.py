@@ -3,30 +3,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 import time
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import highest_given, nanoseconds, time_message
+from bev_preheat.nodes.listening import Listener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
-
-    from bev_preheat.nodes.listening import Listener
-
-    # An rclpy future, None before the request: rclpy's have no types.
-    Future = Any
+# An rclpy future, None before the request: rclpy's have no types.
+Future = Any
 
 # A planner is found, and answers, within this time [s]; it cancels within a second.
 FOUND_WITHIN_S = 10.0

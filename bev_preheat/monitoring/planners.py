@@ -8,15 +8,16 @@ nor keeps samples for it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 import math
 from threading import Lock
 import time
-from typing import TYPE_CHECKING
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import NodeNameNonExistentError
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
@@ -33,14 +34,8 @@ from bev_preheat.nodes.setup_watch import endpoint_name
 from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES, MOST_SOURCES
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
-
-    from rclpy.node import Node
-
-    # The full names of a planner's topics by the type of their messages; '' if it has none.
-    Topics = dict[str, str]
+# The full names of a planner's topics by the type of their messages; '' if it has none.
+Topics = dict[str, str]
 
 PLAN, COMMAND, SOURCE, ROUTE, ANSWER = (f'bev_preheat_msgs/msg/{name}' for name in (
     'PreheatPlan', 'HvchCommand', 'HeatSourceCommand', 'RoutePlan', 'HvchStatus'))

@@ -8,6 +8,7 @@ A tab that does not read gets no further messages, and is closed after a while, 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_address
 import json
@@ -15,7 +16,7 @@ import os
 import socket
 from threading import Event, Thread
 import time
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
@@ -23,16 +24,10 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.monitoring.access import COOKIE, HEADERS
+from bev_preheat.monitoring.access import Access, COOKIE, HEADERS
 from bev_preheat.monitoring.pages import file_of, FILES, login_page, main_page
-from bev_preheat.monitoring.source import asked_of, Cursor
+from bev_preheat.monitoring.source import asked_of, Cursor, LiveSource
 from bev_preheat.monitoring.view import written
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.monitoring.access import Access
-    from bev_preheat.monitoring.source import LiveSource
 
 # A wrong token is answered after this time [s]; meanwhile only so many others are.
 WRONG_TOKEN_S, MOST_WRONG_TOKENS = 1.0, 20

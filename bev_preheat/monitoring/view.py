@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import json
 import math
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 from bev_preheat.planning.status import Status
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 # A message is late after this time [s of real time], or after LATE_INTERVALS of its usual intervals.
 LATE_S, LATE_INTERVALS, LONGEST_LATE_S = 3.0, 4.0, 40.0

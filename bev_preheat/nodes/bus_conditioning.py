@@ -3,17 +3,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import math
+from queue import SimpleQueue
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
 
-from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
+from bev_preheat.bus.conditioning import (
+    ConditioningGoal,
+    ConditioningRequest,
+    INACTIVE,
+    IS_ACTIVE,
+    IS_ONGOING,
+    MODE,
+)
 from bev_preheat.bus.source import steady_s
+from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import time_message
@@ -22,17 +35,6 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from queue import SimpleQueue
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
-    from rclpy.task import Future
-
-    from bev_preheat.bus.conditioning import ConditioningGoal
-    from bev_preheat.bus.vss_source import VssSource
 
 GOAL_PERIOD_S = 0.1
 # A refusal is shown in the diagnostics for this time [s].

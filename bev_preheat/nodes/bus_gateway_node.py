@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from queue import SimpleQueue
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
-from bev_preheat.bus.source import steady_s
+from bev_preheat.bus.source import LiveBattery, steady_s
 from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.inputs import SupplyStatus
@@ -28,13 +30,6 @@ from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterLimits
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    from bev_preheat.bus.source import LiveBattery
 
 PARAMETERS = (
     StartParameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.'),

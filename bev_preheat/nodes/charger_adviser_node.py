@@ -3,24 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from bev_preheat.charging.chargers import rank_chargers
+from bev_preheat.charging.chargers import CandidateWorth, rank_chargers
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.decision import find_obstacle
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of, write_ranking
 from bev_preheat.nodes.inbox_node import DEFAULTS, InboxNode, INPUT_PARAMETERS, VEHICLE
+from bev_preheat.nodes.node import Values
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat_msgs.srv import RankChargers
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bev_preheat.charging.chargers import CandidateWorth
-    from bev_preheat.nodes.node import Values
 
 STEP, *AGES = INPUT_PARAMETERS
 PARAMETERS = (

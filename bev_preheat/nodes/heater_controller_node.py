@@ -10,37 +10,30 @@ and answers with `heat_source_status`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 import sys
 import time
-from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.messages.battery_state import measurement_from_message
 from bev_preheat.messages.fields import known
-from bev_preheat.nodes.heater_execution import HeaterExecution, open_can_heater
+from bev_preheat.nodes.heater_execution import HeaterExecution, open_can_heater, Output
 from bev_preheat.nodes.node import LIFECYCLE, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import StartParameter
 from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.topics import BEST_EFFORT
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HeatingGates, HVCH
 from bev_preheat.vehicle.heater_controller import HeaterLimits, Instant, Refusal, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
-
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.nodes.heater_execution import Output
-    from bev_preheat.vehicle.description import HeatingGates
 
 PARAMETERS = (
     StartParameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Mapping
 import math
 import time
-from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from bev_preheat.bus.can_source import CanSource
@@ -22,19 +24,19 @@ from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.description import HVCH
-from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED, Verdict
+from bev_preheat.vehicle.heater_controller import (
+    HeaterAnswer,
+    HeaterController,
+    HeaterLimits,
+    Instant,
+    Refusal,
+    SERVED,
+    Verdict,
+)
 from bev_preheat_msgs.msg import HeatSourceCommand, HeatSourceStatus, HvchCommand, HvchStatus
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.node import Node
-
-    from bev_preheat.vehicle.heater_controller import HeaterLimits
-
-    # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
-    Output = Callable[[float], float | None]
+# Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
+Output = Callable[[float], float | None]
 
 # The status is published so often, and at each change [s].
 STATUS_PERIOD_S = 0.5

@@ -3,25 +3,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.events import RouteUnreadable
+from bev_preheat.control.events import Event, RouteUnreadable
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_event
 from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.topics import BEST_EFFORT, RouteListener
 from bev_preheat.vehicle import load_vehicle
-
-if TYPE_CHECKING:
-    from bev_preheat.control.events import Event
-    from bev_preheat.errors import InvalidInput
-    from bev_preheat.nodes.process import NodeProgram
-    from bev_preheat_msgs.msg import RoutePlan
+from bev_preheat_msgs.msg import RoutePlan
 
 DEFAULTS = Settings()
 VEHICLE = Parameter('vehicle', 'reference',

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 import math
 import os
@@ -12,38 +13,29 @@ import socket
 import subprocess
 import tempfile
 import time
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 import domain_coordinator
+from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.files.output_files import existing_file
+from bev_preheat.files.output_files import AnyPath, existing_file
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
-from bev_preheat.nodes.listening import listening
+from bev_preheat.nodes.listening import Listener, listening
 from bev_preheat.nodes.parameters import as_typed
-from bev_preheat.nodes.simulated_drive import ARRIVED, outcome_from_diagnostics
+from bev_preheat.nodes.simulated_drive import ARRIVED, outcome_from_diagnostics, SimulatedDriveReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import KeptRecording
+from bev_preheat.simulation.scenario import Scenario
 from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-    from typing import Any
-
-    from rclpy.node import Node
-
-    from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.nodes.listening import Listener
-    from bev_preheat.nodes.simulated_drive import SimulatedDriveReport
-    from bev_preheat.simulation.scenario import Scenario
 
 # Domains whose UDP ports lie below Linux's ephemeral ports; 0 is the default domain.
 DOMAIN_IDS = range(1, 101)

@@ -3,21 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic
-from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 from bev_preheat.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rclpy.node import Node
 
 # Longest wait for a message [s], because Python handles signals between two waits. It is constant, because an
 # executor whose timeout changes prefers the first subscriptions.

@@ -5,19 +5,21 @@ from __future__ import annotations
 
 from collections import deque
 from time import monotonic
-from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from bev_preheat.control.decision import WITHOUT_ROUTE
-from bev_preheat.control.events import BatteryStateArrived, Reconfigured, TripCancelled
+from bev_preheat.control.events import BatteryStateArrived, Event, Reconfigured, TripCancelled
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.nodes.inbox_node import InboxNode, INPUT_PARAMETERS, VEHICLE
-from bev_preheat.nodes.node import guarded
+from bev_preheat.nodes.node import guarded, Values
 from bev_preheat.nodes.optimality_report import (
     as_driven,
     case_of_plan,
     case_of_state,
+    CheckedCase,
     report_message,
     report_sentence,
     says_the_same,
@@ -28,18 +30,8 @@ from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.nonlinear_program.solver_process import Failure, MOST_NICE, SolverProcess
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.optional_packages import require
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan
-
-if TYPE_CHECKING:
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.inputs import Measurement
-    from bev_preheat.nodes.node import Values
-    from bev_preheat.nodes.optimality_report import CheckedCase
-    from bev_preheat.vehicle import Vehicle
-    from bev_preheat_msgs.msg import RoutePlan
+from bev_preheat.vehicle import load_vehicle, Vehicle
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
 
 PARAMETERS = (
     VEHICLE,

@@ -3,36 +3,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 import re
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.task import Future
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import diagnostics
 from bev_preheat.nodes.parameters import check, declare, StartParameter, USE_SIM_TIME
+from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.parameter import Parameter as RosParameter
-
-    from bev_preheat.nodes.process import NodeProgram
-
-    # A method called by ROS.
-    Callback = Callable[..., Any]
-    # Values of parameters by name, with the types of the parameter table.
-    Values = dict[str, Any]
+# A method called by ROS.
+Callback = Callable[..., Any]
+# Values of parameters by name, with the types of the parameter table.
+Values = dict[str, Any]
 
 # A sentence is not repeated within this time [s]; at most this many different ones are logged in it.
 PERIOD_S = 5.0

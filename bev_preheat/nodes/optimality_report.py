@@ -9,34 +9,26 @@ state, on the same steps of the same route, with the same goal.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.nonlinear_program.solver_process import Question, SolverAnswer
+from bev_preheat.nonlinear_program.solver_process import Failure, Question, SolverAnswer
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.plan import difference
+from bev_preheat.planning.plan import difference, Plan
 from bev_preheat.planning.planner import is_method
-from bev_preheat.planning.situation import BatteryState
-from bev_preheat_msgs.msg import OptimalityReport
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from typing import Any
-
-    from bev_preheat.control.inputs import Leg, Measurement, Mission
-    from bev_preheat.nonlinear_program.solver_process import Failure
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
-
-    # Inbox.goal_of.
-    GoalOf = Callable[[Leg], Goal]
+# Inbox.goal_of.
+GoalOf = Callable[[Leg], Goal]
 
 # Two computations of the same steps differ only by rounding.
 STEP_ROUNDING_S = 1e-3

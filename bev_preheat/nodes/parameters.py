@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from rclpy.node import Node
-
 
 # Declared by rclpy in every node; it can be set at run time.
 USE_SIM_TIME = 'use_sim_time'

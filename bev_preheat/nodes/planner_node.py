@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
@@ -14,20 +17,22 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.events import (
     ActivationChanged,
     BATTERY_STATE,
+    Event,
     PreheatingSwitched,
     Reconfigured,
     RivalsChanged,
     ROUTE_PLAN,
     RouteUnreadable,
 )
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.inputs import INPUTS, RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
-from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
+from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode, Values
 from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
 from bev_preheat.nodes.planner_parameters import check_changes, NEVER_LOCKED, PARAMETERS, read, take_effect
@@ -41,18 +46,6 @@ from bev_preheat.recording.records import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
 from bev_preheat.vehicle.core_library import core_in_words
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Any
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.parameter import Parameter as RosParameter
-
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.nodes.node import Values
 
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',

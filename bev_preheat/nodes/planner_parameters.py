@@ -3,25 +3,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.estimation.state_file import check_state_file
-from bev_preheat.nodes.node import LIFECYCLE
+from bev_preheat.nodes.node import LIFECYCLE, Values
 from bev_preheat.nodes.parameters import Parameter, StartParameter
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.core_library import use_core
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.nodes.node import Values
-    from bev_preheat.vehicle import Vehicle
 
 DEFAULTS = Settings()
 PARAMETERS = (

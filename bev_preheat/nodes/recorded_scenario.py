@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
 
+from bev_preheat.control.events import Event
+from bev_preheat.control.inputs import Mission, Progress
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.messages.battery_state import battery_event, reading_message
 from bev_preheat.messages.inputs import RouteIntake
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
@@ -15,21 +20,11 @@ from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.recording.ring import KeptRecording
-from bev_preheat.simulation.scenario_drive import drive_scenario
+from bev_preheat.simulation.scenario import Scenario
+from bev_preheat.simulation.scenario_drive import drive_scenario, DriveRecord
+from bev_preheat.simulation.sensors import Reading
 from bev_preheat.simulation.supervised_drive import START_NS, Wire
 from bev_preheat.vehicle import vehicle_contents
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-    from typing import Any
-
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.inputs import Mission, Progress
-    from bev_preheat.control.supervisor import StepOutput, Supervisor
-    from bev_preheat.simulation.scenario import Scenario
-    from bev_preheat.simulation.scenario_drive import DriveRecord
-    from bev_preheat.simulation.sensors import Reading
 
 # A folder of one drive is never too large [MB].
 UNBOUNDED_MB = 1e9

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
@@ -15,9 +15,9 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.messages.fields import LAST_TIME_S
 from bev_preheat.messages.fix import fix_from_message
-from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
+from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, RouteOffer, WITH_AUXILIARIES
 from bev_preheat.messages.route_progress import progress_message
-from bev_preheat.nodes.node import guarded, ProgramNode, without_figures
+from bev_preheat.nodes.node import guarded, ProgramNode, Values, without_figures
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.nodes.setup_watch import RESTART_S
@@ -27,12 +27,6 @@ from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
 from bev_preheat.route.odometer import OdometerPlace
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress
-
-if TYPE_CHECKING:
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    from bev_preheat.messages.route_offer import RouteOffer
-    from bev_preheat.nodes.node import Values
 
 # A change of these publishes the route again.
 ROUTE_PARAMETERS = (

@@ -3,33 +3,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, values_of, WARN
 from bev_preheat.messages.fields import known
 from bev_preheat.messages.route_plan import charger_of
+from bev_preheat.nodes.node import Values
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.phases import Charge, DrivePhase, Park
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import PhaseEnd
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-
-    from bev_preheat.nodes.node import Values
-    from bev_preheat.simulation.phases import Phase
 
 PARAMETERS = (
     StartParameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which '

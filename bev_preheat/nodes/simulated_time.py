@@ -16,12 +16,16 @@ run in one order, however busy the computer is.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 import time
-from typing import TYPE_CHECKING
+from typing import Any
 
+from builtin_interfaces.msg import Time
 from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
+from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
@@ -29,14 +33,6 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.setup_watch import endpoint_name, NAMELESS, RESTART_S
 from bev_preheat.nodes.topics import BEST_EFFORT, ListeningPublisher
 from bev_preheat.numerics import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-    from typing import Any
-
-    from builtin_interfaces.msg import Time
-    from rclpy.client import Client
-    from rclpy.node import Node
 
 # Simulated time between two clock messages [s]: the time resolution of the nodes.
 TICK_S = 0.5

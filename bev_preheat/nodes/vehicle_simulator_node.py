@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 import math
-from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
+from rclpy.publisher import Publisher
+from rclpy.task import Task
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.errors import InvalidInput
@@ -19,7 +22,7 @@ from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.heater_execution import CommandSenders
-from bev_preheat.nodes.node import guarded, ProgramNode
+from bev_preheat.nodes.node import guarded, ProgramNode, Values
 from bev_preheat.nodes.process import LAST_WORDS_TIME, print_error
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
 from bev_preheat.nodes.simulated_drive import departure, PROGRAM, trip_diagnostics
@@ -28,6 +31,8 @@ from bev_preheat.nodes.topics import LATCHED
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.simulation.heater import HeaterSide
+from bev_preheat.simulation.sensors import Reading
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import (
@@ -38,17 +43,6 @@ from bev_preheat_msgs.msg import (
     RoutePlan,
     RouteProgress,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.publisher import Publisher
-    from rclpy.task import Task
-
-    from bev_preheat.nodes.node import Values
-    from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
 # Time for listeners to receive the arrival before exit_on_arrival ends the process.
 LINGER_SIMULATED_S = 5.0

@@ -18,6 +18,7 @@ warm enough to deliver a climb overheats on it, the highest temperature is not a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -25,7 +26,7 @@ from functools import lru_cache
 from io import StringIO
 import sys
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import Any
 
 import casadi
 import numpy as np
@@ -37,23 +38,18 @@ from bev_preheat.nonlinear_program.drive_steps import (
     power_row,
     POWER_SCALE_W,
     SOC_SCALE,
+    Values,
 )
+from bev_preheat.numerics import FloatArray
 from bev_preheat.planning.engine import run_without_heating
+from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
 from bev_preheat.vehicle.description import HVCH, STANDING_MPS, Vehicle
 from bev_preheat.vehicle.variants import Corrections
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Any
-
-    from bev_preheat.nonlinear_program.drive_steps import Values
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.schedule import Schedule
-
-    # Options that CasADi takes by name; its own type hints omit many.
-    ByName = dict[str, Any]
+# Options that CasADi takes by name; its own type hints omit many.
+ByName = dict[str, Any]
 
 
 # Prices of a kelvin, a per cent and a kilowatt of deficit, in scaled joules: more than heating could ever save,

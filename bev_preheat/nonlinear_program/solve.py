@@ -3,17 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from bev_preheat.nonlinear_program.drive_steps import ENERGY_SCALE_J, power_row
 from bev_preheat.nonlinear_program.program import Attempt, attempt, driven_start, Give, Problem, SUCCESS
 from bev_preheat.nonlinear_program.symbols import smoothed_a_little
-from bev_preheat.numerics import ARRAYS, JOULES_PER_WH
+from bev_preheat.numerics import ARRAYS, FloatArray, JOULES_PER_WH
 from bev_preheat.planning.dynamics import is_described
 from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.heat_run import along_states
@@ -23,17 +24,11 @@ from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.route import Route
 from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from typing import Any
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.route import Route
 
 METHOD = 'nlp'
 AS_DESCRIBED = Corrections()

@@ -9,6 +9,7 @@ with the first question, and stays for the next.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 import os
 import pickle
@@ -18,20 +19,15 @@ import struct
 import subprocess
 import sys
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
+from bev_preheat.vehicle import Vehicle
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import Any
-
-    from bev_preheat.vehicle import Vehicle
-
-    # Any pickled object: a Vehicle, READY, or one of the classes below.
-    Thing = Any
+# Any pickled object: a Vehicle, READY, or one of the classes below.
+Thing = Any
 
 # Loading Python, NumPy and CasADi takes a second, or a minute at the lowest priority on a busy computer; beyond
 # this limit something is wrong.

@@ -13,19 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import casadi
 
-from bev_preheat.numerics import AnyNumber, Arithmetic
+from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction
+from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics import Curve, CurveFunction
-    from bev_preheat.vehicle import Vehicle
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
 

@@ -14,25 +14,23 @@ import queue
 import socket
 import threading
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nonlinear_program.solver_process import (
     CHUNK_BYTES,
     Failure,
     framed,
+    Question,
     READY,
     SolverAnswer,
+    Thing,
     unframed,
 )
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
-
-if TYPE_CHECKING:
-    from bev_preheat.nonlinear_program.solver_process import Question, Thing
-    from bev_preheat.vehicle import Vehicle
 
 
 def serve(descriptor: int, niceness: int) -> None:

@@ -10,20 +10,21 @@ temperature on arrival is reached with a later start, and the heat under way los
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import first_true
+from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import HeldBack, Schedule
-from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.planning.two_switches import maximum_between
-from bev_preheat.route.segments import LIMITS
+from bev_preheat.route.segments import LIMITS, Route
 from bev_preheat.tunables import (
     ABOVE_TARGET_K,
     AIMS_BELOW_K,
@@ -35,17 +36,8 @@ from bev_preheat.tunables import (
     SPARES,
     START_RESOLUTION_S,
 )
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.variants import grid_fed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class FullPower:

@@ -11,22 +11,17 @@ Heat below 0 is cooling, by sources whose heat per watt is negative, in the orde
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from bev_preheat.numerics import ARRAYS
+from bev_preheat.numerics import AnyNumber, ARRAYS, FloatArray, IntArray
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import FIRST_STEP_K, LEAST_SOURCE_W, ROUNDING_W
-from bev_preheat.vehicle.description import HVCH, STANDING_MPS, steps_below_w
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from bev_preheat.numerics import AnyNumber, FloatArray, IntArray
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
+from bev_preheat.vehicle.description import HeatSource, HVCH, STANDING_MPS, steps_below_w, Vehicle
 
 # A segment lasts for many commands.
 KEPT_SEGMENTS = 8

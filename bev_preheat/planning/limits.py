@@ -10,26 +10,21 @@ car would.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics import BoolArray, FloatArray
 from bev_preheat.planning import dynamics, engine
 from bev_preheat.planning.heat_run import with_heat
 from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.trip import Trip
 from bev_preheat.tunables import COLDER_BY_K, HEATED_W, MOST_REPEATS, ROUNDING_W
-from bev_preheat.vehicle.description import steps_below_w
+from bev_preheat.vehicle.description import HeatingGates, steps_below_w, Vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import BoolArray, FloatArray
-    from bev_preheat.planning.situation import BatteryState
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.description import HeatingGates, Vehicle
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import math
 from time import perf_counter
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan
-from bev_preheat.planning.situation import check_situation
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.two_switches import maximum_between
-
-if TYPE_CHECKING:
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle.description import Vehicle
 
 
 class MakerRule(NamedTuple):

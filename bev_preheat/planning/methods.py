@@ -14,18 +14,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from bev_preheat.numerics import FloatArray
 from bev_preheat.planning import engine
-from bev_preheat.planning.heat_run import initial_states
+from bev_preheat.planning.heat_run import initial_states, States
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
+from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.paper import run_paper
 from bev_preheat.planning.recursion import Recursion, ValueTable
-from bev_preheat.planning.schedule import ended_within, HeldBack
-from bev_preheat.planning.situation import reserve_soc, Uncertainty
+from bev_preheat.planning.schedule import ended_within, HeldBack, Schedule
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
+from bev_preheat.planning.trip import Trip
 from bev_preheat.tunables import (
     LACK_PRICE,
     LEAST_HEATING_W,
@@ -36,14 +39,6 @@ from bev_preheat.tunables import (
     SPARE_SOC,
     VALUES_KEPT_S,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.heat_run import States
-    from bev_preheat.planning.one_interval import SwitchPlan
-    from bev_preheat.planning.schedule import Schedule
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.planning.trip import Trip
 
 # An update makes plans for a heater as it is and as it should be.
 KEPT_VALUE_FUNCTIONS = 2

@@ -12,16 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from bev_preheat.numerics import FLOATS, JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, FLOATS, IntArray, JOULES_PER_WH
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.engine import keep_accounts, limits_of_steps_w
 from bev_preheat.planning.limits import colder, limits_along, limits_hold, run_unheated
 from bev_preheat.planning.schedule import HeatingInterval, HeldBack, Reason, Schedule, ScheduleOutcome, Stranding
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.planning.trip import Trip
 from bev_preheat.tunables import (
     HEATING_SHARE,
     NO_WORSE_W,
@@ -32,10 +33,6 @@ from bev_preheat.tunables import (
     TOO_LATE_LAGS,
     WARMER_K,
 )
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray, IntArray
-    from bev_preheat.planning.trip import Trip
 
 SENTENCES = {
     Reason.ARRIVAL: 'to be warm on arrival',

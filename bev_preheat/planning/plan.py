@@ -11,24 +11,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 import math
-from typing import Any, Protocol, TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
-from bev_preheat.numerics import JOULES_PER_WH, WH_PER_KWH
-from bev_preheat.planning.dynamics import Energies
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH, WH_PER_KWH
+from bev_preheat.planning.dynamics import Accounts, Energies
 from bev_preheat.planning.engine import keep_accounts
-from bev_preheat.planning.schedule import HeatRun, HeldBack, Schedule, Stranding
+from bev_preheat.planning.schedule import HeatingInterval, HeatRun, HeldBack, Schedule, StepPrices, Stranding
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import Trip
 from bev_preheat.tunables import NO_WORSE_W, SAME_SOC, SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.model import make_runge_kutta_4
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.dynamics import Accounts
-    from bev_preheat.planning.schedule import HeatingInterval, StepPrices
-    from bev_preheat.planning.trip import Trip
 
 
 @dataclass(frozen=True)

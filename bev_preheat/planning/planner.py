@@ -2,17 +2,17 @@
 """Makes a plan: checks the input, runs a method, chooses the plan's status, and describes the result."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 import math
 from time import perf_counter
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies, is_described
 from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
@@ -20,12 +20,14 @@ from bev_preheat.planning.full_power import heat_until_arrival
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
+from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.outcome import find_outcome, NoRegretCheck, power_deficit, unheated_within_limits
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Method, Schedule, ScheduleOutcome, StepPrices
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import (
     BELOW_HIGHEST_K,
     HEATED_W,
@@ -36,16 +38,8 @@ from bev_preheat.tunables import (
     SHORTFALL_TOLERANCE_K,
     SOC_TOLERANCE,
 )
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 from bev_preheat.vehicle.variants import hvch_alone
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.one_interval import SwitchPlan
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 class PlanningCase(NamedTuple):

@@ -11,20 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.bracketing import halve
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.schedule import Reason
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import LEAST_TOLD_WH, RESOLUTION_K, SHORTFALL_TOLERANCE_K
-
-if TYPE_CHECKING:
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import Vehicle
 
 # Statuses of plans that have no target.
 WITHOUT_TARGET = Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT

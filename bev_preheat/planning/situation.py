@@ -5,15 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, range_problem, share_hint
+from bev_preheat.route.segments import Route
 from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K, MOST_EXCESS_K, WIDEST_FORECAST_K
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import hottest_c
-
-if TYPE_CHECKING:
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import groupby, zip_longest
 from operator import itemgetter
 from pathlib import Path
 import sqlite3
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
 from bev_preheat.control.heater import SOURCE_STATUS
@@ -21,6 +22,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.flight import Flight, Given, ROS2_BAG
 from bev_preheat.recording.records import (
+    Beginning,
     COMMAND,
     definition,
     OWN,
@@ -29,11 +31,6 @@ from bev_preheat.recording.records import (
     SEPARATOR,
     SOURCE_COMMAND,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from bev_preheat.recording.records import Beginning
 
 MCAP, SQLITE = b'\x89MCAP0\r\n', b'SQLite format 3\0'
 SUFFIXES = ('.mcap', '.db3')

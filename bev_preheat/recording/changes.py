@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 import math
 import re
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import yaml
 
 from bev_preheat.errors import InvalidInput, quoted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
 
 # Fields of battery_state and of route_plan, by the names of the command line.
 BATTERY_FIELDS = {'temperature': 'temperature', 'soc': 'percentage', 'voltage': 'voltage', 'current': 'current'}

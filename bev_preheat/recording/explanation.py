@@ -3,20 +3,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from bev_preheat.control.state import State
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.flight import Flight
 from bev_preheat.recording.replay import Player
-
-if TYPE_CHECKING:
-    from bev_preheat.control.state import State
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.recording.flight import Flight
-
 
 Rows = list[tuple[str, str]]
 

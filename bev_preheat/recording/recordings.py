@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -17,23 +17,20 @@ from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import beginning_of, mcap_messages, version
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.route_offer import offer_of
-from bev_preheat.numerics import NS_PER_S
+from bev_preheat.numerics import FloatArray, NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.bag import is_bag, read_topics, SQLITE, TYPES, with_repeats
+from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.course import LEAST_HEAT_W
 from bev_preheat.recording.flight import Flight, Given, LOG, read_flight
 from bev_preheat.recording.records import Beginning, RecordedStep
 from bev_preheat.recording.writer import BEGINNING_CHANNEL
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.recording import Recording, Series
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.recording.changes import Changes
 
 # The recorder's first message is near the start of a file.
 SEARCHED_RECORDS = 20

@@ -3,22 +3,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
-from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, Reconfigured, ROUTE_PLAN
+from bev_preheat.control.events import BATTERY_STATE, Event, HVCH_STATUS, Reconfigured, ROUTE_PLAN
 from bev_preheat.control.heater import SOURCE_STATUS
-from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
+from bev_preheat.control.state import State
 from bev_preheat.control.state_bytes import state_of
-from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS, RouteIntake
 from bev_preheat.recording.changes import Changes, with_keys
 from bev_preheat.recording.comparison import Comparison
 from bev_preheat.recording.course import Course
 from bev_preheat.recording.deviation import Deviation, SourceHeat
-from bev_preheat.recording.flight import InputRemarks, Period, WHOLE
+from bev_preheat.recording.flight import Flight, Given, InputRemarks, Period, Start, WHOLE
 from bev_preheat.recording.heater_account import alter_status, RecordedHeat
+from bev_preheat.recording.history import History
 from bev_preheat.recording.records import (
     event_of,
     FAIL,
@@ -27,23 +30,12 @@ from bev_preheat.recording.records import (
     MESSAGE_KINDS,
     read_message,
     RECONFIGURED,
+    RecordedStep,
     STOP,
 )
 from bev_preheat.vehicle import vehicle_contents
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 from bev_preheat.vehicle.loading import vehicle_of_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.state import State
-    from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.recording.flight import Flight, Given, Start
-    from bev_preheat.recording.history import History
-    from bev_preheat.recording.records import RecordedStep
-    from bev_preheat.vehicle.description import Vehicle
 
 RECORDED_VEHICLE = 'the recorded vehicle file'
 

@@ -3,23 +3,18 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 import fcntl
 import os
 from pathlib import Path
 import re
 import stat
 import tempfile
-from typing import TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import AnyPath
 from bev_preheat.optional_packages import is_installed
-
-if TYPE_CHECKING:
-    from contextlib import ExitStack
-    from typing import Any
-
-    from bev_preheat.files.output_files import AnyPath
 
 SUFFIX = '.mcap'
 # Only files with such names are ever deleted.

@@ -6,14 +6,16 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater import fault_at, HeaterFault, HeaterLease, next_change_s
-from bev_preheat.simulation.phases import Charge, DrivePhase
+from bev_preheat.simulation.phases import Charge, DrivePhase, Phase
 from bev_preheat.simulation.sensors import Position, Reading, SensorReadings, Sensors
 from bev_preheat.simulation.traffic import (
     clock_offset_s,
@@ -24,14 +26,8 @@ from bev_preheat.simulation.traffic import (
     with_cycles,
 )
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
-from bev_preheat.vehicle.description import HeatPath
+from bev_preheat.vehicle.description import HeatPath, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, ScaledCurve
-
-if TYPE_CHECKING:
-    from bev_preheat.planning.situation import BatteryState
-    from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.phases import Phase
-    from bev_preheat.vehicle.description import Vehicle
 
 
 @dataclass(frozen=True)

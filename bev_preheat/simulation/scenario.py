@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
@@ -16,6 +15,7 @@ from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
+from bev_preheat.route.for_vehicle import RouteForVehicle
 from bev_preheat.route.segments import Route
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.simulation.heater import HeaterFault
@@ -26,9 +26,6 @@ from bev_preheat.simulation.traffic import ClockJump, Event, Kind
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.loading import heat_path_problems
-
-if TYPE_CHECKING:
-    from bev_preheat.route.for_vehicle import RouteForVehicle
 
 SCHEMA = Path(__file__).with_name('scenario_schema.yaml')
 # Keys of the section `drive` that stay there in a chain, and sections that belong to a drive.

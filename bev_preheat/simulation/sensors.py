@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.route.places import Places
+from bev_preheat.route.segments import Route
 from bev_preheat.simulation.traffic import Event, Kind
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-
-    from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.vehicle_plant import VehiclePlant
+from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
 # From, until [s].
 Span = tuple[float, float]

@@ -7,14 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import Route
-
-if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
 
 
 class Kind(Enum):

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from math import ceil, exp
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from bev_preheat.charging.equations import CoolingPowers
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.planning.trip import make_trip
-from bev_preheat.simulation.heater import SimulatedSources
+from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.route.segments import Route
+from bev_preheat.simulation.heater import HeaterLease, SimulatedSources
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
 from bev_preheat.vehicle.model import (
     heat_under_w,
@@ -24,13 +27,6 @@ from bev_preheat.vehicle.model import (
     TerminalLimits,
 )
 from bev_preheat.vehicle.variants import hvch_alone
-
-if TYPE_CHECKING:
-    from bev_preheat.charging.equations import CoolingPowers
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.heater import HeaterLease
-    from bev_preheat.vehicle.description import Vehicle
 
 LONGEST_PLANT_STEP_S = 1.0
 # Of the time constant between shell and core.

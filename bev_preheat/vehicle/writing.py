@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import re
 import textwrap
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import yaml
 
 from bev_preheat.files.checked_yaml import FileData, load_schema
+from bev_preheat.vehicle.data_sheet_import import Entry
 from bev_preheat.vehicle.loading import SCHEMA
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from bev_preheat.vehicle.data_sheet_import import Entry
 
 WIDTH = 100
 

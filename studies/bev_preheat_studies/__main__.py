@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import sys
-from typing import TYPE_CHECKING
 
 from bev_preheat.commands.program import loading, run_program
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 # Each module has add_parser(subparsers), which sets `run`. `preheat` has the first three, too.
 STUDIES = {

@@ -9,9 +9,11 @@ runs of owners and rises in charging sessions, of cars described from their data
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -19,31 +21,23 @@ from bev_preheat.charging.published_time import describe_timed_car, PUBLISHED_SP
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.terminal import print_records, result_console
+from bev_preheat.commands.parser import Subparsers
+from bev_preheat.commands.terminal import print_records, result_console, ResultConsole
 from bev_preheat.errors import InvalidInput, located
-from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.numerics import S_PER_MIN, W_PER_KW
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.charging_curve import checked_curve, PERCENT
 from bev_preheat.vehicle.data_sheet import DataSheet
 from bev_preheat.vehicle.loading import vehicle_of_text
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.writing import vehicle_text
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Sequence
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
-    from bev_preheat.files.checked_yaml import FileData
-    from bev_preheat.vehicle import Vehicle
 
 FIGURES = Path(__file__).with_name('published.yaml')
 SCHEMA = Path(__file__).with_name('published_schema.yaml')

@@ -9,6 +9,7 @@ incomplete one (power loss, full disk) is dropped when the file is opened again.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
 import fcntl
 from functools import cache
@@ -18,19 +19,14 @@ import json
 import os
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args, get_origin, get_type_hints, TYPE_CHECKING, TypeVar
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 import numpy as np
 
 import bev_preheat
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import version
-from bev_preheat.files.output_files import check_writable, target_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from bev_preheat.files.output_files import AnyPath
+from bev_preheat.files.output_files import AnyPath, check_writable, target_of
 
 Result = TypeVar('Result')
 # The key of the first line.

@@ -8,36 +8,30 @@ results are therefore the same in one process, on all cores, and in two halves.
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from itertools import count, islice
 import os
-from typing import Any, Generic, TYPE_CHECKING, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from bev_preheat.commands.output import add_json_argument, add_output_arguments, check_output_arguments, write_json
-from bev_preheat.commands.parser import option_group
+from bev_preheat.commands.parser import option_group, Subparsers
 from bev_preheat.commands.program import keeping_what_is_finished, WorkerLost
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import OutputFile
+from bev_preheat.files.output_files import AnyPath, OutputFile
 from bev_preheat_studies.results_file import ResultsFile
 from bev_preheat_studies.workers import Workers
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.files.output_files import AnyPath
 
 Result = TypeVar('Result')
 

@@ -11,14 +11,19 @@ number from which another one is computed when its module is loaded moves nothin
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 import re
 import sys
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
+
+from rich.console import Console
 
 from bev_preheat import tunables as table
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_records
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -29,16 +34,8 @@ from bev_preheat_studies.robustness.cars import drive_car
 from bev_preheat_studies.robustness.drawn_cars import Conditions
 from bev_preheat_studies.study import add_study, check_study_arguments, Study
 
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-
-    # Arrivals above the target [K], heating energies [Wh], switch-ons, and verdicts on heaters.
-    Figures = tuple[list[float], list[float], int, tuple[str, ...]]
+# Arrivals above the target [K], heating energies [Wh], switch-ons, and verdicts on heaters.
+Figures = tuple[list[float], list[float], int, tuple[str, ...]]
 
 # Name, value, unit, reason, and the effect that was written at last.
 ROW = re.compile(r'^([A-Z][A-Z0-9_]*) = (.+?) +# (\S+) +\| (.+?)(?: \| ([^|\n]+))?$', re.MULTILINE)

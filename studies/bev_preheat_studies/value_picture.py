@@ -7,11 +7,13 @@ The table of values behind a plan of method `value_function`, and the plan's pat
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import Namespace
 
 from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
 import numpy as np
 
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.drawing.figure import (
@@ -25,22 +27,13 @@ from bev_preheat.drawing.figure import (
 )
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.numerics import W_PER_KW
+from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.methods import value_table
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.trip import make_trip
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from matplotlib.figure import Figure
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.recursion import ValueTable
-    from bev_preheat.planning.trip import Trip
+from bev_preheat.planning.recursion import ValueTable
+from bev_preheat.planning.trip import make_trip, Trip
 
 # Range of the colours: a kelvin worth nothing, its cost, and twice its cost or more.
 LEAST_RATIO, EVEN_RATIO, MOST_RATIO = 0.0, 1.0, 2.0

@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 import os
 import signal
 import threading
-from typing import Any, TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from concurrent.futures import Future
-    from multiprocessing.process import BaseProcess
+from typing import Any
 
 # The task of a worker process, and only that.
 _tasks: list[Callable[[int], Any]] = []

@@ -7,14 +7,16 @@ Times of plans and updates are processor time on the computer that this runs on.
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 import platform
 from time import process_time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.commands.output import json_output, write_json
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.control.settings import Settings
@@ -23,20 +25,12 @@ from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route, route_file
+from bev_preheat.route import load_route, Route, route_file
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
-from bev_preheat.vehicle import load_vehicle, vehicle_file
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.route import Route
-    from bev_preheat.vehicle import Vehicle
+from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 
 # The paper's trip, Table I.
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -10,7 +11,6 @@ from statistics import median, quantiles
 import subprocess
 import sys
 from time import monotonic, perf_counter
-from typing import TYPE_CHECKING
 
 from ament_index_python.packages import get_package_prefix
 import rclpy
@@ -24,9 +24,6 @@ from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 DOMAIN = '89'
 ROUNDS = 5

@@ -8,16 +8,20 @@ the car's usual target, and to the target that the planner chooses. After each t
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.charging.worth_search import find_worth
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import JOULES_PER_WH, S_PER_MIN, WH_PER_KWH
@@ -34,20 +38,12 @@ from bev_preheat_studies.fleet.winter_trips import (
     NONE,
     USUAL,
     WAYS,
+    WinterTrip,
 )
 from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study, text_of
 
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat_studies.fleet.winter_trips import WinterTrip
-
-    # Plain values, as in JSON.
-    Figures = dict[str, Any]
+# Plain values, as in JSON.
+Figures = dict[str, Any]
 
 PRICES = Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H)
 # An arrival this much below the car's usual target is too cold [K].

@@ -7,12 +7,16 @@ Prints the errors of each parameter and the coverage of its 90 % intervals.
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_records
 from bev_preheat.identification.identify import identify
 from bev_preheat.identification.trips import trips_of
@@ -20,14 +24,6 @@ from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.identification.synthetic_car import COOLANT_J_PER_K, draw_car, record_car
 from bev_preheat_studies.study import add_study, check_study_arguments, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Iterable, Iterator
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
 
 # Temperatures [deg C] at which the resistance is compared.
 RESISTANCES_C = (-5, 5)

@@ -10,43 +10,40 @@ short steps judges both. A folder gives car and routes of another task; further 
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import math
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.charging.target_range import by_session, by_table, read_charging_times, targets_in_range
+from bev_preheat.charging.target_range import (
+    AfterArrival,
+    by_session,
+    by_table,
+    read_charging_times,
+    targets_in_range,
+)
 from bev_preheat.charging.target_worth import Prices
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.planning.two_switches import maximum_between
 from bev_preheat.route.for_vehicle import route_for
-from bev_preheat.route.segments import make_route
+from bev_preheat.route.segments import make_route, Route
 from bev_preheat.tunables import LONGEST_ROW_S
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat_studies.study import add_study, check_study_arguments, distribution, MOST_SITUATIONS, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.charging.target_range import AfterArrival
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle import Vehicle
 
 CAR, TIMES = 'car.yaml', 'charging_times.csv'
 USUAL_CAR = 'crossover_800v'

@@ -8,12 +8,17 @@ Drives and charges both plans with the same simulation, and reports the extra co
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
+
+from rich.console import Console
 
 from bev_preheat.charging.worth_search import find_worth
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
@@ -21,14 +26,6 @@ from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
 
 # Outcomes of a trip.
 COMPARED, NOT_DRIVEN, NEVER_CHARGED, SOLVER_FAILED = 'compared', 'not driven', 'never charged', 'solver failed'

@@ -19,10 +19,10 @@ second-order accurate and always stable.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 import math
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import casadi
 import numpy as np
@@ -37,43 +37,35 @@ from bev_preheat.charging.equations import (
 )
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_policy import HeatingLimit
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.session import charge, Session
+from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.nonlinear_program.drive_steps import (
     add_drive_steps,
     Blocks,
     drive_parameters,
     drive_states,
+    DriveSteps,
     POWER_SCALE_W,
     RESERVES,
     SOC_SCALE,
+    Values,
 )
-from bev_preheat.nonlinear_program.program import IPOPT_OPTIONS, state_bounds
+from bev_preheat.nonlinear_program.program import ByName, IPOPT_OPTIONS, state_bounds
 from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
-from bev_preheat.numerics import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
+from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated
-from bev_preheat.planning.situation import check_situation, reserve_soc
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
+from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.route.segments import Route
+from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 from bev_preheat.vehicle.variants import Corrections
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from bev_preheat.charging.session import Session
-    from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.target_worth import Prices
-    from bev_preheat.nonlinear_program.drive_steps import DriveSteps, Values
-    from bev_preheat.nonlinear_program.program import ByName
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import BatteryState, Goal
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle import Vehicle
 
 # Half the width of the switch [K].
 SWITCH_K = 0.5

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
+from bev_preheat.numerics import FloatArray
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.traffic import vary
@@ -17,11 +18,6 @@ from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import charging_of
 from bev_preheat.vehicle.description import Cooling, HeatPath
 from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
-
-if TYPE_CHECKING:
-    from numpy.random import Generator
-
-    from bev_preheat.numerics import FloatArray
 
 VEHICLES = ('reference', 'large_suv', 'mid_size_lfp', 'small_car', 'small_hatchback')
 STEP_S = 60.0

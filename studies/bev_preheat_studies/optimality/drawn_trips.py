@@ -3,25 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
-from bev_preheat.numerics import ARRAYS
+from bev_preheat.numerics import ARRAYS, Curve, FloatArray
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.simulation.traffic import vary
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, Table
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, ScaledCurve
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.random import Generator
-
-    from bev_preheat.numerics import Curve, FloatArray
 
 STEP_S = 30.0
 # Approximate voltage, to convert energy to charge when a reserve is drawn.

@@ -7,35 +7,29 @@ A car that differs from its file drives each drawn trip; its plan is made again 
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.imperfect_car import Mismatch, true_vehicle
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.variants import hvch_alone
-from bev_preheat_studies.optimality.drawn_trips import draw_trip
+from bev_preheat_studies.optimality.drawn_trips import draw_trip, DrawnTrip
 from bev_preheat_studies.study import add_study, check_study_arguments, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
 
 AIR_C = (-25, -20, -15, -10, -5, 0, 5, 10)
 # Steps of 30 s between two plans; half the range of the true car's factors, in the order of Mismatch.

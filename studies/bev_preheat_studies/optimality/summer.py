@@ -8,20 +8,23 @@ that differs from its file drives there, with its plan made again every five min
 
 from __future__ import annotations
 
+from argparse import Namespace
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.charging.worth_search import find_worth, goal_of
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import S_PER_MIN
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.plan import energy_gap_wh
+from bev_preheat.planning.plan import energy_gap_wh, Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.imperfect_car import Mismatch
@@ -29,14 +32,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
 from bev_preheat_studies.optimality.heat_sources import drive, SPREAD
 from bev_preheat_studies.study import add_study, check_study_arguments, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.planning.plan import Plan
 
 AIR_C, WARMEST_C, DEPARTURE_SOC, CHARGERS_W = (25.0, 40.0), 50.0, 0.8, (11e3, 50e3, 150e3, 250e3)
 FIGURES = {'saved_min': 'saved at the charger [min]', 'electric_wh': 'energy of cooling [Wh]',

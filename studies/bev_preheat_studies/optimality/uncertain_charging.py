@@ -12,38 +12,31 @@ best target.
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.charging.expectation import by_the_clock
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.charging.worth_search import find_worth
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
-from bev_preheat.numerics import FLOATS, JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import reserve_soc
-from bev_preheat.planning.trip import make_trip
-from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
+from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat_studies.optimality.charging_trips import ChargingTrip, draw_charging_trip
 from bev_preheat_studies.study import add_study, check_study_arguments, distribution, Study, text_of
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.trip import Trip
-    from bev_preheat_studies.optimality.charging_trips import ChargingTrip
 
 COMPARED, NOT_DRIVEN = 'compared', 'not driven'
 # (low, high) of uniform distributions, and the share of the drives with each uncertainty.

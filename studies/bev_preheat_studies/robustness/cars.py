@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.simulation.imperfect_car import Mismatch
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat_studies.robustness.drawn_cars import draw_car
+from bev_preheat_studies.robustness.drawn_cars import Conditions, draw_car
 from bev_preheat_studies.robustness.driven import (
     drive_informed,
     drive_with_planner,
@@ -24,15 +26,8 @@ from bev_preheat_studies.robustness.driven import (
 )
 from bev_preheat_studies.study import at_least, at_most, distribution, Requirement, text_of
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat_studies.robustness.drawn_cars import Conditions
-
-    # Plain values, as in JSON.
-    Figures = dict[str, Any]
+# Plain values, as in JSON.
+Figures = dict[str, Any]
 
 # Requirements on a planner in the car; it must also accept every valid input.
 LEAST_ARRIVAL_ERROR_K = -0.5

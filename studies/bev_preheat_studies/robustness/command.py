@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from bev_preheat.commands.parser import completed_by, option_group
+from rich.console import Console
+
+from bev_preheat.commands.parser import completed_by, option_group, Subparsers
 from bev_preheat.commands.situation import load_planned_vehicle, MethodNames, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -30,14 +33,6 @@ from bev_preheat_studies.robustness.drawn_cars import (
 from bev_preheat_studies.robustness.driven import COMPARED
 from bev_preheat_studies.robustness.signals import CASES, drive_case, print_cases, SignalResult, summarise_cases
 from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
-
-if TYPE_CHECKING:
-    from argparse import Namespace
-    from typing import Any
-
-    from rich.console import Console
-
-    from bev_preheat.commands.parser import Subparsers
 
 # Number of trips, days or cars by kind of study; the routes of days.
 DEFAULT_TRIPS = {'': 300, 'days': 200, 'signals': 20}

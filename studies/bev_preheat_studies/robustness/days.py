@@ -3,36 +3,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park
-from bev_preheat.simulation.scenario_drive import HEALTHY
+from bev_preheat.simulation.scenario_drive import DriveRecord, HEALTHY
 from bev_preheat.simulation.traffic import Kind
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat_studies.robustness.cars import (
     fault_figures,
+    Figures,
     LEAST_ARRIVAL_ERROR_K,
     MOST_ARRIVAL_ERROR_K,
     MOST_SWITCH_ONS,
 )
+from bev_preheat_studies.robustness.drawn_cars import Conditions
 from bev_preheat_studies.robustness.drawn_days import draw_day
 from bev_preheat_studies.robustness.driven import drive, fault_times, settings_of_compared
 from bev_preheat_studies.study import at_least, at_most, distribution, Requirement, text_of
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
-
-    from rich.console import Console
-
-    from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
-    from bev_preheat.simulation.scenario_drive import DriveRecord
-    from bev_preheat_studies.robustness.cars import Figures
-    from bev_preheat_studies.robustness.drawn_cars import Conditions
 
 # Heating must end within these times after the start of charging or parking [s], plus a command period
 # (docs/explanation/safety.md).

@@ -5,21 +5,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics import FLOATS
+from bev_preheat.route.segments import Route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.phases import Charge, DrivePhase, Park
+from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
 from bev_preheat.simulation.sensors import PositionReports
 from bev_preheat.simulation.traffic import Event, Kind
-from bev_preheat_studies.robustness.drawn_cars import draw_car, pace_events, POSITION_NOISE_M
-
-if TYPE_CHECKING:
-    from bev_preheat.route.segments import Route
-    from bev_preheat.simulation.phases import Phase
-    from bev_preheat_studies.robustness.drawn_cars import Conditions, DrawnCar
+from bev_preheat_studies.robustness.drawn_cars import Conditions, draw_car, DrawnCar, pace_events, POSITION_NOISE_M
 
 # Days have their own random stream, so that the cars are those of the study of single trips.
 DAY_STREAM = 2

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,18 +13,12 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.scenario_drive import drive_observed, HEALTHY
+from bev_preheat.simulation.heater import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar
+from bev_preheat.simulation.scenario_drive import drive_observed, DriveRecord, HEALTHY
 from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat.simulation.heater import HeaterFault
-    from bev_preheat.simulation.imperfect_car import ImperfectCar
-    from bev_preheat.simulation.scenario_drive import DriveRecord
 
 # The compared planners, by the method they are set to.
 COMPARED = {

@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from bev_preheat.drawing.figure import grid_figure
 from bev_preheat.drawing.palette import look_of, name_of, WANTED
+from bev_preheat.numerics import FloatArray
 from bev_preheat_studies.robustness.cars import (
+    CarResult,
     energy_excess,
     LEAST_ARRIVAL_ERROR_K,
     MOST_ARRIVAL_ERROR_K,
@@ -19,16 +23,7 @@ from bev_preheat_studies.robustness.cars import (
     MOST_SWITCH_ONS,
     reaches_the_same,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat_studies.robustness.cars import CarResult
-    from bev_preheat_studies.robustness.driven import DriveOutcome
+from bev_preheat_studies.robustness.driven import DriveOutcome
 
 # Bins of a histogram for each cube root of the number of trips.
 BINS_PER_ROOT = 2.2

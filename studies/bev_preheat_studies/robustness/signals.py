@@ -3,25 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from rich.console import Console
 
 from bev_preheat.commands.terminal import print_records
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.sensors import OtherBattery
-from bev_preheat_studies.robustness.drawn_cars import draw_car
+from bev_preheat_studies.robustness.drawn_cars import Conditions, draw_car
 from bev_preheat_studies.robustness.driven import drive, heater_faults_in, settings_of_compared
 from bev_preheat_studies.study import text_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import Console
-
-    from bev_preheat_studies.robustness.drawn_cars import Conditions
 
 FEED = 'feed'
 # A faulty signal must be reported within this time [s].

@@ -7,24 +7,21 @@ from array import array
 import math
 import random
 import time
-from typing import TYPE_CHECKING
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.timer import Timer
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
-
-if TYPE_CHECKING:
-    from builtin_interfaces.msg import Time
-    from rclpy.node import Node
-    from rclpy.timer import Timer
 
 CABIN_W = 1700.0
 # One battery state in BAD_STATE_EVERY is garbage, and a share BAD_ROUTES of the routes; period of the routes [s];
