@@ -33,6 +33,7 @@ from bev_preheat.tunables import (
     PARKED_WITHIN_S,
     TRIED_FROM,
     TRIED_OFF_K,
+    UNHEATED_S,
 )
 from bev_preheat.vehicle.description import HVCH, Vehicle
 from bev_preheat.vehicle.variants import DriveInputs
@@ -115,9 +116,9 @@ class StandWatch(NamedTuple):
 
 class SourceTrial(NamedTuple):
     """
-    Switches sources off by turns while a fault is likely and the faulty one unknown: `name`, '' without a trial.
+    Switches a source off for a while, again and again, while it may well be weak: `name`, '' without a trial.
 
-    `suspect_ns` [ns] is the instant since which it is likely, `until_ns` the end of the latest turn.
+    `suspect_ns` [ns] is the instant since which one may be, `until_ns` the end of the latest turn.
     """
 
     name: str = ''
@@ -131,14 +132,17 @@ class SourceTrial(NamedTuple):
 
         `heats_k_per_s` is by how much each source that may be tried warms or cools the battery now [K/s].
         """
-        if is_named or (now_ns >= self.until_ns and sum(odds.values()) < TRIED_FROM / (1.0 - TRIED_FROM)):
+        suspects = [name for name, each in odds.items()
+                    if name in heats_k_per_s and each > TRIED_FROM / (1.0 - TRIED_FROM)]
+        if is_named or (now_ns >= self.until_ns and not suspects):
             return NO_TRIAL
         if self.suspect_ns is None or now_ns < self.suspect_ns:
             return SourceTrial(suspect_ns=now_ns)
         if now_ns < max(self.until_ns, self.suspect_ns + LEAST_COURSE_S * NS_PER_S):
             return self
-        # After a turn the source gives no heat yet; alone, it heats for a while before its next turn.
-        lasts_s = {name: TRIED_OFF_K / k_per_s for name, k_per_s in heats_k_per_s.items() if k_per_s > 0.0}
+        # After a turn the source gives no heat yet: it heats for a while before its next turn.
+        lasts_s = {name: TRIED_OFF_K / heats_k_per_s[name] for name in suspects
+                   if heats_k_per_s[name] > TRIED_OFF_K / UNHEATED_S}
         name = max(lasts_s, key=odds.__getitem__, default='')
         return self._replace(name=name, until_ns=now_ns + round(lasts_s.get(name, LEAST_COURSE_S) * NS_PER_S))
 

@@ -123,12 +123,15 @@ def test_a_dead_source_is_named_and_no_other():
 
 
 @pytest.mark.parametrize('odds, tried', [
-    ({'hvch': 8.0, 'motor': 1.0, 'pump': 3.0}, [''] * 30 + ['pump'] * 10 + ['motor'] * 20 + ['pump'] * 7),
-    ({'hvch': 4.0, 'motor': 1.0, 'pump': 3.0}, [''] * 67)])
-def test_sources_are_tried_in_turn_for_a_kelvin_of_their_heat_while_a_fault_has_no_name(odds, tried):
+    # Of a source that heats so little, a turn of a kelvin would never end.
+    ({'hvch': 8.0, 'motor': 1.0, 'pump': 3.0, 'fan': 9.0}, [''] * 30 + ['pump'] * 10 + ['motor'] * 20 + ['pump'] * 7),
+    # Alone it heats for five minutes before its next turn; a source that is hardly weak is not switched off.
+    ({'hvch': 4.0, 'motor': 0.2, 'pump': 0.3}, [''] * 30 + ['pump'] * 10 + [''] * 27),
+    ({'hvch': 4.0, 'motor': 0.2, 'pump': 0.2}, [''] * 67)])
+def test_sources_that_may_be_weak_are_tried_for_a_kelvin_of_their_heat_while_a_fault_has_no_name(odds, tried):
     trial, names = NO_TRIAL, []
     for at_s in range(0, 670, 10):
-        heats_k_per_s = {**{'motor': 0.005, 'pump': 0.01, 'chiller': 0.0}, trial.name: 0.0}
+        heats_k_per_s = {**{'motor': 0.005, 'pump': 0.01, 'fan': 1e-9, 'chiller': 0.0}, trial.name: 0.0}
         trial = trial.at(at_s * 10**9, odds, False, heats_k_per_s)
         names.append(trial.name)
         assert trial.at(at_s * 10**9, odds, True, heats_k_per_s).name == ''
