@@ -152,14 +152,12 @@ def decimal_mark(texts: Iterable[str]) -> str:
     return ',' if comma else '.'
 
 
-def unit_in_cells(texts: Iterable[str]) -> str:
-    """Return the unit written behind the numbers of cells, '' without a unit."""
-    for text in texts:
-        match = NUMBER.fullmatch(text.strip().replace(',', '.'))
-        # OVMS has m for metres and M for miles.
-        if match and match[2] and match[2] != 'M':
-            return unit_named(match[2])
-    return ''
+def cell_units(texts: Sequence[str]) -> list[str]:
+    """Return the unit written behind the number of each cell, '' without one."""
+    matches = (None if PLAIN_CHARACTERS.issuperset(text) else NUMBER.fullmatch(text.strip().replace(',', '.'))
+               for text in texts)
+    # OVMS has m for metres and M for miles.
+    return [unit_named(match[2]) if match and match[2] and match[2] != 'M' else '' for match in matches]
 
 
 def read_numbers(texts: Sequence[str], decimal: str = '.', angle: bool = False) -> tuple[FloatArray, BoolArray]:

@@ -180,6 +180,19 @@ def test_the_unit_in_the_log_comes_before_that_of_a_recognised_map(tmp_path):
     assert read_recording(path, own).signals['battery_temperature_c'].value[0] == pytest.approx(37.4)
 
 
+@pytest.mark.parametrize('text', [
+    'time_s,battery power,battery temp\n0,950 W,41 °F\n10,1.2 kW,5 °C\n20,0.8 kW,3.6 V\n30,-70 W,278.15 K\n',
+    'time,name,value,unit\n' + ''.join(f'{time},{name},{value},{unit}\n' for time, *both in (
+        (0, (950, 'W'), (41, '°F')), (10, (1.2, 'kW'), (5, '°C')), (20, (0.8, 'kW'), (3.6, 'V')),
+        (30, (-70, 'W'), (278.15, 'K'))) for name, (value, unit) in zip(('battery power', 'battery temp'), both))])
+def test_each_reading_may_have_a_unit_of_its_own(tmp_path, text):
+    (tmp_path / 'a.csv').write_text(text, encoding='utf-8')
+    recording = read_recording(tmp_path / 'a.csv')
+    np.testing.assert_allclose(recording.signals['power_w'].value, [950.0, 1200.0, 800.0, -70.0])
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, [5.0, 5.0, 5.0])
+    assert "'3.6 V' is no reading of battery_temperature_c; it is dropped" in ' '.join(recording.remarks)
+
+
 def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     log = drive(120.0)
     path = write_wide(
