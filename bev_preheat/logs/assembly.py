@@ -97,6 +97,8 @@ MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
 # The largest difference between sensors of a battery [K].
 MOST_SPREAD_K = 15.0
+# Beside one that reaches more than this [K], a sensor does not stay at 0: a column of a module that the car lacks.
+MOST_BESIDE_ZERO_K = 2.0
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -128,7 +130,9 @@ class Assembly:
         is_open = {signal: any(self._decoders[signal, channel].hypotheses for group in groups for channel in group)
                    for signal, groups in chosen.items()}
         for signal in sorted(chosen, key=is_open.__getitem__):
-            for group in chosen[signal]:
+            # What the car lacks reads 0 in many logs.
+            for group in sorted(chosen[signal], key=lambda group: signal in OTHER and not any(
+                    self._samples[signal, channel].arrays()[1].any() for channel in group)):
                 for channel in group:
                     self._remarks.extend(self._decoders[signal, channel].said)
                 parts = {channel: self._part(signal, channel) for channel in group}
@@ -141,7 +145,12 @@ class Assembly:
                 {signal: used[signal] for signal in chosen if signal in used})
 
     def _alike(self, signal: str, parts: dict[str, Series]) -> dict[str, Series]:
-        """Return the parts of a temperature, or the first alone if they differ as no sensors of a battery do."""
+        """Return the parts of a temperature without those at 0; the first alone if they differ too much."""
+        for channel in [channel for channel, part in parts.items() if not part.value.any()]:
+            if signal in OTHER and any(np.abs(part.value).max() > MOST_BESIDE_ZERO_K for part in parts.values()):
+                self._remarks.add(f'zero {signal}', f'{self._path}: {channel}: stays at 0, unlike the others of '
+                                  f'its kind, so it is not taken for {signal}', noun='channel')
+                del parts[channel]
         if signal not in OTHER or len(parts) < 2 or self._decoders[signal, next(iter(parts))].source.combine:
             return parts
         medians = {channel: float(np.median(part.value)) for channel, part in parts.items()}

@@ -24,7 +24,7 @@ NO_READING = frozenset((
     'index', 'idx', 'position', 'pos', 'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning',
     'warn', 'alarm', 'alert', 'status', 'timeout', 'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll',
     'request', 'req', 'cmd', 'enable', 'mode', 'derating', 'delta', 'diff', 'difference', 'spread', 'rate',
-    'gradient'))
+    'gradient', 'unknown'))
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active', 'q'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'

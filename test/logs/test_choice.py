@@ -47,6 +47,7 @@ def chosen(signal, **units):
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
     ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
+    ('battery_temperature_c', {'bmsUnknownTempA': ''}, ()),
     ('ambient_c', {'t_env_c': 'degC'}, ('t_env_c',)), ('ambient_c', {'T_amb_C': 'degC'}, ('T_amb_C',)),
     ('ambient_c', {'OAT[DegC]': 'degC'}, ('OAT[DegC]',)), ('odometer_m', {'s_km': 'kilometer'}, ('s_km',)),
 ])
@@ -85,6 +86,19 @@ def test_sensors_that_are_far_apart_are_not_averaged(tmp_path):
     recording = read_recording(path)
     assert set(recording.signals['battery_temperature_c'].value) == {5.0}
     assert any('are not alike; the first counts' in remark for remark in recording.remarks)
+
+
+def test_sensors_that_a_car_lacks_and_that_read_0_are_not_averaged(tmp_path):
+    path = write(tmp_path / 'a.csv', 'time_s,Module 1 batt temp,Module 2 batt temp,Module 3 batt temp',
+                 [(at, 0, 6, 8 + at / 30) for at in range(30)])
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, 7 + np.arange(30) / 60)
+    assert any('Module 1 batt temp: stays at 0, unlike the others' in remark for remark in recording.remarks)
+    # Nor one alone, before others in alphabet and length; near 0 a sensor may stay there.
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp,Module 2 batt temp', [(at, 0, 6) for at in range(30)])
+    assert set(read_recording(path).signals['battery_temperature_c'].value) == {6.0}
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp 1,batt temp 2', [(at, 0, 1) for at in range(30)])
+    assert set(read_recording(path).signals['battery_temperature_c'].value) == {0.5}
 
 
 def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):
