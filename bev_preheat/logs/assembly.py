@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.recording import Series
-from bev_preheat.logs.unit_hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
+from bev_preheat.logs.unit_hypotheses import JUMP_K, jumps, likely, MOST_JUMPS, OTHER, plausible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -99,6 +99,10 @@ LONGEST_LOG_S = 60.0 * 86400.0
 MOST_SPREAD_K = 15.0
 # Beside one that reaches more than this [K], a sensor does not stay at 0: a column of a module that the car lacks.
 MOST_BESIDE_ZERO_K = 2.0
+# A value that a logger writes before the first reading, for at most this time [s], is followed by a larger step
+# than a car makes, and does not return as soon.
+LONGEST_BEGIN_S = 60.0
+LARGEST_STEPS = {'battery_temperature_c': JUMP_K, 'ambient_c': JUMP_K, 'soc': 0.05}
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -173,11 +177,24 @@ class Assembly:
             values = self._settled(signal, decoder, Series(time_s, values), places)
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
-        part = self._in_order(time_s, values, places)
+        part = self._begun(signal, channel, self._in_order(time_s, values, places))
         if signal in OTHER and len(part.time_s) > LEAST_OF_JUMPS and np.mean(jumps(part)) > MOST_JUMPS:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
                               f'is not taken for {signal}')
             return Series(np.empty(0), np.empty(0))
+        return part
+
+    def _begun(self, signal: str, channel: str, part: Series) -> Series:
+        """Return a part without the value that a logger writes before the first reading."""
+        time_s, value = part.time_s, part.value
+        for last in np.flatnonzero(np.diff(value))[:1]:
+            soon = (time_s > time_s[last]) & (time_s <= time_s[last] + LONGEST_BEGIN_S)
+            is_step = abs(value[last + 1] - value[last]) > LARGEST_STEPS.get(signal, np.inf)
+            if is_step and soon[last + 1] and time_s[last] - time_s[0] <= LONGEST_BEGIN_S and (
+                    value[soon] != value[last]).all():
+                self._remarks.add(f'begin {channel}', f'{self._path}: {channel}: {figure(value[0])} before its '
+                                  'first reading is none; it is dropped', int(last) + 1)
+                return part.part(np.arange(len(value)) > last)
         return part
 
     def _settled(self, signal: str, decoder: Decoder, own: Series, places: IntArray) -> FloatArray:

@@ -101,6 +101,20 @@ def test_sensors_that_a_car_lacks_and_that_read_0_are_not_averaged(tmp_path):
     assert set(read_recording(path).signals['battery_temperature_c'].value) == {0.5}
 
 
+@pytest.mark.parametrize('nothing', [0, -1, 85])
+def test_what_a_logger_writes_before_the_first_reading_is_none(tmp_path, nothing):
+    rows = [(at, nothing if at < 4 else 17, 0 if at < 6 else 0.75, -5) for at in range(90)]
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,battery_temperature_c,soc,ambient_c', rows))
+    assert {name: (series.time_s[0], *set(series.value)) for name, series in recording.signals.items()} == {
+        'battery_temperature_c': (4, 17), 'soc': (6, 0.75), 'ambient_c': (0, -5)}
+    assert any(f'battery_temperature_c: {nothing} before its first reading is none; it is dropped' in each
+               for each in recording.remarks)
+    # A single wild reading shows nothing about those before it.
+    rows = [(at, 60 if at == 4 else 17) for at in range(90)]
+    path = write(tmp_path / 'a.csv', 'time_s,battery_temperature_c', rows)
+    assert len(read_recording(path).signals['battery_temperature_c'].value) == 90
+
+
 def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):
     recording = read_recording(write(tmp_path / 'a.csv', 'time_s,foo,battery temp,battery temp limit',
                                      [(at, 1, 2, 3) for at in range(9)]))
