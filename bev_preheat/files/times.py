@@ -17,7 +17,7 @@ from bev_preheat.numerics import FloatArray
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
 EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
-# Spreadsheets count days from 1899-12-30; as seconds of a day, such steps would be less than a millisecond.
+# Spreadsheets count days from 1899-12-30, or from midnight; in seconds, such steps would be below a millisecond.
 EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
 LEAST_STEP_MS = 100.0
@@ -78,19 +78,22 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
         if EARLIEST_S <= middle * each <= LATEST_S:
             scale, absolute = each, True
             break
-    if scale is None and EPOCH_DAYS <= middle <= LATEST_DAYS and 0.0 < step < LARGEST_STEP_DAYS:
-        return Clock(lambda texts: np.round((read_numbers(texts, decimal)[0] - EPOCH_DAYS) * DAY_S, 3), True,
-                     'times have no unit; they are taken as days of a spreadsheet')
+    is_in_days = scale is None and 0.0 < step < LARGEST_STEP_DAYS and (
+        middle < 2.0 or EPOCH_DAYS <= middle <= LATEST_DAYS)
+    if is_in_days:
+        scale, absolute = DAY_S, middle >= EPOCH_DAYS
+        remark = 'times have no unit; they are taken as days of a spreadsheet'
     if scale is None:
         scale = 1.0
         if step >= LEAST_STEP_MS:
             scale = 1e-3
             remark = f'times have no unit; steps of {step:g} are taken as milliseconds'
-    period_s = 0.0 if absolute else DAY_S if scale == 1.0 else COUNTER * scale
+    period_s = 0.0 if absolute else DAY_S if scale in (1.0, DAY_S) else COUNTER * scale
     rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
 
     def read(texts: Sequence[str]) -> FloatArray:
-        seconds = read_numbers(texts, decimal)[0] * scale
+        seconds = (read_numbers(texts, decimal)[0] - EPOCH_DAYS * (is_in_days and absolute)) * scale
+        seconds = np.round(seconds, 3) if is_in_days else seconds
         return seconds if rounds is None else rounds.continued(seconds)
 
     return Clock(read, absolute, remark)

@@ -118,7 +118,7 @@ NAMES = (
     r'^(device|log|local)[ _]?time', r'^last[ _]?(changed|updated|reported|seen)$',
     r'^(created|recorded|logged|received|fetched|updated)[ _]?(at|on)$', r'^(time|zeit)_', r'^tst$',
     r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
-    r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
+    r'^(elapsed|(milli)?seconds|millis|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
     r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')
 DATE = re.compile(r'^(date|datum|fecha|дата|日期|day)$', re.IGNORECASE)
 DAY_TIME = re.compile(r'^(time|zeit|uhrzeit|hora|время|时间|clock|time of day)$', re.IGNORECASE)
@@ -153,14 +153,15 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         if joined is not None:
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
-               if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
+               if re.search(pattern, split_unit(name.rpartition('.')[2]).name, re.IGNORECASE)
+               and not DURATION.search(name)]
     stated = dict(zip(header, units))
     may_be = {header[at]: stated[header[at]] for at in ranked}
     taken = {name for source in signal_map.sources.values() for group in candidates(source, may_be).groups[:1]
              for name in group}
     # A t_env_c is a temperature.
     ranked = [at for at in ranked if header[at] not in taken and (
-        not stated[header[at]] or stated[header[at]] in TIME_UNITS)] or ranked
+        not stated[header[at]] or stated[header[at]] in TIME_UNITS)]
     fallback = None
     for at in dict.fromkeys(ranked):
         clock = clock_of(at)

@@ -68,7 +68,9 @@ def test_a_time_in_another_form_is_shown_with_advice(tmp_path):
 @pytest.mark.parametrize('heading, times, start_s', [
     ('time', lambda second: f'{int(second) // 60:02}:{second % 60:04.1f}', None),
     ('Zeit', lambda second: f'{25569.0 + (START_S + second) / 86400.0:.9f}', START_S),
+    ('Uhrzeit', lambda second: f'{(86390.0 + second) / 86400.0 % 1.0:.9f}', None),
     ('time_ms', lambda second: f'{1000.0 * second:.0f}', None),
+    ('millis', lambda second: f'{1000.0 * second + 977.0:.0f}', None), ('t[s]', lambda second: f'{second}', None),
     ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
@@ -80,7 +82,7 @@ def test_relative_times(tmp_path, heading, times, start_s):
     assert_is(recording, log)
     assert recording.signals['soc'].time_s[-1] == pytest.approx(60.0)
     assert recording.start_s == start_s
-    assert len(recording.remarks) == (heading in ('t', 'Zeit'))
+    assert len(recording.remarks) == (heading in ('t', 'Zeit', 'Uhrzeit', 'millis'))
 
 
 def test_headings_of_a_german_spreadsheet(tmp_path):
@@ -271,6 +273,7 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'hello world\nthis is a letter\n', 'is text, but no log'),
     (b'a,b\n1,2\n3,4\n', 'none of its channels is a signal of the signal map common; the channels are a, b'),
     (b'colour,speed_mps\nred,2\nblue,4\n', 'line 1: no column holds the time'),
+    (b'T_batt,T_amb\n3,-5\n3.5,-5\n', 'no column holds the time; the columns are'),
     (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
     (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
     (b'SQLite format 3\0\0 arbitration_id \0', 'convert it with can_logconvert'),
