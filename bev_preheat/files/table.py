@@ -148,7 +148,7 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
 
 
 def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout | None:
-    rows = [(number, _trimmed(split_line(_without_comment(line), separator))) for number, line in lines]
+    rows = [(number, split_line(_without_comment(line), separator)) for number, line in lines]
     first = None
     for at in range(len(rows) - 1):
         layout = _with_header(rows, at, separator)
@@ -161,10 +161,11 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
 
 def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str | None) -> Layout | None:
     """Return the Layout with the header in a row; None if the row has no names or no values below."""
-    number, cells = rows[at]
+    number, cells = rows[at][0], _trimmed(list(rows[at][1]), 0)
     if 2 * sum(map(_is_value, cells)) > len(cells) or not _are_names(cells):
         return None
-    following = rows[at + 1:]
+    # Columns of a row may be empty; empty cells beyond the header's are none.
+    following = [(line, _trimmed(list(row), len(cells))) for line, row in rows[at + 1:]]
     units = [split_unit(name).unit for name in cells]
     if len(following) > 1 and _are_units(following[0][1]):
         for column, text in enumerate(following[0][1][:len(cells)]):
@@ -172,7 +173,6 @@ def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str 
         following = following[1:]
     # A header is followed by lines of as many cells, some with values.
     usual = Counter(len(row) for _, row in following).most_common(1)[0][0]
-    # Empty last cells are trimmed.
     near = usual >= 2 and abs(usual - len(cells)) <= max(MOST_UNNAMED, len(cells) // 2)
     if not near or not any(_is_value(cell) for _, row in following[:50] for cell in row):
         return None
@@ -191,8 +191,8 @@ def _without_comment(line: str) -> str:
     return line.partition('#')[0] if '#' in line and '"' not in line else line
 
 
-def _trimmed(cells: list[str]) -> list[str]:
-    while cells and not cells[-1]:
+def _trimmed(cells: list[str], least: int) -> list[str]:
+    while len(cells) > least and not cells[-1]:
         cells.pop()
     return cells
 

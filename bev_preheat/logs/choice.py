@@ -143,7 +143,11 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         return [row[column] if column < len(row) else '' for row in rows]
 
     def clock_of(column: int) -> Clock | None:
-        return find_clock(texts(column), units[column], decimal)
+        # In rows of a single reading, the time between readings of one channel shows its unit.
+        firsts = [next((at for at, cell in enumerate(row) if cell and at != column), 0) for row in rows]
+        usual = max(firsts, key=firsts.count, default=0)
+        return find_clock([text for text, first in zip(texts(column), firsts) if first == usual], units[column],
+                          decimal)
 
     dates = [at for at, name in enumerate(header) if DATE.match(name.strip())]
     times = [at for at, name in enumerate(header) if DAY_TIME.match(name.strip())]

@@ -208,6 +208,20 @@ def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     assert_is(recording, log, ['speed_mps', 'soc'], rtol=1e-4)
 
 
+def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
+    log = drive(60.0)
+    del log['latitude_deg'], log['longitude_deg']
+    names = list(log)[1:]
+    # As Scan My Tesla writes them, with a separator at the end of each row.
+    rows = [['Time', *names, '']] + [
+        [f'{1000.0 * second + 123456.0 + 17.0 * at:.0f}', *('' for _ in names[:at]), f'{log[name][row]:.7g}',
+         *('' for _ in names[at:])] for row, second in enumerate(log['time_s']) for at, name in enumerate(names)]
+    (tmp_path / 'a.csv').write_text('\n'.join(map(','.join, rows)))
+    recording = read_recording(tmp_path / 'a.csv')
+    assert_is(recording, log, rtol=0.02, atol=0.02)
+    assert recording.remarks == (f'{tmp_path}/a.csv: times have no unit; steps of 1000 are taken as milliseconds',)
+
+
 @pytest.mark.parametrize('is_home_assistant', [False, True])
 def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
     log = drive(600.0, 5.0)
