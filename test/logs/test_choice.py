@@ -49,6 +49,11 @@ def chosen(signal, **units):
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
     ('battery_temperature_c', {'bmsUnknownTempA': ''}, ()),
     ('ambient_c', {'t_env_c': 'degC'}, ('t_env_c',)), ('ambient_c', {'T_amb_C': 'degC'}, ('T_amb_C',)),
+    ('ambient_c', {'VCU__VCU_AmbTemp': 'degC'}, ('VCU.VCU_AmbTemp',)),
+    ('ambient_c', {'outTemp': ''}, ('outTemp',)),
+    ('ambient_c', {'Coolant_Out_Temp': '', 'Outlet temp': '', 'Lambda temp': ''}, ()),
+    ('speed_mps', {'CCVS1__WheelBasedVehicleSpeed': '', 'WheelSpeedVeh': ''}, ('CCVS1.WheelBasedVehicleSpeed',)),
+    ('speed_mps', {'ESP__VehSpd': ''}, ('ESP.VehSpd',)),
     ('ambient_c', {'OAT[DegC]': 'degC'}, ('OAT[DegC]',)), ('odometer_m', {'s_km': 'kilometer'}, ('s_km',)),
 ])
 def test_only_alike_readings_of_the_quantity_make_up_a_signal(signal, units, expected):

@@ -59,8 +59,8 @@ QUANTITIES = {
         'consumption', 'energy', 'energy_consumption', 'verbrauch', 'energy_used', 'battery_energy',
         'segment_energy', 'electric_energy')),
     'ambient_temperature': Quantity('degC', LIMITS['ambient_temperature_c'], ('c',), (
-        'ambient_temperature', 'ambient', 'outside_temperature', 'temperature', 'temp', 'temperatur', 'outdoor_temperature',
-        'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
+        'ambient_temperature', 'ambient', 'outside_temperature', 'temperature', 'temperatur', 'temp',
+        'outdoor_temperature', 'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
     'cabin_heating_power': _power('cabin_heating_power', 'cabin_heater', 'cabin_heater_power'),
     'auxiliary_power': _power('auxiliary_power', 'auxiliaries', 'aux_power'),
     'charging_time': Quantity('second', (0.0, 86400.0), ('s', 'min'), (
