@@ -306,7 +306,8 @@ class Table:
         may have a thousands separator, because an error by a factor of a thousand gives a wrong trip.
         """
         texts = self.texts(name)
-        plain = [text.replace(',', '.') for text in texts] if self.decimal == ',' else texts
+        # Beside decimal commas a point is between thousands.
+        plain = [text.replace('.', '_').replace(',', '.') for text in texts] if self.decimal == ',' else texts
         matches = map(NUMBER.fullmatch, plain)
         problems = [f'{self.where(at)}: {name}: {why_no_number(text)}'
                     for at, (text, match) in enumerate(zip(texts, matches)) if match is None or match[2]]

@@ -208,6 +208,15 @@ def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     assert_is(recording, log, ['speed_mps', 'soc'], rtol=1e-4)
 
 
+def test_points_between_thousands_beside_decimal_commas(tmp_path):
+    (tmp_path / 'a.csv').write_text('time_s;battery power [W];battery temp [degC];odometer [km]\n'
+                                    '0;-1.250;2,0;12.345,6\n10;24.046;2,5;12.345,9\n20;980;3;1.012.346\n')
+    signals = read_recording(tmp_path / 'a.csv').signals
+    assert signals['power_w'].value.tolist() == [-1250.0, 24046.0, 980.0]
+    np.testing.assert_allclose(signals['odometer_m'].value, [12345600.0, 12345900.0, 1012346000.0])
+    assert signals['battery_temperature_c'].value.tolist() == [2.0, 2.5, 3.0]
+
+
 def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
     log = drive(60.0)
     del log['latitude_deg'], log['longitude_deg']
