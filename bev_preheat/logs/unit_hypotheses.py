@@ -98,6 +98,8 @@ def hypotheses(numbers: FloatArray, given: Hypothesis, source: Source) -> tuple[
         for scales in OTHER_SCALES:
             scaled = (given._replace(scale=given.scale * scale) for scale in scales)
             found += [each for each in scaled if each.fits(numbers, source)][:1]
+        # Battery managers count halves of a percent in a byte.
+        found += [given._replace(scale=0.5 * given.scale)] * (source.signal == 'soc')
     return tuple(each for each in found if each.fits(numbers, source))
 
 
