@@ -195,6 +195,15 @@ def test_each_reading_may_have_a_unit_of_its_own(tmp_path, text):
     assert "'3.6 V' is no reading of battery_temperature_c; it is dropped" in ' '.join(recording.remarks)
 
 
+def test_a_recognised_log_may_have_channels_of_its_own(tmp_path):
+    log = drive(60.0) | {'battery_heater_power': np.full(61, 5000.0)}
+    names = {'battery_temperature_c': 'batt_temp', 'ambient_c': 'ext_temp', 'time_s': 'utc'}
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, names=names, times=moments(log, '%s')))
+    assert recording.signal_map == 'abrp'
+    assert_is(recording, log, ('battery_temperature_c', 'speed_mps', 'ambient_c'))
+    assert set(recording.signals['battery_heater_w'].value) == {5000.0}
+
+
 def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     log = drive(120.0)
     path = write_wide(
