@@ -35,7 +35,7 @@ LONGEST_STEADY_S = 300.0
 # A level is the median of this number of readings.
 OF_LEVEL = 9
 # Signals whose unit or sign decides a fit.
-DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w')
+DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w', 'battery_heater_w')
 POWER = ('voltage_v', 'current_a', 'power_w')
 
 

@@ -86,6 +86,9 @@ def test_a_fit_refuses_a_unit_in_doubt_and_a_refusal_says_what_the_reading_dropp
     with pytest.raises(InvalidInput, match='B: current_a: its integral .* a factor of 1000 is missing; correct'):
         refuse_doubted(thousandth)
     refuse_doubted(recording('B'))
+    kilowatts = recording('B', battery_heater_w=Series(TIME_S, np.full(1200, 6.5)))
+    with pytest.raises(InvalidInput, match='B: battery_heater_w: is at most 6.5 W; is it in kW. correct it'):
+        refuse_doubted(kilowatts)
     without = replace(recording('B', soc=None), remarks=('b.csv: soc: is dropped', 'b.csv: other'))
     assert problems_of(trip_of, without, VEHICLE) == [
         'B: no soc; record the state of charge (b.csv: soc: is dropped)']
