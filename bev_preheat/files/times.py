@@ -28,8 +28,8 @@ TIME_UNITS = ('second', 'millisecond', 'microsecond', 'nanosecond', 'minute', 'h
 MONTHS = ('jan', 'feb', 'mar', 'apr', 'may', 'jun', 'jul', 'aug', 'sep', 'oct', 'nov', 'dec')
 OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
 DATE_TIME = re.compile(
-    r'(\d{1,4})([./-])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})(?:[:.](\d{2})(?:[.,:](\d+))?)?'
-    r'\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
+    r'(\d{1,4})([./ -])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})'
+    r'(?:[:.](\d{2})(?:[.,:](\d+))?)?\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
 TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d\d):)(\d+))?'
                          r'\s*([AaPp]\.?[Mm]\.?)?')
 
@@ -134,14 +134,16 @@ def iso_seconds(text: str) -> float:
 
 def _time_of_day_s(text: str) -> float:
     """Return a time of day, or minutes and seconds, in seconds; NaN of another text."""
-    match = TIME_OF_DAY.fullmatch(text.strip())
-    if match is None:
+    # Pandas writes 0 days 00:00:05.
+    days, _, text = text.strip().rpartition(' days ')
+    match = TIME_OF_DAY.fullmatch(text)
+    if match is None or (days and not days.isdecimal()):
         return np.nan
     if match[3] is None:
         seconds = 60.0 * int(match[1]) + int(match[2])
     else:
         seconds = 3600.0 * _hour(match[1], match[5]) + 60.0 * int(match[2]) + int(match[3])
-    return seconds + (float(f'0.{match[4]}') if match[4] else 0.0)
+    return seconds + (float(f'0.{match[4]}') if match[4] else 0.0) + DAY_S * int(days or 0)
 
 
 def _hour(text: str, half: str | None) -> int:

@@ -38,7 +38,7 @@ def test_separators_marks_and_line_ends(tmp_path, separator, decimal, end, mark)
 @pytest.mark.parametrize('form', [
     '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f',
     '%d.%m.%Y %H:%M:%S', '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d %H:%M:%S',
-    '%s', '%s000', '%s000000'])
+    '%d %b %Y %H:%M:%S', '%s', '%s000', '%s000000'])
 def test_absolute_times(tmp_path, form):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={'time_s': 'Timestamp'},
@@ -69,6 +69,7 @@ def test_a_time_in_another_form_is_shown_with_advice(tmp_path):
     ('time', lambda second: f'{int(second) // 60:02}:{second % 60:04.1f}', None),
     ('Zeit', lambda second: f'{25569.0 + (START_S + second) / 86400.0:.9f}', START_S),
     ('Uhrzeit', lambda second: f'{(86390.0 + second) / 86400.0 % 1.0:.9f}', None),
+    ('elapsed', lambda second: '0 days 23:59:' + f'{second:02.0f}' if second < 60 else '1 days 00:00:00', None),
     ('time_ms', lambda second: f'{1000.0 * second:.0f}', None),
     ('millis', lambda second: f'{1000.0 * second + 977.0:.0f}', None), ('t[s]', lambda second: f'{second}', None),
     ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
