@@ -136,15 +136,19 @@ def is_blank(line: str) -> bool:
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
     """Return the Layout of a file that begins with these lines, None if it is no table with a header."""
-    wanted = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)
-              if not is_blank(line.lstrip('\ufeff'))]
+    numbered = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)]
+    wanted = [(number, line) for number, line in numbered if not is_blank(line)]
     separators: tuple[str | None, ...] = (*SEPARATORS, SEVERAL_BLANKS, None)
     if wanted and (match := SEPARATOR_LINE.fullmatch(wanted[0][1].strip())):
         separators, wanted = (match[1] or ',',), wanted[1:]
-    found = [layout for separator in separators if (layout := _layout(wanted, separator)) is not None]
-    # The separator that leaves most cells with values: 1,5;2,5 are two numbers, 2026-01-01 10:00 is one time.
-    return max(found, key=lambda layout: sum(_is_value(cell) for row in layout.rows[:50] for cell in row),
-               default=None)
+    # NumPy writes the names as a comment.
+    named = [(number, line.lstrip('# ')) for number, line in numbered[:wanted[0][0] - 1 if wanted else 0][-1:]]
+    for each in (wanted, named + wanted):
+        found = [layout for separator in separators if (layout := _layout(each, separator)) is not None]
+        if found:
+            # The separator that leaves most cells with values: 1,5;2,5 are two numbers, 2026-01-01 10:00 one time.
+            return max(found, key=lambda layout: sum(_is_value(cell) for row in layout.rows[:50] for cell in row))
+    return None
 
 
 def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout | None:

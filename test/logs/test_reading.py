@@ -218,6 +218,15 @@ def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     assert_is(recording, log, ['speed_mps', 'soc'], rtol=1e-4)
 
 
+@pytest.mark.parametrize('mark', ['#', '# '])
+@pytest.mark.parametrize('separator', [',', ' '])
+def test_the_names_may_be_a_comment_as_numpy_writes_them(tmp_path, mark, separator):
+    log = drive(60.0)
+    path = write_wide(tmp_path / 'a.csv', log, separator)
+    path.write_text('# logged in Oslo\n' + mark + path.read_text())
+    assert_is(read_recording(path), log)
+
+
 def test_points_between_thousands_beside_decimal_commas(tmp_path):
     (tmp_path / 'a.csv').write_text('time_s;battery power [W];battery temp [degC];odometer [km]\n'
                                     '0;-1.250;2,0;12.345,6\n10;24.046;2,5;12.345,9\n20;980;3;1.012.346\n')
