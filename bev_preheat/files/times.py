@@ -19,6 +19,8 @@ EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
 EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
 # Spreadsheets count days from 1899-12-30, or from midnight; in seconds, such steps would be below a millisecond.
 EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
+# A log that begins earlier, at about 0, may count hours.
+EARLIEST_DAYS = 0.02
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
 LEAST_STEP_MS = 100.0
 DAY_S = 86400.0
@@ -79,7 +81,7 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
             scale, absolute = each, True
             break
     is_in_days = scale is None and 0.0 < step < LARGEST_STEP_DAYS and (
-        middle < 2.0 or EPOCH_DAYS <= middle <= LATEST_DAYS)
+        EARLIEST_DAYS <= numbers[0] < 1.0 or EPOCH_DAYS <= middle <= LATEST_DAYS)
     if is_in_days:
         scale, absolute = DAY_S, middle >= EPOCH_DAYS
         remark = 'times have no unit; they are taken as days of a spreadsheet'
