@@ -31,6 +31,8 @@ HEAD_BYTES = 1 << 18
 BLOCK_CHARACTERS = 1 << 20
 # No logger writes a longer line.
 LONGEST_LINE = 1 << 22
+# The minus sign of Swedish, Norwegian and Finnish numbers.
+MINUS = '\u2212'
 # Characters that no text has.
 NOT_TEXT = frozenset('\0\x01\x02\x03\x04\x05\x06\x07\x08\x0e\x0f')
 
@@ -60,7 +62,7 @@ def encoding_of(head: bytes) -> str | None:
 
 def first_lines(head: bytes, encoding: str) -> list[str]:
     """Return the lines in the first bytes of a text; the last one may be cut."""
-    return re.split('\r\n|[\r\n]', head.decode(encoding, 'replace'))
+    return re.split('\r\n|[\r\n]', head.decode(encoding, 'replace').replace(MINUS, '-'))
 
 
 def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str]]]:
@@ -69,7 +71,7 @@ def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str
     try:
         with open(path, encoding=encoding, errors='replace', newline=None) as file:
             while True:
-                text = file.read(BLOCK_CHARACTERS)
+                text = file.read(BLOCK_CHARACTERS).replace(MINUS, '-')
                 lines = (rest + text).split('\n')
                 rest = lines.pop() if text else ''
                 if len(rest) > LONGEST_LINE:
@@ -168,7 +170,7 @@ def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str 
     number, cells = rows[at][0], _trimmed(list(rows[at][1]), 0)
     if 2 * sum(map(_is_value, cells)) > len(cells) or not _are_names(cells):
         return None
-    # Columns of a row may be empty; empty cells beyond the header's are none.
+    # Columns of a row may be empty; empty cells beyond the header's do not count.
     following = [(line, _trimmed(list(row), len(cells))) for line, row in rows[at + 1:]]
     units = [split_unit(name).unit for name in cells]
     if len(following) > 1 and _are_units(following[0][1]):

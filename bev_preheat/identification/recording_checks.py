@@ -30,7 +30,7 @@ POSSIBLE = PLAUSIBLE | {'soc': (0.0, 1.0), 'speed_mps': (0.0, 100.0)}
 STUCK_SOC_SHARE = 0.05
 # A current that stays the same while the speed changes by this [m/s] is stuck.
 LEAST_SPEED_CHANGE_MPS = 5.0
-# No power of a moving car stays the same for so long [s].
+# The power of a moving car changes within this time [s].
 LONGEST_STEADY_S = 300.0
 # A level is the median of this number of readings.
 OF_LEVEL = 9

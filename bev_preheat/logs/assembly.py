@@ -97,7 +97,7 @@ MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
 # The largest difference between sensors of a battery [K].
 MOST_SPREAD_K = 15.0
-# Beside one that reaches more than this [K], a sensor does not stay at 0: a column of a module that the car lacks.
+# Beside a sensor that is this far from 0 [K], no other stays at 0: such a column is of a module that is not there.
 MOST_BESIDE_ZERO_K = 2.0
 # A value that a logger writes before the first reading, for at most this time [s], is followed by a larger step
 # than a car makes, and does not return as soon.
@@ -134,7 +134,7 @@ class Assembly:
         is_open = {signal: any(self._decoders[signal, channel].hypotheses for group in groups for channel in group)
                    for signal, groups in chosen.items()}
         for signal in sorted(chosen, key=is_open.__getitem__):
-            # What the car lacks reads 0 in many logs.
+            # Missing sensors read 0 in many logs.
             for group in sorted(chosen[signal], key=lambda group: signal in OTHER and not any(
                     self._samples[signal, channel].arrays()[1].any() for channel in group)):
                 for channel in group:
@@ -192,8 +192,8 @@ class Assembly:
             is_step = abs(value[last + 1] - value[last]) > LARGEST_STEPS.get(signal, np.inf)
             if is_step and soon[last + 1] and time_s[last] - time_s[0] <= LONGEST_BEGIN_S and (
                     value[soon] != value[last]).all():
-                self._remarks.add(f'begin {channel}', f'{self._path}: {channel}: {figure(value[0])} before its '
-                                  'first reading is none; it is dropped', int(last) + 1)
+                self._remarks.add(f'begin {channel}', f'{self._path}: {channel}: {figure(value[0])} stands '
+                                  'before the first reading; it is dropped', int(last) + 1)
                 return part.part(np.arange(len(value)) > last)
         return part
 

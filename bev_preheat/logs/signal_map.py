@@ -191,7 +191,7 @@ def shipped_maps() -> tuple[SignalMap, ...]:
 
 
 def recognised_map(names: Sequence[str]) -> SignalMap:
-    """Return the shipped map that recognises these channels; others of them may have the common map's names."""
+    """Return the shipped map that recognises these channels, with the common names for its missing signals."""
     *maps, common = shipped_maps()
     found = next((each for each in maps if each.recognises(names)), None)
     if found is None:

@@ -116,7 +116,7 @@ def test_what_a_logger_writes_before_the_first_reading_is_none(tmp_path, nothing
     recording = read_recording(write(tmp_path / 'a.csv', 'time_s,battery_temperature_c,soc,ambient_c', rows))
     assert {name: (series.time_s[0], *set(series.value)) for name, series in recording.signals.items()} == {
         'battery_temperature_c': (4, 17), 'soc': (6, 0.75), 'ambient_c': (0, -5)}
-    assert any(f'battery_temperature_c: {nothing} before its first reading is none; it is dropped' in each
+    assert any(f'battery_temperature_c: {nothing} stands before the first reading; it is dropped' in each
                for each in recording.remarks)
     # A single wild reading shows nothing about those before it.
     rows = [(at, 60 if at == 4 else 17) for at in range(90)]

@@ -35,6 +35,13 @@ def test_separators_marks_and_line_ends(tmp_path, separator, decimal, end, mark)
     assert recording.format == 'CSV'
 
 
+def test_a_minus_sign_may_be_that_of_swedish(tmp_path):
+    log = drive(60.0) | {'current_a': -drive(60.0)['current_a'], 'soc': 0.8 + drive(60.0)['time_s'] / 9000.0}
+    path = write_wide(tmp_path / 'a.csv', log, ';', ',')
+    path.write_text(path.read_text().replace('-', '\u2212'), encoding='utf-8')
+    assert_is(read_recording(path), log)
+
+
 @pytest.mark.parametrize('form', [
     '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f',
     '%d.%m.%Y %H:%M:%S', '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d %H:%M:%S',
