@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.logs.doubts import find_doubts, integral, turned
+from bev_preheat.logs.doubts import find_doubts, held_while_driving, integral, turned
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
 from bev_preheat.logs.unit_hypotheses import JUMP_K, JUMP_S
 from bev_preheat.numerics import first_true, S_PER_H
-from bev_preheat.vehicle.description import STANDING_MPS
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
@@ -30,8 +29,6 @@ POSSIBLE = PLAUSIBLE | {'soc': (0.0, 1.0), 'speed_mps': (0.0, 100.0)}
 STUCK_SOC_SHARE = 0.05
 # A current that stays the same while the speed changes by this [m/s] is stuck.
 LEAST_SPEED_CHANGE_MPS = 5.0
-# The power of a moving car changes within this time [s].
-LONGEST_STEADY_S = 300.0
 # A level is the median of this number of readings.
 OF_LEVEL = 9
 # Signals whose unit or sign decides a fit.
@@ -43,6 +40,8 @@ def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> lis
     """Return a sentence for each reason why a Recording with these signals is no trip of a car like `vehicle`."""
     name = recording.name
     impossible = _missing(recording, signals) + _implausible(name, signals)
+    if not impossible and (sentence := held_while_driving(signals)):
+        return [f'{name}: {sentence}']
     if not impossible and (sentence := turned(signals)):
         return [f'{name}: {sentence}; read the log with repair (--repair) or a signal map']
     return impossible or _stuck(name, signals, vehicle)
@@ -105,27 +104,10 @@ def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
     if constant_v is not None and constant_a is None and current is not None:
         problems.append(f'{name}: voltage_v: stays at {constant_v:.1f} V while the current changes; record the '
                         "battery's voltage")
-    power = next((key for key in ('current_a', 'power_w') if key in signals), None)
-    if power is not None and speed is not None and (held := _held_while_driving(signals[power], speed)):
-        problems.append(f'{name}: {power}: {held} while the car drives; the logger held its last readings; cut '
-                        'the log there')
     if constant_a is not None and speed is not None and np.ptp(speed.value) > LEAST_SPEED_CHANGE_MPS:
         problems.append(f'{name}: current_a: stays at {figure(constant_a, 4)} A while the car drives; record the '
                         "battery's current")
     return problems + _jumps(name, signals.get('battery_temperature_c'))
-
-
-def _held_while_driving(series: Series, speed: Series) -> str:
-    """Return where a signal that changes otherwise stays the same longest, '' if that may be or the car stands."""
-    starts = np.append(0, np.flatnonzero(np.diff(series.value)) + 1)
-    held_s = np.append(series.time_s[starts[1:] - 1], series.time_s[-1]) - series.time_s[starts]
-    at = int(np.argmax(held_s))
-    begin_s, end_s = series.time_s[starts[at]], series.time_s[starts[at]] + held_s[at]
-    driven_mps = speed.value[(speed.time_s >= begin_s) & (speed.time_s <= end_s)]
-    if len(starts) == 1 or end_s - begin_s <= LONGEST_STEADY_S or driven_mps.min(initial=np.inf) < STANDING_MPS:
-        return ''
-    value = figure(float(series.value[starts[at]]), 4)
-    return f'stays at {value} for {end_s - begin_s:.0f} s from {begin_s:.0f} s on'
 
 
 def _only_value(series: Series | None) -> float | None:
