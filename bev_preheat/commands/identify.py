@@ -100,9 +100,11 @@ def run(arguments: Namespace) -> int:
         how = (f'the fit leaves an RMSE of {figure(result.fit_rmse_k, 3)} K on its own logs' if worst is None else
                f'trips that the fit has not seen are predicted with an RMSE of {figure(result.rmse_k, 3)} K, '
                f'{worst.name} with {figure(worst.error_k, 3)} K')
+        heater = '' if any(trip.heats for trip in trips) else (
+            '; none has the power of a battery heater (battery_heater_w): record it if the car heats')
         raise InvalidInput([
-            f'{arguments.output}: not written: {how}; at most {POOR_RMSE_K:g} K are '
-            'allowed; check that battery_temperature_c and the powers of all logs are those of one car',
+            f'{arguments.output}: not written: {how}; at most {POOR_RMSE_K:g} K are allowed; check that '
+            f'battery_temperature_c and the powers of all logs are those of one car{heater}',
             *(remark for remark in result.remarks if ': heater_w: ' in remark)])
     _write_identified(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)

@@ -56,7 +56,8 @@ def _in_words(error: ValidationError) -> Iterator[str]:
         yield f'{key}: {value} is not allowed; it must be {" and ".join(ends)}'
     elif rule == 'type':
         wanted = ' or '.join(allowed) if isinstance(allowed, list) else allowed
-        yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}'
+        hint = '; put it in quotes' if wanted == 'string' and not isinstance(value, dict | list) else ''
+        yield f'{key}: {value!r} is not {"an" if wanted[0] in "aio" else "a"} {wanted}{hint}'
     elif rule == 'enum':
         near = get_close_matches(str(value), [str(item) for item in allowed], n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''

@@ -31,6 +31,8 @@ HEAD_BYTES = 1 << 18
 BLOCK_CHARACTERS = 1 << 20
 # No logger writes a longer line.
 LONGEST_LINE = 1 << 22
+# The minus sign of Swedish, Norwegian and Finnish numbers.
+MINUS = '\u2212'
 # Characters that no text has.
 NOT_TEXT = frozenset('\0\x01\x02\x03\x04\x05\x06\x07\x08\x0e\x0f')
 
@@ -60,7 +62,7 @@ def encoding_of(head: bytes) -> str | None:
 
 def first_lines(head: bytes, encoding: str) -> list[str]:
     """Return the lines in the first bytes of a text; the last one may be cut."""
-    return re.split('\r\n|[\r\n]', head.decode(encoding, 'replace'))
+    return re.split('\r\n|[\r\n]', head.decode(encoding, 'replace').replace(MINUS, '-'))
 
 
 def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str]]]:
@@ -69,7 +71,7 @@ def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str
     try:
         with open(path, encoding=encoding, errors='replace', newline=None) as file:
             while True:
-                text = file.read(BLOCK_CHARACTERS)
+                text = file.read(BLOCK_CHARACTERS).replace(MINUS, '-')
                 lines = (rest + text).split('\n')
                 rest = lines.pop() if text else ''
                 if len(rest) > LONGEST_LINE:
@@ -136,19 +138,23 @@ def is_blank(line: str) -> bool:
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
     """Return the Layout of a file that begins with these lines, None if it is no table with a header."""
-    wanted = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)
-              if not is_blank(line.lstrip('\ufeff'))]
+    numbered = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)]
+    wanted = [(number, line) for number, line in numbered if not is_blank(line)]
     separators: tuple[str | None, ...] = (*SEPARATORS, SEVERAL_BLANKS, None)
     if wanted and (match := SEPARATOR_LINE.fullmatch(wanted[0][1].strip())):
         separators, wanted = (match[1] or ',',), wanted[1:]
-    found = [layout for separator in separators if (layout := _layout(wanted, separator)) is not None]
-    # The separator that leaves most cells with values: 1,5;2,5 are two numbers, 2026-01-01 10:00 is one time.
-    return max(found, key=lambda layout: sum(_is_value(cell) for row in layout.rows[:50] for cell in row),
-               default=None)
+    # NumPy writes the names as a comment.
+    named = [(number, line.lstrip('# ')) for number, line in numbered[:wanted[0][0] - 1 if wanted else 0][-1:]]
+    for each in (wanted, named + wanted):
+        found = [layout for separator in separators if (layout := _layout(each, separator)) is not None]
+        if found:
+            # The separator that leaves most cells with values: 1,5;2,5 are two numbers, 2026-01-01 10:00 one time.
+            return max(found, key=lambda layout: sum(_is_value(cell) for row in layout.rows[:50] for cell in row))
+    return None
 
 
 def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout | None:
-    rows = [(number, _trimmed(split_line(_without_comment(line), separator))) for number, line in lines]
+    rows = [(number, split_line(_without_comment(line), separator)) for number, line in lines]
     first = None
     for at in range(len(rows) - 1):
         layout = _with_header(rows, at, separator)
@@ -161,10 +167,11 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
 
 def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str | None) -> Layout | None:
     """Return the Layout with the header in a row; None if the row has no names or no values below."""
-    number, cells = rows[at]
+    number, cells = rows[at][0], _trimmed(list(rows[at][1]), 0)
     if 2 * sum(map(_is_value, cells)) > len(cells) or not _are_names(cells):
         return None
-    following = rows[at + 1:]
+    # Columns of a row may be empty; empty cells beyond the header's do not count.
+    following = [(line, _trimmed(list(row), len(cells))) for line, row in rows[at + 1:]]
     units = [split_unit(name).unit for name in cells]
     if len(following) > 1 and _are_units(following[0][1]):
         for column, text in enumerate(following[0][1][:len(cells)]):
@@ -172,7 +179,6 @@ def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str 
         following = following[1:]
     # A header is followed by lines of as many cells, some with values.
     usual = Counter(len(row) for _, row in following).most_common(1)[0][0]
-    # Empty last cells are trimmed.
     near = usual >= 2 and abs(usual - len(cells)) <= max(MOST_UNNAMED, len(cells) // 2)
     if not near or not any(_is_value(cell) for _, row in following[:50] for cell in row):
         return None
@@ -191,8 +197,8 @@ def _without_comment(line: str) -> str:
     return line.partition('#')[0] if '#' in line and '"' not in line else line
 
 
-def _trimmed(cells: list[str]) -> list[str]:
-    while cells and not cells[-1]:
+def _trimmed(cells: list[str], least: int) -> list[str]:
+    while len(cells) > least and not cells[-1]:
         cells.pop()
     return cells
 
@@ -306,7 +312,8 @@ class Table:
         may have a thousands separator, because an error by a factor of a thousand gives a wrong trip.
         """
         texts = self.texts(name)
-        plain = [text.replace(',', '.') for text in texts] if self.decimal == ',' else texts
+        # Beside decimal commas a point is between thousands.
+        plain = [text.replace('.', '_').replace(',', '.') for text in texts] if self.decimal == ',' else texts
         matches = map(NUMBER.fullmatch, plain)
         problems = [f'{self.where(at)}: {name}: {why_no_number(text)}'
                     for at, (text, match) in enumerate(zip(texts, matches)) if match is None or match[2]]

@@ -17,8 +17,10 @@ from bev_preheat.numerics import FloatArray
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
 EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
-# Spreadsheets count days from 1899-12-30; as seconds of a day, such steps would be less than a millisecond.
+# Spreadsheets count days from 1899-12-30, or from midnight; in seconds, such steps would be below a millisecond.
 EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
+# A log that begins earlier, at about 0, may count hours.
+EARLIEST_DAYS = 0.02
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
 LEAST_STEP_MS = 100.0
 DAY_S = 86400.0
@@ -28,8 +30,8 @@ TIME_UNITS = ('second', 'millisecond', 'microsecond', 'nanosecond', 'minute', 'h
 MONTHS = ('jan', 'feb', 'mar', 'apr', 'may', 'jun', 'jul', 'aug', 'sep', 'oct', 'nov', 'dec')
 OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
 DATE_TIME = re.compile(
-    r'(\d{1,4})([./-])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})(?:[:.](\d{2})(?:[.,:](\d+))?)?'
-    r'\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
+    r'(\d{1,4})([./ -])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})'
+    r'(?:[:.](\d{2})(?:[.,:](\d+))?)?\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
 TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d\d):)(\d+))?'
                          r'\s*([AaPp]\.?[Mm]\.?)?')
 
@@ -78,19 +80,22 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
         if EARLIEST_S <= middle * each <= LATEST_S:
             scale, absolute = each, True
             break
-    if scale is None and EPOCH_DAYS <= middle <= LATEST_DAYS and 0.0 < step < LARGEST_STEP_DAYS:
-        return Clock(lambda texts: np.round((read_numbers(texts, decimal)[0] - EPOCH_DAYS) * DAY_S, 3), True,
-                     'times have no unit; they are taken as days of a spreadsheet')
+    is_in_days = scale is None and 0.0 < step < LARGEST_STEP_DAYS and (
+        EARLIEST_DAYS <= numbers[0] < 1.0 or EPOCH_DAYS <= middle <= LATEST_DAYS)
+    if is_in_days:
+        scale, absolute = DAY_S, middle >= EPOCH_DAYS
+        remark = 'times have no unit; they are taken as days of a spreadsheet'
     if scale is None:
         scale = 1.0
         if step >= LEAST_STEP_MS:
             scale = 1e-3
             remark = f'times have no unit; steps of {step:g} are taken as milliseconds'
-    period_s = 0.0 if absolute else DAY_S if scale == 1.0 else COUNTER * scale
+    period_s = 0.0 if absolute else DAY_S if scale in (1.0, DAY_S) else COUNTER * scale
     rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
 
     def read(texts: Sequence[str]) -> FloatArray:
-        seconds = read_numbers(texts, decimal)[0] * scale
+        seconds = (read_numbers(texts, decimal)[0] - EPOCH_DAYS * (is_in_days and absolute)) * scale
+        seconds = np.round(seconds, 3) if is_in_days else seconds
         return seconds if rounds is None else rounds.continued(seconds)
 
     return Clock(read, absolute, remark)
@@ -131,14 +136,16 @@ def iso_seconds(text: str) -> float:
 
 def _time_of_day_s(text: str) -> float:
     """Return a time of day, or minutes and seconds, in seconds; NaN of another text."""
-    match = TIME_OF_DAY.fullmatch(text.strip())
-    if match is None:
+    # Pandas writes 0 days 00:00:05.
+    days, _, text = text.strip().rpartition(' days ')
+    match = TIME_OF_DAY.fullmatch(text)
+    if match is None or (days and not days.isdecimal()):
         return np.nan
     if match[3] is None:
         seconds = 60.0 * int(match[1]) + int(match[2])
     else:
         seconds = 3600.0 * _hour(match[1], match[5]) + 60.0 * int(match[2]) + int(match[3])
-    return seconds + (float(f'0.{match[4]}') if match[4] else 0.0)
+    return seconds + (float(f'0.{match[4]}') if match[4] else 0.0) + DAY_S * int(days or 0)
 
 
 def _hour(text: str, half: str | None) -> int:

@@ -139,32 +139,38 @@ WITH_COMMA = re.compile(r'[+-]?[0-9]+,[0-9]+([eE].*)?')
 WITH_POINT = re.compile(r'[+-]?[0-9]+\.[0-9]+([eE].*)?')
 # 1.500 and 1,500 are ambiguous: one and a half or fifteen hundred.
 AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
+# A point before three digits, beside decimal commas.
+THOUSANDS = re.compile(r'(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))')
 GROUPED = re.compile(r"([+-]?[0-9]{1,3})((?:[ \u00a0\u202f\u2009'’.,][0-9]{3})+)([.,][0-9]+)?")
 
 
 def decimal_mark(texts: Iterable[str]) -> str:
-    """Return the decimal mark of cells, ',' if some have a comma and none has a point alone, else '.'."""
-    comma = False
-    for text in texts:
-        if WITH_POINT.fullmatch(text):
+    """Return the decimal mark of cells: ',' if only commas show that they are one, or no point stands alone."""
+    texts = [text for text in texts if ',' in text or '.' in text]
+    for cells in ([text for text in texts if not AMBIGUOUS.fullmatch(text)], texts):
+        if any(map(WITH_POINT.fullmatch, cells)):
             return '.'
-        comma = comma or WITH_COMMA.fullmatch(text) is not None
-    return ',' if comma else '.'
+        if any(map(WITH_COMMA.fullmatch, cells)):
+            return ','
+    return '.'
 
 
-def unit_in_cells(texts: Iterable[str]) -> str:
-    """Return the unit written behind the numbers of cells, '' without a unit."""
-    for text in texts:
-        match = NUMBER.fullmatch(text.strip().replace(',', '.'))
-        # OVMS has m for metres and M for miles.
-        if match and match[2] and match[2] != 'M':
-            return unit_named(match[2])
-    return ''
+def cell_units(texts: Sequence[str]) -> list[str]:
+    """Return the unit written behind the number of each cell, '' without one."""
+    matches = (None if PLAIN_CHARACTERS.issuperset(text) else NUMBER.fullmatch(text.strip().replace(',', '.'))
+               for text in texts)
+    # OVMS has m for metres and M for miles.
+    return [unit_named(match[2]) if match and match[2] and match[2] != 'M' else '' for match in matches]
+
+
+def with_point(text: str) -> str:
+    """Return a number with a decimal comma, maybe with points between thousands, with a decimal point alone."""
+    return (THOUSANDS.sub('', text) if '.' in text else text).replace(',', '.')
 
 
 def read_numbers(texts: Sequence[str], decimal: str = '.', angle: bool = False) -> tuple[FloatArray, BoolArray]:
     """Return numbers (N,), NaN for no reading, and which cells are wrong; `angle`: also degrees and minutes."""
-    plain = [text.replace(',', '.') for text in texts] if decimal == ',' else texts
+    plain = [with_point(text) for text in texts] if decimal == ',' else texts
     if all(map(PLAIN_CHARACTERS.issuperset, plain)):
         try:
             values = np.array(list(map(float, plain)))
@@ -213,7 +219,7 @@ def is_clear(text: str) -> bool:
 def why_no_number(text: str) -> str:
     """Return why a cell is not a plain number, as a sentence without its subject."""
     grouped = GROUPED.fullmatch(text)
-    if grouped and not AMBIGUOUS.fullmatch(text):
+    if grouped and not (AMBIGUOUS.fullmatch(text) and ',' in text):
         whole = ''.join(re.findall('[0-9+-]', grouped[1] + grouped[2]))
         return f'{quoted(text)} has a thousands separator; write {whole}{grouped[3] or ""}'
     if ',' in text:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, located
-from bev_preheat.logs.doubts import turned
+from bev_preheat.logs.doubts import held_while_driving, turned
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.recording import gaps, LEAST_GAP_S, Recording, Series
 from bev_preheat.logs.signal_map import SignalMap
@@ -50,7 +50,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     `repair` as for `read_recording`.
 
     Raises InvalidInput naming file, place and limit: missing signals, a doubt about the sign of power or current,
-    gaps too long or too many.
+    a power that is held, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
@@ -59,6 +59,8 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     for path in paths:
         recording = read_recording(path, signals, repair, USED)
         remarks += recording.remarks
+        if sentence := held_while_driving(recording.signals):
+            raise InvalidInput(f'{path}: {sentence}')
         # Otherwise the route would gain energy.
         if sentence := turned(recording.signals):
             raise InvalidInput(f'{path}: {sentence}; read the log with repair (--repair) or a signal map')

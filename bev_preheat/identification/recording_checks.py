@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.logs.doubts import find_doubts, integral, turned
+from bev_preheat.logs.doubts import find_doubts, held_while_driving, integral, turned
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.signal_map import PLAUSIBLE
 from bev_preheat.logs.unit_hypotheses import JUMP_K, JUMP_S
@@ -27,7 +27,7 @@ LEAST_SPEED_CHANGE_MPS = 5.0
 # A level is the median of this number of readings.
 OF_LEVEL = 9
 # Signals whose unit or sign decides a fit.
-DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w')
+DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w', 'battery_heater_w')
 POWER = ('voltage_v', 'current_a', 'power_w')
 
 
@@ -35,6 +35,8 @@ def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> lis
     """Return a sentence for each reason why a Recording with these signals is no trip of a car like `vehicle`."""
     name = recording.name
     impossible = _missing(recording, signals) + _implausible(name, signals)
+    if not impossible and (sentence := held_while_driving(signals)):
+        return [f'{name}: {sentence}']
     if not impossible and (sentence := turned(signals)):
         return [f'{name}: {sentence}; read the log with repair (--repair) or a signal map']
     return impossible or _stuck(name, signals, vehicle)

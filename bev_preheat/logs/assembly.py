@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.recording import Series
-from bev_preheat.logs.unit_hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
+from bev_preheat.logs.unit_hypotheses import JUMP_K, jumps, likely, MOST_JUMPS, OTHER, plausible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,6 +97,12 @@ MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
 # The largest difference between sensors of a battery [K].
 MOST_SPREAD_K = 15.0
+# Beside a sensor that is this far from 0 [K], no other stays at 0: such a column is of a module that is not there.
+MOST_BESIDE_ZERO_K = 2.0
+# A value that a logger writes before the first reading, for at most this time [s], is followed by a larger step
+# than a car makes, and does not return as soon.
+LONGEST_BEGIN_S = 60.0
+LARGEST_STEPS = {'battery_temperature_c': JUMP_K, 'ambient_c': JUMP_K, 'soc': 0.05}
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -128,7 +134,9 @@ class Assembly:
         is_open = {signal: any(self._decoders[signal, channel].hypotheses for group in groups for channel in group)
                    for signal, groups in chosen.items()}
         for signal in sorted(chosen, key=is_open.__getitem__):
-            for group in chosen[signal]:
+            # Missing sensors read 0 in many logs.
+            for group in sorted(chosen[signal], key=lambda group: signal in OTHER and not any(
+                    self._samples[signal, channel].arrays()[1].any() for channel in group)):
                 for channel in group:
                     self._remarks.extend(self._decoders[signal, channel].said)
                 parts = {channel: self._part(signal, channel) for channel in group}
@@ -141,7 +149,12 @@ class Assembly:
                 {signal: used[signal] for signal in chosen if signal in used})
 
     def _alike(self, signal: str, parts: dict[str, Series]) -> dict[str, Series]:
-        """Return the parts of a temperature, or the first alone if they differ as no sensors of a battery do."""
+        """Return the parts of a temperature without those at 0; the first alone if they differ too much."""
+        for channel in [channel for channel, part in parts.items() if not part.value.any()]:
+            if signal in OTHER and any(np.abs(part.value).max() > MOST_BESIDE_ZERO_K for part in parts.values()):
+                self._remarks.add(f'zero {signal}', f'{self._path}: {channel}: stays at 0, unlike the others of '
+                                  f'its kind, so it is not taken for {signal}', noun='channel')
+                del parts[channel]
         if signal not in OTHER or len(parts) < 2 or self._decoders[signal, next(iter(parts))].source.combine:
             return parts
         medians = {channel: float(np.median(part.value)) for channel, part in parts.items()}
@@ -164,11 +177,24 @@ class Assembly:
             values = self._settled(signal, decoder, Series(time_s, values), places)
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
-        part = self._in_order(time_s, values, places)
+        part = self._begun(signal, channel, self._in_order(time_s, values, places))
         if signal in OTHER and len(part.time_s) > LEAST_OF_JUMPS and np.mean(jumps(part)) > MOST_JUMPS:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
                               f'is not taken for {signal}')
             return Series(np.empty(0), np.empty(0))
+        return part
+
+    def _begun(self, signal: str, channel: str, part: Series) -> Series:
+        """Return a part without the value that a logger writes before the first reading."""
+        time_s, value = part.time_s, part.value
+        for last in np.flatnonzero(np.diff(value))[:1]:
+            soon = (time_s > time_s[last]) & (time_s <= time_s[last] + LONGEST_BEGIN_S)
+            is_step = abs(value[last + 1] - value[last]) > LARGEST_STEPS.get(signal, np.inf)
+            if is_step and soon[last + 1] and time_s[last] - time_s[0] <= LONGEST_BEGIN_S and (
+                    value[soon] != value[last]).all():
+                self._remarks.add(f'begin {channel}', f'{self._path}: {channel}: {figure(value[0])} stands '
+                                  'before the first reading; it is dropped', int(last) + 1)
+                return part.part(np.arange(len(value)) > last)
         return part
 
     def _settled(self, signal: str, decoder: Decoder, own: Series, places: IntArray) -> FloatArray:

@@ -89,8 +89,12 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
 
 # Values that the DBC gives such a name are no readings.
 NO_READING = re.compile(r'(^|[^a-z])(sna|n\W?a|nan|init\w*|invalid|fault\w*|error|err|unknown|undefined|'
-                        r'not ?(available|defined|valid|used)|no ?(signal|data|value)|reserved)([^a-z]|$)',
-                        re.IGNORECASE)
+                        r'not ?(available|defined|valid|used)|no ?(signal|data|value)\w*|reserved|'
+                        r'fehler|ung(ü|ue)ltig|nicht ?\w*)([^a-z]|$)', re.IGNORECASE)
+# Of an identifier of J1939: all but priority and sender; a DBC has this one for any sender.
+J1939_GROUP, ANY_SENDER = 0x03FFFF00, 0xFE
+# Identifiers in a message.
+MOST_SHOWN = 5
 # Fewer bits are counts or states, all values of which are used.
 LEAST_BITS = 8
 
@@ -179,9 +183,20 @@ class CanFrames(RawLog):
     def _readings(self, wanted: Collection[str], remarks: Remarks) -> Iterator[tuple[str, float, float, int]]:
         names = {identifier: message for identifier, message in self._messages.items()
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
+        groups = {identifier & J1939_GROUP: message for identifier, message in names.items()
+                  if message.is_extended_frame and identifier & 0xFF == ANY_SENDER}
+        senders: dict[str, int] = {}
+        number, others = 0, set()
         for number, frame in enumerate(self._frames(remarks), start=1):
             message = names.get(frame.arbitration_id)
+            if message is None and frame.is_extended_id:
+                message = groups.get(frame.arbitration_id & J1939_GROUP)
             if message is None or frame.is_error_frame or frame.is_remote_frame or not frame.data:
+                others.add(frame.arbitration_id)
+                continue
+            if senders.setdefault(message.name, frame.arbitration_id) != frame.arbitration_id:
+                remarks.add(f'sender {message.name}', f'{self._path}, frame {number}: {message.name}: from '
+                            f'{frame.arbitration_id:X}; those from {senders[message.name]:X} count', noun='frame')
                 continue
             try:
                 values = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
@@ -200,6 +215,14 @@ class CanFrames(RawLog):
                                 f'{quoted(word)}; it is dropped')
                 else:
                     yield name, float(frame.timestamp), float(value), number
+        if not senders:
+            remarks.add('ids', f'{self._path}: none of its {number} frames has an identifier of the DBC '
+                        f'({_hex(names)}); they have {_hex(others)}')
+
+
+def _hex(identifiers: Collection[int]) -> str:
+    shown = [f'{each:X}' for each in sorted(identifiers)[:MOST_SHOWN]]
+    return ', '.join(shown) + (', …' if len(identifiers) > MOST_SHOWN else '')
 
 
 def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Any]:

@@ -21,7 +21,7 @@ NO_READING = frozenset((
     'index', 'idx', 'position', 'pos', 'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning',
     'warn', 'alarm', 'alert', 'status', 'timeout', 'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll',
     'request', 'req', 'cmd', 'enable', 'mode', 'derating', 'delta', 'diff', 'difference', 'spread', 'rate',
-    'gradient'))
+    'gradient', 'unknown'))
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active', 'q'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'
@@ -115,7 +115,7 @@ NAMES = (
     r'^(device|log|local)[ _]?time', r'^last[ _]?(changed|updated|reported|seen)$',
     r'^(created|recorded|logged|received|fetched|updated)[ _]?(at|on)$', r'^(time|zeit)_', r'^tst$',
     r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
-    r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
+    r'^(elapsed|(milli)?seconds|millis|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
     r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')
 DATE = re.compile(r'^(date|datum|fecha|дата|日期|day)$', re.IGNORECASE)
 DAY_TIME = re.compile(r'^(time|zeit|uhrzeit|hora|время|时间|clock|time of day)$', re.IGNORECASE)
@@ -140,7 +140,11 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         return [row[column] if column < len(row) else '' for row in rows]
 
     def clock_of(column: int) -> Clock | None:
-        return find_clock(texts(column), units[column], decimal)
+        # In rows of a single reading, the time between readings of one channel shows its unit.
+        firsts = [next((at for at, cell in enumerate(row) if cell and at != column), 0) for row in rows]
+        usual = max(firsts, key=firsts.count, default=0)
+        return find_clock([text for text, first in zip(texts(column), firsts) if first == usual], units[column],
+                          decimal)
 
     dates = [at for at, name in enumerate(header) if DATE.match(name.strip())]
     times = [at for at, name in enumerate(header) if DAY_TIME.match(name.strip())]
@@ -150,14 +154,15 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         if joined is not None:
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
-               if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
+               if re.search(pattern, split_unit(name.rpartition('.')[2]).name, re.IGNORECASE)
+               and not DURATION.search(name)]
     stated = dict(zip(header, units))
     may_be = {header[at]: stated[header[at]] for at in ranked}
     taken = {name for source in signal_map.sources.values() for group in candidates(source, may_be).groups[:1]
              for name in group}
     # A t_env_c is a temperature.
     ranked = [at for at in ranked if header[at] not in taken and (
-        not stated[header[at]] or stated[header[at]] in TIME_UNITS)] or ranked
+        not stated[header[at]] or stated[header[at]] in TIME_UNITS)]
     fallback = None
     for at in dict.fromkeys(ranked):
         clock = clock_of(at)

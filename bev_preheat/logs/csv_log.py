@@ -143,16 +143,21 @@ class TextLog(RawLog):
             elif len(rows):
                 yield Piece(name, time_s[rows], [values[at] for at in rows], numbers[rows])
 
-    @staticmethod
-    def _of_readings(roles: Roles, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
+    def _of_readings(self, roles: Roles, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
                      numbers: IntArray) -> Iterator[Piece]:
         members: dict[str, list[int]] = {name: [] for name in wanted}
         for at, name in enumerate(cells[roles.name]):
             if name in members:
                 members[name].append(at)
+        units = {channel.name: channel.unit for channel in self.channels}
         for name, rows in members.items():
             if rows:
-                yield Piece(name, time_s[rows], [cells[roles.value][at] for at in rows], numbers[rows])
+                texts = [cells[roles.value][at] for at in rows]
+                if roles.unit is not None:
+                    # A reading may have a unit of its own.
+                    texts = [text if unit_named(unit) in ('', units[name]) else f'{text} {unit}'
+                             for text, unit in zip(texts, (cells[roles.unit][at] for at in rows))]
+                yield Piece(name, time_s[rows], texts, numbers[rows])
 
 
 def open_csv_log(path: str | Path, head: bytes, _: Collection[str | Path] = ()) -> TextLog | None:

@@ -10,13 +10,14 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.units import (
+    cell_units,
     check_unit,
     conversion,
     is_stated,
+    measures,
     own_unit,
     read_numbers,
     split_unit,
-    unit_in_cells,
     unit_named,
 )
 from bev_preheat.logs.raw_log import Remarks
@@ -80,7 +81,7 @@ class Decoder:
                  full: tuple[float, ...] = (), is_guess: bool = False) -> None:
         """Take the unit that the log names ('': none), and the values of all ones if the log has them."""
         self.source, self.channel, self._full = source, channel, full
-        named = _fitting(channel_unit, source.signal)
+        self._written = named = _fitting(channel_unit, source.signal)
         # From here on, '' if the log may still say it.
         self._unit = '' if is_guess else source.unit
         if not self._unit and (not source.unit or is_stated(channel, channel_unit)):
@@ -104,9 +105,7 @@ class Decoder:
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
                 self._drop(numbers, wrong, 'text', f'{first} is not a number', places, where)
-            if not self._is_chosen and not self._unit:
-                self._unit = _fitting(unit_in_cells(values[:100]), self.source.signal)
-                self.given = self.given._replace(unit=self._unit or self.given.unit)
+            self._of_cells(numbers, values, places, where)
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
         for nothing in self.source.no_reading:
             none = np.abs(numbers - nothing) <= 1e-9 * max(abs(nothing), 1.0)
@@ -127,6 +126,21 @@ class Decoder:
         if not self.hypotheses:
             self._drop(own, bad, 'range', self.why_dropped(numbers[int(np.argmax(bad))]), places, where)
         return own
+
+    def _of_cells(self, numbers: FloatArray, texts: Sequence[str], places: IntArray, where: str) -> None:
+        """Bring numbers with another unit behind them, such as 950 W below 1.2 kW, into the channel's unit."""
+        signal, units = self.source.signal, np.array(cell_units(texts))
+        if not self._is_chosen:
+            first = next((str(unit) for unit in units[units != ''] if _fitting(unit, signal)), '')
+            self._unit, self._written = self._unit or first, self._written or first
+            self.given = self.given._replace(unit=self._unit or self.given.unit)
+        for unit in {*units} - {'', self._written}:
+            if _fitting(unit, signal):
+                change = conversion(unit, self._written or self.given.unit or own_unit(signal))
+                numbers[units == unit] = numbers[units == unit] * change.factor + change.offset
+            elif not measures(unit, signal):
+                first = quoted(texts[int(np.argmax(units == unit))])
+                self._drop(numbers, units == unit, 'unit', f'{first} is no reading of {signal}', places, where)
 
     def raw(self, own: FloatArray) -> FloatArray:
         """Return the channel's values of readings in the signal's own unit."""

@@ -62,6 +62,8 @@ CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 # A car that moves draws so much in the mean, unless the road falls by this grade.
 MOVING_MPS, LEAST_DRIVING_W, LEAST_DRIVING_A, REGENERATING_GRADE = 3.0, 500.0, 2.0, 0.01
+# The power of a moving car changes within this time [s], and within so many readings.
+LONGEST_STEADY_S, MOST_STEADY = 300.0, 20
 # Steps of the current from here on [A], and their number, show the sign of the current in the voltage.
 LEAST_CURRENT_STEP_A, LEAST_STEPS = 5.0, 20
 # Correlation of power and acceleration that shows the sign of the power.
@@ -114,6 +116,24 @@ def turned(signals: Signals) -> str:
     sentences = {doubt.signal: doubt.sentence for doubt in find_doubts(signals) if doubt.factor < 0.0}
     # The power is often computed from the current.
     return sentences.get('current_a') or sentences.get('power_w', '')
+
+
+def held_while_driving(signals: Signals) -> str:
+    """Return a sentence if the power of a moving car, otherwise changing, stays the same for minutes; else ''."""
+    key = next((key for key in ('current_a', 'power_w') if key in signals and len(signals[key].value)), '')
+    if not key or 'speed_mps' not in signals:
+        return ''
+    series, speed = signals[key], signals['speed_mps']
+    starts = np.append(0, np.flatnonzero(np.diff(series.value)) + 1)
+    held_s = np.append(series.time_s[starts[1:] - 1], series.time_s[-1]) - series.time_s[starts]
+    held_s[np.diff(starts, append=len(series.value)) <= MOST_STEADY] = 0.0
+    at = int(np.argmax(held_s))
+    begin_s = series.time_s[starts[at]]
+    inside = (speed.time_s >= begin_s) & (speed.time_s <= begin_s + held_s[at])
+    if len(starts) == 1 or held_s[at] <= LONGEST_STEADY_S or speed.value[inside].min(initial=np.inf) < MOVING_MPS:
+        return ''
+    return (f'{key}: stays at {figure(float(series.value[starts[at]]), 4)} for {held_s[at]:.0f} s from '
+            f'{begin_s:.0f} s on while the car drives; the logger held its last readings; cut the log there')
 
 
 def _balance(signals: Signals) -> Iterator[Doubt]:

@@ -122,13 +122,18 @@ def flat(value: Mapping[str, Any], prefix: str = '', depth: int = 0) -> dict[str
     """
     Return the numbers and texts of a nested object by dotted path; items of lists have their number.
 
-    Items that are a name and its value are channels of that name, {"value": {"doubleValue": 5}} is a number.
+    Items that are a name and its value are channels of that name, {"value": {"doubleValue": 5}} is a number, and
+    {"value": 5, "unit": "km/h"} one with a unit, whatever else is beside.
     """
     found: dict[str, str] = {}
     for key, item in value.items():
         name = f'{prefix}{key}'
         if isinstance(item, dict) and len(item) == 1 and next(iter(item)).endswith('Value'):
             item = next(iter(item.values()))
+        both = {'value', 'unit'} & item.keys() if isinstance(item, dict) else ()
+        if len(both) == 2 and isinstance(item['value'], int | float):
+            found[name] = f'{item["value"]} {item["unit"] or ""}'.strip()
+            item = {each: inner for each, inner in item.items() if each not in both}
         if named := _named(item):
             found.update(flat(named, prefix, depth + 1))
         elif isinstance(item, dict | list) and depth < DEEPEST:

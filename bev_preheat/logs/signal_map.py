@@ -187,9 +187,16 @@ def shipped_maps() -> tuple[SignalMap, ...]:
 
 
 def recognised_map(names: Sequence[str]) -> SignalMap:
-    """Return the shipped map that recognises these channels; the common map if none does."""
-    maps = shipped_maps()
-    return next((each for each in maps if each.recognises(names)), maps[-1])
+    """Return the shipped map that recognises these channels, with the common names for its missing signals."""
+    *maps, common = shipped_maps()
+    found = next((each for each in maps if each.recognises(names)), None)
+    if found is None:
+        return common
+    own = {signal: source for signal, source in found.sources.items()
+           if any(matches(entry, name) for entry in source.channels for name in names)}
+    usual = {signal: replace(source, channels=tuple(each for each in source.channels if not is_expression(each)))
+             for signal, source in common.sources.items() if signal not in own}
+    return replace(found, sources={**own, **usual}, inherited=frozenset(usual))
 
 
 def database_files(folder: Path, files: FileData) -> tuple[Path, ...]:

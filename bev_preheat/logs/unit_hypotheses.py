@@ -25,7 +25,7 @@ ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('vo
 OTHER_SCALES = ((0.1, 0.01, 0.001), (10.0, 100.0, 1000.0))
 # Share of the readings that a hypothesis must make plausible.
 FITTING_SHARE = 0.99
-# Usual values; of several hypotheses, those count that have the median in this range.
+# Usual values; a hypothesis counts if it has the median in this range: 14.2 V are no tenth of 142 V.
 USUAL = {'battery_temperature_c': (-30.0, 55.0), 'ambient_c': (-35.0, 45.0), 'soc': (0.1, 1.0),
          'voltage_v': (150.0, 950.0), 'odometer_m': (1e5, 1e9)}
 # The other temperature of the car, which a temperature is near to when a log begins. The best hypothesis must be
@@ -98,6 +98,8 @@ def hypotheses(numbers: FloatArray, given: Hypothesis, source: Source) -> tuple[
         for scales in OTHER_SCALES:
             scaled = (given._replace(scale=given.scale * scale) for scale in scales)
             found += [each for each in scaled if each.fits(numbers, source)][:1]
+        # Battery managers count halves of a percent in a byte.
+        found += [given._replace(scale=0.5 * given.scale)] * (source.signal == 'soc')
     return tuple(each for each in found if each.fits(numbers, source))
 
 
@@ -136,7 +138,7 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
         kept = [each for each in kept if each.scale == found[0].scale] or kept
     if source.signal in USUAL:
         low, high = USUAL[source.signal]
-        kept = [each for each in kept if low <= np.median(own[each]) <= high] or kept
+        kept = [each for each in kept if low <= np.median(own[each]) <= high]
     position = by_position(signals) if source.signal in ('speed_mps', 'odometer_m') and len(kept) > 1 else None
     if position is not None:
         kept = [each for each in kept if _agrees(source.signal, Series(raw.time_s, own[each]), position)] or kept

@@ -108,5 +108,6 @@ def test_a_sensor_of_another_car_gives_no_vehicle_file(logs, tmp_path, said):
     status, _, errors = said(
         'identify', *paths, '--vehicle', 'small_car', '--output', 'my.yaml', '--json', 'i.json')
     assert status == 2 and 'my.yaml: not written: trips that the fit has not seen' in errors
+    assert 'none has the power of a battery heater (battery_heater_w): record it if the car heats' in errors
     assert not (tmp_path / 'my.yaml').exists()
     assert 'should not be trusted' in json.loads((tmp_path / 'i.json').read_text())['verdict'][0]

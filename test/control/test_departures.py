@@ -208,7 +208,8 @@ def test_a_week_is_read(file):
     ('Europe/Berlin', '../etc/passwd', "time_zone: '../etc/passwd' is unknown"),
     ('Europe/Berlin', 'Europe', "time_zone: 'Europe' is unknown"),
     # Without quotes YAML reads minutes of an hour: 450.
-    ("'07:30'", '7:30', r'departures\[0\].time'), ("'07:30'", "'24:00'", r"departures\[0\].time: '24:00' is not"),
+    ("'07:30'", '7:30', r'departures\[0\].time: 450 is not a string; put it in quotes'),
+    ("'07:30'", "'24:00'", r"departures\[0\].time: '24:00' is not"),
     ("'07:30'", "'7.30'", "'7.30' is not allowed; it must be HH:MM"),
     ('monday', 'Monday', r'departures\[0\].weekdays'), ('[monday, friday]', '[]', r'departures\[0\].weekdays'),
     ('22,', '.nan,', 'target_battery_temperature_c: nan'), ('22,', '220,', 'target_battery_temperature_c'),

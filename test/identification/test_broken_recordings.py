@@ -38,6 +38,8 @@ TIME_S = np.arange(1200.0)
      'soc: stays at 0.5 while +13.5 Ah are drawn; record the state of charge'),
     ({'current_a': lambda a: 0.0 * a, 'speed_mps': lambda v: np.where(TIME_S < 600.0, v, 0.0)},
      "current_a: stays at 0 A while the car drives; record the battery's current"),
+    ({'current_a': lambda a: np.where(TIME_S < 700.0, a, a[700]), 'speed_mps': lambda v: np.where(
+        TIME_S < 700.0, v, 15.0)}, ' for 499 s from 700 s on while the car drives; the logger held its last'),
     ({'battery_temperature_c': lambda c: c + np.where(TIME_S < 600.0, 0.0, 20.0)},
      'battery_temperature_c: jumps from '),
 ])
@@ -48,6 +50,11 @@ def test_a_broken_recording_is_answered_by_one_line(changes, line):
 
 def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
+
+
+def test_a_car_that_stands_may_draw_a_steady_current():
+    trip_of(recording(current_a=lambda a: np.where(TIME_S < 700.0, a, 4.0), speed_mps=lambda v: np.where(
+        TIME_S < 699.0, v, 0.0)), VEHICLE)
 
 
 def test_the_longest_part_of_a_log_with_a_hole_is_used():
@@ -79,6 +86,9 @@ def test_a_fit_refuses_a_unit_in_doubt_and_a_refusal_says_what_the_reading_dropp
     with pytest.raises(InvalidInput, match='B: current_a: its integral .* a factor of 1000 is missing; correct'):
         refuse_doubted(thousandth)
     refuse_doubted(recording('B'))
+    kilowatts = recording('B', battery_heater_w=Series(TIME_S, np.full(1200, 6.5)))
+    with pytest.raises(InvalidInput, match='B: battery_heater_w: is at most 6.5 W; is it in kW. correct it'):
+        refuse_doubted(kilowatts)
     without = replace(recording('B', soc=None), remarks=('b.csv: soc: is dropped', 'b.csv: other'))
     assert problems_of(trip_of, without, VEHICLE) == [
         'B: no soc; record the state of charge (b.csv: soc: is dropped)']

@@ -45,9 +45,19 @@ def chosen(signal, **units):
     ('soc', {'Battery Temp [%]': 'percent'}, ()), ('soc', {'Battery [%]': 'percent'}, ('Battery [%]',)),
     ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
+    ('voltage_v', {'BMS__BMS_U_Batt': 'volt', 'U_batt_max': 'volt'}, ('BMS.BMS_U_Batt',)),
+    ('current_a', {'I_batt': '', 'I_batt_max': '', 'HV_I_limit': ''}, ('I_batt',)),
+    ('current_a', {'HVBat_I': 'ampere'}, ('HVBat_I',)), ('ambient_c', {'AmbT': 'kelvin'}, ('AmbT',)),
+    ('battery_temperature_c', {'HVBat_T_Mean': 'kelvin'}, ('HVBat_T_Mean',)),
     ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
+    ('battery_temperature_c', {'bmsUnknownTempA': ''}, ()),
     ('ambient_c', {'t_env_c': 'degC'}, ('t_env_c',)), ('ambient_c', {'T_amb_C': 'degC'}, ('T_amb_C',)),
+    ('ambient_c', {'VCU__VCU_AmbTemp': 'degC'}, ('VCU.VCU_AmbTemp',)),
+    ('ambient_c', {'outTemp': ''}, ('outTemp',)),
+    ('ambient_c', {'Coolant_Out_Temp': '', 'Outlet temp': '', 'Lambda temp': ''}, ()),
+    ('speed_mps', {'CCVS1__WheelBasedVehicleSpeed': '', 'WheelSpeedVeh': ''}, ('CCVS1.WheelBasedVehicleSpeed',)),
+    ('speed_mps', {'ESP__VehSpd': ''}, ('ESP.VehSpd',)),
     ('ambient_c', {'OAT[DegC]': 'degC'}, ('OAT[DegC]',)), ('odometer_m', {'s_km': 'kilometer'}, ('s_km',)),
 ])
 def test_only_alike_readings_of_the_quantity_make_up_a_signal(signal, units, expected):
@@ -85,6 +95,33 @@ def test_sensors_that_are_far_apart_are_not_averaged(tmp_path):
     recording = read_recording(path)
     assert set(recording.signals['battery_temperature_c'].value) == {5.0}
     assert any('are not alike; the first counts' in remark for remark in recording.remarks)
+
+
+def test_sensors_that_a_car_lacks_and_that_read_0_are_not_averaged(tmp_path):
+    path = write(tmp_path / 'a.csv', 'time_s,Module 1 batt temp,Module 2 batt temp,Module 3 batt temp',
+                 [(at, 0, 6, 8 + at / 30) for at in range(30)])
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, 7 + np.arange(30) / 60)
+    assert any('Module 1 batt temp: stays at 0, unlike the others' in remark for remark in recording.remarks)
+    # Nor one alone, before others in alphabet and length; near 0 a sensor may stay there.
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp,Module 2 batt temp', [(at, 0, 6) for at in range(30)])
+    assert set(read_recording(path).signals['battery_temperature_c'].value) == {6.0}
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp 1,batt temp 2', [(at, 0, 1) for at in range(30)])
+    assert set(read_recording(path).signals['battery_temperature_c'].value) == {0.5}
+
+
+@pytest.mark.parametrize('nothing', [0, -1, 85])
+def test_what_a_logger_writes_before_the_first_reading_is_none(tmp_path, nothing):
+    rows = [(at, nothing if at < 4 else 17, 0 if at < 6 else 0.75, -5) for at in range(90)]
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,battery_temperature_c,soc,ambient_c', rows))
+    assert {name: (series.time_s[0], *set(series.value)) for name, series in recording.signals.items()} == {
+        'battery_temperature_c': (4, 17), 'soc': (6, 0.75), 'ambient_c': (0, -5)}
+    assert any(f'battery_temperature_c: {nothing} stands before the first reading; it is dropped' in each
+               for each in recording.remarks)
+    # A single wild reading shows nothing about those before it.
+    rows = [(at, 60 if at == 4 else 17) for at in range(90)]
+    path = write(tmp_path / 'a.csv', 'time_s,battery_temperature_c', rows)
+    assert len(read_recording(path).signals['battery_temperature_c'].value) == 90
 
 
 def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):

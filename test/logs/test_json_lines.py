@@ -90,6 +90,8 @@ def test_lines_that_are_no_object_or_have_no_time_are_dropped_with_one_remark_a_
 def test_nested_values_have_dotted_names_and_what_is_no_reading_is_empty():
     assert flat({'a': {'b': 1, 'c': [True, None, 'x']}, 'far': 10**400, 'nan': float('nan'), 'd': {}}) == {
         'a.b': '1.0', 'a.c.0': 'True', 'a.c.2': 'x', 'far': '', 'nan': ''}
+    assert flat({'speed': {'value': 50, 'unit': 'mph', 'at': '7:30'}, 'soc': {'value': 0.8, 'unit': None}}) == {
+        'speed': '50 mph', 'speed.at': '7:30', 'soc': '0.8'}
 
 
 @pytest.mark.parametrize('text, problem', [

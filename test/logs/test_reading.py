@@ -35,10 +35,17 @@ def test_separators_marks_and_line_ends(tmp_path, separator, decimal, end, mark)
     assert recording.format == 'CSV'
 
 
+def test_a_minus_sign_may_be_that_of_swedish(tmp_path):
+    log = drive(60.0) | {'current_a': -drive(60.0)['current_a'], 'soc': 0.8 + drive(60.0)['time_s'] / 9000.0}
+    path = write_wide(tmp_path / 'a.csv', log, ';', ',')
+    path.write_text(path.read_text().replace('-', '\u2212'), encoding='utf-8')
+    assert_is(read_recording(path), log)
+
+
 @pytest.mark.parametrize('form', [
     '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f',
     '%d.%m.%Y %H:%M:%S', '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d %H:%M:%S',
-    '%s', '%s000', '%s000000'])
+    '%d %b %Y %H:%M:%S', '%s', '%s000', '%s000000'])
 def test_absolute_times(tmp_path, form):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={'time_s': 'Timestamp'},
@@ -68,7 +75,10 @@ def test_a_time_in_another_form_is_shown_with_advice(tmp_path):
 @pytest.mark.parametrize('heading, times, start_s', [
     ('time', lambda second: f'{int(second) // 60:02}:{second % 60:04.1f}', None),
     ('Zeit', lambda second: f'{25569.0 + (START_S + second) / 86400.0:.9f}', START_S),
+    ('Uhrzeit', lambda second: f'{(86390.0 + second) / 86400.0 % 1.0:.9f}', None),
+    ('elapsed', lambda second: '0 days 23:59:' + f'{second:02.0f}' if second < 60 else '1 days 00:00:00', None),
     ('time_ms', lambda second: f'{1000.0 * second:.0f}', None),
+    ('millis', lambda second: f'{1000.0 * second + 977.0:.0f}', None), ('t[s]', lambda second: f'{second}', None),
     ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
@@ -80,7 +90,7 @@ def test_relative_times(tmp_path, heading, times, start_s):
     assert_is(recording, log)
     assert recording.signals['soc'].time_s[-1] == pytest.approx(60.0)
     assert recording.start_s == start_s
-    assert len(recording.remarks) == (heading in ('t', 'Zeit'))
+    assert len(recording.remarks) == (heading in ('t', 'Zeit', 'Uhrzeit', 'millis'))
 
 
 def test_headings_of_a_german_spreadsheet(tmp_path):
@@ -180,6 +190,28 @@ def test_the_unit_in_the_log_comes_before_that_of_a_recognised_map(tmp_path):
     assert read_recording(path, own).signals['battery_temperature_c'].value[0] == pytest.approx(37.4)
 
 
+@pytest.mark.parametrize('text', [
+    'time_s,battery power,battery temp\n0,950 W,41 °F\n10,1.2 kW,5 °C\n20,0.8 kW,3.6 V\n30,-70 W,278.15 K\n',
+    'time,name,value,unit\n' + ''.join(f'{time},{name},{value},{unit}\n' for time, *both in (
+        (0, (950, 'W'), (41, '°F')), (10, (1.2, 'kW'), (5, '°C')), (20, (0.8, 'kW'), (3.6, 'V')),
+        (30, (-70, 'W'), (278.15, 'K'))) for name, (value, unit) in zip(('battery power', 'battery temp'), both))])
+def test_each_reading_may_have_a_unit_of_its_own(tmp_path, text):
+    (tmp_path / 'a.csv').write_text(text, encoding='utf-8')
+    recording = read_recording(tmp_path / 'a.csv')
+    np.testing.assert_allclose(recording.signals['power_w'].value, [950.0, 1200.0, 800.0, -70.0])
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, [5.0, 5.0, 5.0])
+    assert "'3.6 V' is no reading of battery_temperature_c; it is dropped" in ' '.join(recording.remarks)
+
+
+def test_a_recognised_log_may_have_channels_of_its_own(tmp_path):
+    log = drive(60.0) | {'battery_heater_power': np.full(61, 5000.0)}
+    names = {'battery_temperature_c': 'batt_temp', 'ambient_c': 'ext_temp', 'time_s': 'utc'}
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, names=names, times=moments(log, '%s')))
+    assert recording.signal_map == 'abrp'
+    assert_is(recording, log, ('battery_temperature_c', 'speed_mps', 'ambient_c'))
+    assert set(recording.signals['battery_heater_w'].value) == {5000.0}
+
+
 def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     log = drive(120.0)
     path = write_wide(
@@ -191,6 +223,38 @@ def test_positions_of_teslalogger_have_metric_horsepower(tmp_path):
     assert recording.signal_map == 'teslalogger'
     assert set(np.round(recording.signals['power_w'].value, 1)) == {14710.0}
     assert_is(recording, log, ['speed_mps', 'soc'], rtol=1e-4)
+
+
+@pytest.mark.parametrize('mark', ['#', '# '])
+@pytest.mark.parametrize('separator', [',', ' '])
+def test_the_names_may_be_a_comment_as_numpy_writes_them(tmp_path, mark, separator):
+    log = drive(60.0)
+    path = write_wide(tmp_path / 'a.csv', log, separator)
+    path.write_text('# logged in Oslo\n' + mark + path.read_text())
+    assert_is(read_recording(path), log)
+
+
+def test_points_between_thousands_beside_decimal_commas(tmp_path):
+    (tmp_path / 'a.csv').write_text('time_s;battery power [W];battery temp [degC];odometer [km]\n'
+                                    '0;-1.250;2,0;12.345,6\n10;24.046;2,5;12.345,9\n20;980;3;1.012.346\n')
+    signals = read_recording(tmp_path / 'a.csv').signals
+    assert signals['power_w'].value.tolist() == [-1250.0, 24046.0, 980.0]
+    np.testing.assert_allclose(signals['odometer_m'].value, [12345600.0, 12345900.0, 1012346000.0])
+    assert signals['battery_temperature_c'].value.tolist() == [2.0, 2.5, 3.0]
+
+
+def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
+    log = drive(60.0)
+    del log['latitude_deg'], log['longitude_deg']
+    names = list(log)[1:]
+    # As Scan My Tesla writes them, with a separator at the end of each row.
+    rows = [['Time', *names, '']] + [
+        [f'{1000.0 * second + 123456.0 + 17.0 * at:.0f}', *('' for _ in names[:at]), f'{log[name][row]:.7g}',
+         *('' for _ in names[at:])] for row, second in enumerate(log['time_s']) for at, name in enumerate(names)]
+    (tmp_path / 'a.csv').write_text('\n'.join(map(','.join, rows)))
+    recording = read_recording(tmp_path / 'a.csv')
+    assert_is(recording, log, rtol=0.02, atol=0.02)
+    assert recording.remarks == (f'{tmp_path}/a.csv: times have no unit; steps of 1000 are taken as milliseconds',)
 
 
 @pytest.mark.parametrize('is_home_assistant', [False, True])
@@ -258,6 +322,7 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'hello world\nthis is a letter\n', 'is text, but no log'),
     (b'a,b\n1,2\n3,4\n', 'none of its channels is a signal of the signal map common; the channels are a, b'),
     (b'colour,speed_mps\nred,2\nblue,4\n', 'line 1: no column holds the time'),
+    (b'T_batt,T_amb\n3,-5\n3.5,-5\n', 'no column holds the time; the columns are'),
     (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
     (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
     (b'SQLite format 3\0\0 arbitration_id \0', 'convert it with can_logconvert'),

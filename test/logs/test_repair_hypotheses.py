@@ -63,6 +63,24 @@ def test_kelvin_in_a_column_without_a_unit_is_named_and_repaired(tmp_path, kelvi
     np.testing.assert_allclose(temperature(path, repair=True)[0], TRUE_C, atol=0.2)
 
 
+def test_a_charge_of_160_may_be_tenths_or_halves_of_a_percent_and_is_not_repaired(tmp_path):
+    log = drive(200.0)
+    path = write_wide(tmp_path / 'a.csv', log | {'soc': np.round(200.0 * log['soc'])})
+    recording = read_recording(path, repair=True)
+    assert 'soc' not in recording.signals
+    assert any('with a factor of 0.1, or with a factor of 0.5 they are plausible; name it in a signal map' in each
+               for each in recording.remarks)
+
+
+def test_the_voltage_of_12_v_is_no_tenth_of_the_packs(tmp_path):
+    log = drive(200.0)
+    path = write_wide(tmp_path / 'a.csv', log | {'voltage_v': 14.0 + 0.001 * log['time_s']})
+    recording = read_recording(path, repair=True)
+    assert not recording.signals.keys() & {'voltage_v', 'power_w'}
+    assert any('voltage_v: 14 is implausible (plausible: 20 ... 1500); it is dropped' in each
+               for each in recording.remarks)
+
+
 def test_whole_readings_of_44_may_be_tenths_or_a_byte_and_are_not_repaired(tmp_path):
     path = write_wide(tmp_path / 'a.csv', log_of(np.full(301, 44.0)))
     values, said = temperature(path, repair=True)

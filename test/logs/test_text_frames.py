@@ -77,6 +77,32 @@ def test_each_form_has_the_same_readings(tmp_path, line, head, kind):
     assert 'PackVoltage: 655.4 has all bits set' in said or 'PackVoltage: 655.35 has all bits set' in said
 
 
+# 2365542654 is 0x8CFF50FE: the group FF50, from any sender (FE).
+J1939 = """BO_ 2365542654 BMS_State: 8 BMS
+ SG_ PackVoltage : 0|16@1+ (0.01,0) [0|655.35] "V" BMS
+ SG_ SOC : 24|8@1+ (0.5,0) [0|100] "%" BMS
+VAL_ 2365542654 SOC 254 "Fehler" 253 "nicht_verfuegbar";
+"""
+
+
+@pytest.mark.needs('can', 'cantools')
+def test_frames_of_j1939_are_those_of_the_first_sender(tmp_path):
+    path = tmp_path / 'frames.log'
+    path.with_suffix('.dbc').write_text(J1939)
+    path.write_text(''.join(f'({at}.0) can0 18FF50F3#A08C00{254 - at if at < 2 else 160:02X}\n'
+                            f'({at}.5) can0 18FF50F4#204E0014\n' for at in range(20)))
+    recording = read_recording(path)
+    assert set(recording.signals['voltage_v'].value) == {360.0}
+    assert set(recording.signals['soc'].value) == {0.8} and len(recording.signals['soc'].value) == 18
+    said = ' '.join(recording.remarks)
+    assert "means 'Fehler'" in said and "means 'nicht_verfuegbar'" in said
+    assert '18FF50F4; those from 18FF50F3 count (and 19 more frames)' in said
+    # Without that address an identifier is of one sender.
+    path.with_suffix('.dbc').write_text(J1939.replace('2365542654', '2365542645'))
+    with pytest.raises(InvalidInput, match=r'none of its 40 .*DBC \(CFF50F5\); they have 18FF50F3, 18FF50F4'):
+        read_recording(path)
+
+
 @pytest.mark.needs('can', 'cantools')
 def test_frames_without_times_are_refused_with_advice(tmp_path):
     path = tmp_path / 'frames.txt'

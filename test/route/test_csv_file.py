@@ -200,6 +200,7 @@ def test_a_german_spreadsheet(tmp_path):
 
 @pytest.mark.parametrize('row, problem', [
     ('30;36;1.234,5;-7', "propulsion_power_kw: '1.234,5' has a thousands separator; write 1234,5"),
+    ('30;36;1.234;-7,5', "propulsion_power_kw: '1.234' has a thousands separator; write 1234"),
     ('30;36;1,234.5;-7', "propulsion_power_kw: '1,234.5' has a thousands separator; write 1234.5"),
     ("30;36;1'234.5;-7", 'propulsion_power_kw: "1\'234.5" has a thousands separator; write 1234.5'),
     ('30;36;1 234;-7', "propulsion_power_kw: '1 234' has a thousands separator; write 1234"),

@@ -236,3 +236,10 @@ def test_current_of_the_wrong_sign_is_refused_until_it_is_repaired(write):
         load_drive_logs([path], DEFAULTS)
     assert len(refused.value.problems) == 1
     assert_same_route(load_drive_logs([path], DEFAULTS, repair=True).route, right, rtol=1e-9)
+
+
+def test_a_log_that_holds_its_last_readings_is_refused(write):
+    columns = {name: np.where(np.arange(600) < 200, column, column[200]) for name, column in samples(600).items()}
+    path = write(columns | {'time_s': np.arange(600.0)})
+    with pytest.raises(InvalidInput, match='current_a: stays at .* for 399 s from 200 s on while the car drives'):
+        load_drive_logs([path], DEFAULTS)

@@ -276,6 +276,13 @@ def test_consumption_wins_over_the_road_load(tmp_path):
     assert (drive.propulsion_power_rms_w > drive.propulsion_power_w).all()
 
 
+def test_a_spreadsheet_of_legs_has_its_energy_and_names_what_is_not_used(tmp_path):
+    found = loaded(tmp_path, 'From,Distance (km),Duration (min),Energy (kWh),Toll\nA,30,20,5,0\nB,45,30,9,2\n',
+                   replace(COLD, with_auxiliaries=False))
+    assert found.route.propulsion_power_w == pytest.approx([15e3, 18e3], abs=1e-2)
+    assert 'not used: From, Toll' in found.remarks
+
+
 def test_sumo_has_the_energy_of_its_output(tmp_path):
     route = loaded(tmp_path, examples.sumo(), replace(COLD, with_auxiliaries=False)).route
     assert route.propulsion_power_w @ route.duration_s == pytest.approx(5000.0 * 199.0, rel=1e-4)

@@ -140,7 +140,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('defaults.auxiliary_power_w', GONE, 'defaults: missing auxiliary_power_w'),
     # Wrong types.
     ('battery.capacity_ah', '111 Ah', "battery.capacity_ah: '111 Ah' is not a number"),
-    ('name', 7, 'name: 7 is not a string'),
+    ('name', 7, 'name: 7 is not a string; put it in quotes'),
     ('hvch', [6500, 0.9], 'hvch: [6500, 0.9] is not an object'),
     # Road load and regeneration.
     ('road_load', {'mass_kg': 1500}, 'road_load: missing frontal_area_m2, drag_coefficient, '

@@ -59,8 +59,8 @@ QUANTITIES = {
         'consumption', 'energy', 'energy_consumption', 'verbrauch', 'energy_used', 'battery_energy',
         'segment_energy', 'electric_energy')),
     'ambient_temperature': Quantity('degC', LIMITS['ambient_temperature_c'], ('c',), (
-        'ambient_temperature', 'ambient', 'outside_temperature', 'temperature', 'temp', 'outdoor_temperature',
-        'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
+        'ambient_temperature', 'ambient', 'outside_temperature', 'temperature', 'temperatur', 'temp',
+        'outdoor_temperature', 'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
     'cabin_heating_power': _power('cabin_heating_power', 'cabin_heater', 'cabin_heater_power'),
     'auxiliary_power': _power('auxiliary_power', 'auxiliaries', 'aux_power'),
     'charging_time': Quantity('second', (0.0, 86400.0), ('s', 'min'), (
@@ -110,8 +110,8 @@ class Header:
 
 def read_header(name: str, unit: str = '') -> Header | str | None:
     """Return the Header of a column, None if its quantity is unknown, advice if its unit ('': none) is wrong."""
-    # cycSecs, cycMps: words of a name in camel case.
-    text = re.sub(r'(?<=[a-z0-9])(?=[A-Z][a-z])', '_', name.strip('" '))
+    # cycSecs, cycMps: words of a name in camel case; kWh is one word.
+    text = re.sub(r'(?<=[a-z0-9])(?=[A-Z][a-z])(?!Wh\b)', '_', name.strip('" '))
     bare = split_unit(text)
     # The whole name first: t_env is no time in the unit env.
     stems = [(_stem(text), '' if bare.unit else unit), (_stem(bare.name).removesuffix('_in'), bare.unit or unit)]

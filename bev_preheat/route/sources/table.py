@@ -8,11 +8,12 @@ is an instant. Durations or lengths make it a list of segments: one row is a seg
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.errors import figure, InvalidInput, quoted, shortened
 from bev_preheat.files.table import Table
 from bev_preheat.files.times import find_clock
 from bev_preheat.numerics import first_true, FloatArray
@@ -30,6 +31,8 @@ OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
+# Characters of a list of columns.
+LONGEST_LIST = 400
 # So many lengths seldom rise by chance.
 RISING_LENGTHS = 3
 
@@ -48,9 +51,11 @@ def journey_of_table(table: Table) -> Journey:
         raise InvalidInput(problems)
     if not table.lines:
         raise InvalidInput(f'{table.path}: has no rows below its header')
-    if 'time' in headers and 'duration' not in headers:
-        return _samples(table, headers)
-    return _segments(table, headers)
+    used = {header.name for header in headers.values()}
+    unused = [name for name in table.header if name and name not in used]
+    journey = (_samples if 'time' in headers and 'duration' not in headers else _segments)(table, headers)
+    return replace(journey, remarks=(*journey.remarks, f'not used: {shortened(", ".join(unused), LONGEST_LIST)}')
+                   ) if unused else journey
 
 
 def _samples(table: Table, headers: dict[str, Header]) -> Journey:
