@@ -124,7 +124,8 @@ def test_a_dead_source_is_named_and_no_other():
 
 @pytest.mark.parametrize('odds, tried', [
     # Of a source that heats so little, a turn of a kelvin would never end.
-    ({'hvch': 8.0, 'motor': 1.0, 'pump': 3.0, 'fan': 9.0}, [''] * 30 + ['pump'] * 10 + ['motor'] * 20 + ['pump'] * 7),
+    ({'hvch': 8.0, 'motor': 1.0, 'pump': 3.0, 'fan': 9.0},
+     [''] * 30 + ['pump'] * 10 + ['motor'] * 20 + ['pump'] * 7),
     # Alone it heats for five minutes before its next turn; a source that is hardly weak is not switched off.
     ({'hvch': 4.0, 'motor': 0.2, 'pump': 0.3}, [''] * 30 + ['pump'] * 10 + [''] * 27),
     ({'hvch': 4.0, 'motor': 0.2, 'pump': 0.2}, [''] * 67)])

@@ -57,6 +57,12 @@ def test_a_car_that_stands_may_draw_a_steady_current():
         TIME_S < 699.0, v, 0.0)), VEHICLE)
 
 
+def test_a_log_of_few_readings_may_have_the_same_for_minutes():
+    rare_s = TIME_S[::25]
+    trip_of(recording(current_a=Series(rare_s, np.where(rare_s < 700.0, 80.0 + rare_s % 7.0, 84.0)),
+                      speed_mps=lambda v: np.full_like(v, 15.0)), VEHICLE)
+
+
 def test_the_longest_part_of_a_log_with_a_hole_is_used():
     whole = trip_of(recording('A'), VEHICLE)
     for begin_s, part in ((900.0, slice(0, 900)), (200.0, slice(200, 1200))):
