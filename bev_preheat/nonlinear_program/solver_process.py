@@ -26,7 +26,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import Vehicle
 
-# Any pickled object: a Vehicle, READY, or one of the classes below.
+# Any pickled object: a Vehicle, READY, or an object of the classes below.
 Thing = Any
 
 # Loading Python, NumPy and CasADi takes a second, or a minute at the lowest priority on a busy computer; beyond
