@@ -81,6 +81,10 @@ def run(arguments: Namespace) -> int:
     path = Path(expanded(arguments.recording))
     inputs = [path, *([] if arguments.expect is None else [arguments.expect])]
     check_outputs(outputs, inputs)
+    expected = None
+    if arguments.expect is not None:
+        from bev_preheat.recording.comparison import load_expectation
+        expected = load_expectation(arguments.expect)
     flight, changes = read(path, arguments)
     if not flight.given:
         raise InvalidInput(f'{path}: has no step of the planner')
@@ -103,7 +107,8 @@ def run(arguments: Namespace) -> int:
         console.say(f'written: {arguments.report}')
     # If the question is what if, a recording that is not reproduced is no failure.
     is_what_if = result.changed is not None and not result.changes.is_nothing
-    return run_expectation(arguments, result, 0 if is_what_if or result.is_good is not False else DIFFERENT)
+    is_good = is_what_if or result.is_good is not False
+    return run_expectation(arguments, expected, result, 0 if is_good else DIFFERENT)
 
 
 def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:
@@ -137,20 +142,20 @@ def replayed(flight: Flight, changes: Changes, period: Period,
     return Result(flight, as_it_was, changes, changed), tuple(histories)
 
 
-def run_expectation(arguments: Namespace, result: Result, status: int) -> int:
+def run_expectation(arguments: Namespace, expected: dict[str, tuple[Any, float]] | None, result: Result,
+                    status: int) -> int:
     """Write the figures, or compare them with the expected ones; returns the exit status."""
-    if arguments.expect is None and arguments.write_expected is None:
+    if expected is None and arguments.write_expected is None:
         return status
-    from bev_preheat.recording.comparison import deviations, expectation, figures, load_expectation
+    from bev_preheat.recording.comparison import deviations, expectation, figures
     console = result_console(arguments.json)
     comparison = result.replayed.comparison if result.flight.has_commands and result.changed is None else None
     values = figures(comparison, result.courses[-1])
     if arguments.write_expected is not None:
         write_json(arguments.write_expected, expectation(values))
         console.say(f'written: {arguments.write_expected}')
-    if arguments.expect is None:
+    if expected is None:
         return status
-    expected = load_expectation(arguments.expect, values)
     found = deviations(expected, values)
     if not found:
         console.say(f'as expected: {len(expected)} figures of {arguments.expect}')

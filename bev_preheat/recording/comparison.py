@@ -210,7 +210,7 @@ def _rounded(value: Any) -> Any:
     return round(value, 3) if isinstance(value, float) else value
 
 
-def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple[Any, float]]:
+def load_expectation(path: str | Path) -> dict[str, tuple[Any, float]]:
     """Return value and tolerance of each figure in a file; raises InvalidInput, naming file and figure."""
     text = read_text(path)
     try:
@@ -224,14 +224,10 @@ def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple
     expected = contents.get('expected')
     if not isinstance(expected, dict) or not expected:
         raise InvalidInput(f'{path}: expected: has no figure, so that nothing would be checked')
-    return {name: _entry(path, name, entry, known) for name, entry in expected.items()}
+    return {name: _entry(path, name, entry) for name, entry in expected.items()}
 
 
-def _entry(path: str | Path, name: str, entry: Any, known: dict[str, Any]) -> tuple[Any, float]:
-    if name not in known:
-        near = difflib.get_close_matches(name, known, 1)
-        raise InvalidInput(f'{path}: {quoted(name)} is no figure of this replay' + (
-            f'; is {near[0]} meant?' if near else f'; figures are {", ".join(known)}'))
+def _entry(path: str | Path, name: str, entry: Any) -> tuple[Any, float]:
     if not isinstance(entry, dict) or 'value' not in entry:
         raise InvalidInput(f'{path}: {name}: has no value; it must be {{"value": ..., "tolerance": ...}}')
     tolerance = entry.get('tolerance', 0.0)
@@ -242,7 +238,15 @@ def _entry(path: str | Path, name: str, entry: Any, known: dict[str, Any]) -> tu
 
 
 def deviations(expected: dict[str, tuple[Any, float]], values: dict[str, Any]) -> list[Deviation]:
-    """Return the Deviations of `figures` from an expectation, in its order; [] if all are as expected."""
+    """
+    Return the Deviations of `figures` from an expectation, in its order; [] if all are as expected.
+
+    Raises InvalidInput, naming an expected figure that a replay does not have.
+    """
+    for name in expected.keys() - values.keys():
+        near = difflib.get_close_matches(name, values, 1)
+        raise InvalidInput(f'--expect: {quoted(name)} is no figure of this replay' + (
+            f'; is {near[0]} meant?' if near else f'; figures are {", ".join(values)}'))
     return [found for name, (wanted, tolerance) in expected.items()
             if (found := _deviation(name, values[name], wanted, tolerance)) is not None]
 

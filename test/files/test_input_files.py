@@ -18,7 +18,7 @@ from bev_preheat.vehicle.charging_curve import read_charging_curve
 READERS = {
     'departures': load_departures, 'grid prices': load_grid_prices,
     'charging curve': read_charging_curve,
-    'expected figures': lambda path: load_expectation(path, {}),
+    'expected figures': load_expectation,
     'token': lambda path: text_of(path, 'live.vss.token'),
     'DBC': pytest.param(load_dbc, marks=pytest.mark.needs('cantools')),
     'log': read_head, 'vehicle': lambda path: find_configuration('vehicles', path, '.yaml')}
