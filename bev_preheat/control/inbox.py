@@ -322,7 +322,8 @@ class Inbox(NamedTuple):
         continues = is_update and timetable is not None and timetable.end is None and (
             mission.route_id != '' or mission.has_instants_of(timetable.planned))
         return inbox._with_choices(ended_trip=None)._following(
-            timetable.updated(mission, now_ns) if timetable is not None and continues else Timetable.of(mission),
+            timetable.updated(mission, now_ns) if timetable is not None and continues
+            else Timetable.of(mission, now_ns),
             not is_update or (ended is not None and ended.is_observed))
 
     def _with_revised(self, mission: Mission) -> tuple[Inbox, InvalidInput | None]:

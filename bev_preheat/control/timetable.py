@@ -86,8 +86,8 @@ class Timetable:
 
     `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay.
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
-    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one replaced
-    another of the trip; positions from before it belong to that one. `fixes` are in order of their instants.
+    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
+    positions from before it belong to another one. `fixes` are in order of their instants.
     """
 
     planned: Mission
@@ -108,9 +108,9 @@ class Timetable:
     stood_before_ns: int = 0
 
     @classmethod
-    def of(cls, planned: Mission) -> Self:
-        """Return the Timetable of a Mission by its own stamp."""
-        return cls(planned, planned, planned.start_ns)
+    def of(cls, planned: Mission, known_ns: int | None = None) -> Self:
+        """Return the Timetable of a Mission by its own stamp, which arrived at an instant [ns], None: unknown."""
+        return cls(planned, planned, planned.start_ns, known_ns)
 
     def updated(self, planned: Mission, now_ns: int) -> Timetable:
         """
@@ -121,7 +121,7 @@ class Timetable:
         """
         if planned.has_instants_of(self.planned):
             return self.revised(planned)
-        return replace(Timetable.of(planned), begun_ns=min(self.begun_ns, planned.start_ns), known_ns=now_ns,
+        return replace(Timetable.of(planned, now_ns), begun_ns=min(self.begun_ns, planned.start_ns),
                        stood_before_ns=self.stood_ns, stood_ns=self.stood_ns)
 
     def revised(self, planned: Mission) -> Timetable:
@@ -355,7 +355,14 @@ class Timetable:
                     f'{length_m:.0f} m, the length of the route']
         track = self.track
         if track is None:
-            return []
+            if self.known_ns is None:
+                return []
+            # A vehicle may leave before the stamp of its route plan.
+            since_s = max(0, progress.stamp_ns - min(planned.start_ns, self.known_ns)) / NS_PER_S
+            most_m = FASTEST_MPS * since_s + CORRECTED_BY_M
+            return [] if distance_m <= most_m else [
+                f'distance: {distance_m:.0f} m have been driven within {since_s:.1f} s; at most {most_m:.0f} m are '
+                'possible: it counts from the start of segment 0, which begins at the stamp of route_plan']
         since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
             return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '
