@@ -361,8 +361,8 @@ class Timetable:
             since_s = max(0, progress.stamp_ns - min(planned.start_ns, self.known_ns)) / NS_PER_S
             most_m = FASTEST_MPS * since_s + CORRECTED_BY_M
             return [] if distance_m <= most_m else [
-                f'distance: {distance_m:.0f} m have been driven within {since_s:.1f} s; at most {most_m:.0f} m are '
-                'possible: it counts from the start of segment 0, which begins at the stamp of route_plan']
+                f'distance: {distance_m:.0f} m have been driven within {since_s:.1f} s; at most {most_m:.0f} m '
+                'are possible: it counts from the start of segment 0, which begins at the stamp of route_plan']
         since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
             return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '
