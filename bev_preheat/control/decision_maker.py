@@ -247,10 +247,12 @@ def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
 
 def _arrived_sentence(timetable: Timetable, now_ns: int) -> str:
     """Return the sentence on a trip that has ended."""
-    ended_ns = None if timetable.end is None else timetable.end.at_ns
-    if ended_ns is None or now_ns < ended_ns:
+    end = timetable.end
+    if end is None or end.at_ns is None or now_ns < end.at_ns:
         return 'The route has ended; only a new route plan begins another trip.'
-    return f'The route has ended: arrived {duration_text((now_ns - ended_ns) / NS_PER_S)} ago.'
+    ago = f'{duration_text((now_ns - end.at_ns) / NS_PER_S)} ago'
+    return f'The route has ended: arrived {ago}.' if end.is_observed else (
+        f'The route has ended: by its times the vehicle arrived {ago}; an update of the route continues it.')
 
 
 def _charging_sentence(leg: Leg, now_ns: int) -> str:

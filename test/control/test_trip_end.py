@@ -205,6 +205,9 @@ def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
     for number in range(80):
         trip.step(DRIVE_W * (0.3 if number % 2 else 0.6), CONSUMERS_W)
     assert (trip.status, trip.command_w) == (Status.ARRIVED, 0.0)
+    # Nobody saw it arrive.
+    assert ': by its times the vehicle arrived ' in trip.planner.state.decision.explanation
+    assert ': arrived ' in arrived_early().planner.state.decision.explanation
     # Of a moment before the end, which was assumed only.
     route_id, stamp_ns, length_m = trip.route
     trip.route = route_id, stamp_ns + 300 * NS_PER_S, length_m
