@@ -270,6 +270,14 @@ def test_any_confirmed_heat_is_no_refusal():
     assert answers_with(60.0, active_w=40.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
 
 
+@pytest.mark.parametrize('refusal', [Refusal.HOT_BATTERY, Refusal.NOT_REFUSED])
+def test_the_idle_power_of_a_heater_is_no_heat(refusal):
+    # Electronics and pump of a heater on CAN, which counts in steps of 40 W.
+    refused = answers_with(60.0, measured_w=40.0, refusal=refusal).refusal(NOW_NS, SETTINGS)
+    assert refused.startswith(f'The heater does not heat ({refusal.name})')
+    assert answers_with(60.0, measured_w=400.0, refusal=refusal).refusal(NOW_NS, SETTINGS) == ''
+
+
 @pytest.mark.parametrize('share, refuses', [(0.9, False), (1.1, True)])
 def test_heat_may_take_a_while_to_be_confirmed(share, refuses):
     answers = answers_with(share * CONFIRMED_WITHIN_S, refusal=Refusal.CABIN_FIRST)
