@@ -183,7 +183,7 @@ class DecisionMaker(NamedTuple):
         heater_share = 1.0
         if estimate is not None:
             route = route.with_propulsion(estimate.propulsion_factor)
-            heater_share = believed_share(estimate.heater)
+            heater_share = believed_share(estimate.heater) * moment.heater_share
         targets, choice = self.targets.choose(TargetSearchInput(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, moment.settings, goal, vehicle,
             route, state, measurement.stamp_ns, heater_share))

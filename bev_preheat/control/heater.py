@@ -218,6 +218,13 @@ class HeaterAnswers(NamedTuple):
         name = 'heater' if self.name == HVCH else self.name
         return f'The {name} does not {"cool" if cools else "heat"} ({status.refusal.name}): {reason.rstrip(".")}.'
 
+    def limited_share(self, now_ns: int, settings: Settings) -> float:
+        """Return the share of its command that the source executes while a fault limits it; 1: all of it."""
+        status = self.status
+        is_limited = (status is not None and status.refusal is Refusal.HEATER_FAULT
+                      and 0.0 < status.active_w < status.requested_w and self.are_used(now_ns, settings))
+        return status.active_w / status.requested_w if status is not None and is_limited else 1.0
+
     def judged(self, report: HeaterReport, now_ns: int, settings: Settings) -> tuple[HeaterAnswers, bool]:
         """Return the answers, in doubt if a HeaterReport contradicts them, and whether it falls with them."""
         if self.status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):

@@ -164,6 +164,18 @@ def test_refusal_that_ends_is_forgotten():
     assert 'does not heat' not in served.decision.explanation
 
 
+def test_the_share_that_a_limited_heater_reports_is_planned_with():
+    def limited(answer, measured_w, now_ns):
+        return HeaterStatus(now_ns, answer.requested_w, 0.5 * answer.requested_w, Refusal.HEATER_FAULT, 'half')
+
+    steps = list(driven(inf, limited, COLD, route=ROUTE.before(1500.0), faults=(HeaterFault(0.0, share=0.5),)))
+    early = next(seen for seen in steps if seen.at_s >= 120.0)
+    assert early.decision.explanation.startswith('The heater delivers only 50 % of its command. ')
+    assert early.command.battery_heating_power_w == pytest.approx(7000.0 - 1978.0)
+    # The car knows how warm it gets; the other half would be 6 K more.
+    assert early.decision.plan.arrival_temperature_c == pytest.approx(steps[-1].car.plant.temperature_c, abs=1.0)
+
+
 def test_honest_answers_change_no_drive():
     # Heated for some minutes in the middle.
     silent_s, honest_s = (
