@@ -19,7 +19,14 @@ from bev_preheat.control.heater import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS
-from bev_preheat.tunables import CORRECTED_BY_M, END_KNOWN_TO, KNOWN_TO_M, MOVES_WITHIN_NS, PACE_OVER_NS
+from bev_preheat.tunables import (
+    CORRECTED_BY_M,
+    END_KNOWN_TO,
+    KNOWN_TO_M,
+    MOVES_WITHIN_NS,
+    PACE_OVER_NS,
+    STANDING_AFTER_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Mission, Progress
@@ -123,6 +130,12 @@ class Timetable:
             return self.revised(planned)
         return replace(Timetable.of(planned, now_ns), begun_ns=min(self.begun_ns, planned.start_ns),
                        stood_before_ns=self.stood_ns, stood_ns=self.stood_ns)
+
+    def on_the_way(self, now_ns: int) -> Timetable:
+        """Return the Timetable of a vehicle that drives now [ns]: a start within a minute counts as now."""
+        early_ns = self.planned.start_ns - now_ns
+        is_about_to_start = self.delay_ns == 0 and 0 < early_ns <= STANDING_AFTER_S * NS_PER_S
+        return replace(self, mission=self.planned.delayed(-early_ns)) if is_about_to_start else self
 
     def revised(self, planned: Mission) -> Timetable:
         """Return the Timetable of the same Mission in other steps, or with another goal."""

@@ -116,6 +116,18 @@ def test_a_distance_that_nobody_has_driven_yet_is_refused(distance_m):
     assert drive.supervisor.state.mission.arrival_ns == START_NS + ns(615.0)
 
 
+@pytest.mark.parametrize('route_id', ['home', 'another'])
+@pytest.mark.parametrize('ahead_s, heats', [(60.0, True), (90.0, False)])
+def test_an_update_that_starts_within_a_minute_does_not_stop_the_heater(route_id, ahead_s, heats):
+    # A navigation that rounds up to the next minute; the vehicle drives on.
+    drive = Drive()
+    assert drive.feed(100.0)[0] == HEATS
+    drive.supervisor.run(START_NS + ns(101.0))
+    drive.supervisor.accept_mission(Mission(route_id, (a_leg(start_ns=START_NS + ns(101.0 + ahead_s)),)))
+    power_w, _, left_s = drive.feed(102.0)
+    assert (power_w, left_s) == ((HEATS, 599.0) if heats else (OFF, 600.0))
+
+
 def test_a_vehicle_that_left_before_its_route_plan_is_where_it_is():
     drive = Drive(Mission('home', (a_leg(start_ns=START_NS + ns(300.0)),)))
     drive.tell(50.0, 1010.0)
