@@ -293,9 +293,19 @@ class RegimeWatch(NamedTuple):
         heater_w = max(sample.command_w for sample in self.samples)
         return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
 
+    def _has_driven(self, evidence: Evidence) -> bool:
+        """Return whether consumers and heater take less than the battery gave in the last minute."""
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w:
+            return False
+        heater_w = max(sample.command_w for sample in window)
+        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + DRIVES_W)
+
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
-        if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
+        is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
+        if is_at_rest and not self._has_driven(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns

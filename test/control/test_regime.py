@@ -229,6 +229,13 @@ def test_a_charge_that_rises_tells_charging(step, within_s):
     assert 900 < doubtful_s < 900 + within_s / 2 + 10
 
 
+def test_a_position_that_is_frozen_while_the_battery_drives_is_no_stand():
+    # A receiver that repeats its latest position: the regime must not change with each state.
+    frozen = {'has_moved': False, 'stood_s': lambda at_s: at_s - START_S}
+    assert {report.regime for _, report in watch([17400.0, 14000.0] * 150, **frozen)[60:]} == {Regime.DRIVING}
+    assert last([2100.0, 2500.0] * 60, **frozen).regime is Regime.STANDING
+
+
 def test_charging_by_the_charge_ends_when_it_falls_or_stays():
     driven = watch_charges([(900, 17400.0), (200, -100000.0), (300, 17400.0)])
     assert 1100 <= max(at_s for at_s, report in driven if report.regime is Regime.CHARGING) <= 1100 + 110

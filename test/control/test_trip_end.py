@@ -177,6 +177,15 @@ def test_a_navigation_that_plans_again_every_minute_does_not_keep_a_parked_car_w
     assert 'has stood for' in trip.planner.state.decision.explanation
 
 
+def test_a_frozen_position_is_named_as_the_reason_for_no_heat():
+    trip = Trip(minutes=30)
+    for number in range(200):
+        trip.step(DRIVE_W * (1.1 if number % 2 else 0.9), CONSUMERS_W)
+        trip.report()
+    assert trip.command_w == 0.0
+    assert trip.planner.state.decision.explanation.startswith('route_progress has not moved for 16:')
+
+
 def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
     trip = Trip(minutes=20)
     stamp_ns, distance_m = trip.clock_ns, trip.here_m
