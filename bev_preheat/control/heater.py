@@ -219,7 +219,7 @@ class HeaterAnswers(NamedTuple):
         return f'The {name} does not {"cool" if cools else "heat"} ({status.refusal.name}): {reason.rstrip(".")}.'
 
     def limited_share(self, now_ns: int, settings: Settings) -> float:
-        """Return the share of its command that the source executes while a fault limits it; 1: all of it."""
+        """Return the share of its command that the source executes while a fault limits it; 1: no fault."""
         status = self.status
         is_limited = (status is not None and status.refusal is Refusal.HEATER_FAULT
                       and 0.0 < status.active_w < status.requested_w and self.are_used(now_ns, settings))

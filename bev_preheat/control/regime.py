@@ -258,7 +258,7 @@ class RegimeWatch(NamedTuple):
         says_otherwise = evidence.has_moved is not False and all(
             sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING) for sample in window)
         if says_otherwise and evidence.power_w is not None:
-            # A field that is always set to one of these is outweighed by power that stays steady for longer.
+            # Power that stays steady for longer outweighs a field that never changes.
             window = self._window(STANDING_AFTER_S)
         since_ns = window[0].stamp_ns if window else 0
         if evidence.power_w is None:

@@ -214,7 +214,7 @@ def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
     for number in range(80):
         trip.step(DRIVE_W * (0.3 if number % 2 else 0.6), CONSUMERS_W)
     assert (trip.status, trip.command_w) == (Status.ARRIVED, 0.0)
-    # Nobody saw it arrive.
+    # No position and no charging showed an arrival.
     assert ': by its times the vehicle arrived ' in trip.planner.state.decision.explanation
     assert ': arrived ' in arrived_early().planner.state.decision.explanation
     # Of a moment before the end, which was assumed only.
