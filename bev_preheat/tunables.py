@@ -45,7 +45,7 @@ CURRENT_CHANGES = 60            # n   | of voltage and current that are correlat
 LEAST_CURRENT_CHANGES = 20      # n   | a correlation of fewer is chance
 CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-circuit voltage moves more slowly
 LEAST_DEVIATION_A = 5.0         # A   | of few changes: below it, noise of the sensors correlates
-LEAST_DEVIATION_OF_ALL_A = 1.5  # A   | of CURRENT_CHANGES of them
+LEAST_DEVIATION_OF_ALL_A = 1.5  # A   | of CURRENT_CHANGES changes; offsets of sensors are smaller, too
 PROVES_CORRELATION = 0.7        # 1   | measured drives show -0.99
 LEAST_MOVED = 0.0025            # 1   | of the charge, shows a direction: above the noise of displays
 LEAST_MOVED_STEPS = 0.9         # n   | … in steps of the charge's signal, less rounding
@@ -237,6 +237,7 @@ LAG_STEP = 0.05                         # 1  | of the logarithm of the heat's la
 COMPARED_EVERY_S = 5.0                  # s  | between two comparisons of model and sensor: saves time
 SEEN_OVER_S = 60.0                      # s  | over which the heater's power is averaged from the battery's
 CONFIRMED_WITHIN_S = 3.0                # s  | until an answer of 0 W is a refusal: answers take a moment
+IDLE_W = 100.0                          # W  | its electronics and the offset of its measurement are no heat
 COMPARED_OVER_NS = 60_000_000_000       # ns | a minute over which answer and battery power are compared
 LEAST_DIFFERENCE_W = 500.0              # W  | … and by which they must differ for a doubt
 

@@ -116,7 +116,8 @@ class Moment:
     route. `timetable` is the route's; planning uses `active_timetable`, which is that of the preparation goal, or
     the route's without a goal. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
     signal without which the heater stays off. `heater_refusal` is the sentence on heat that the heater refuses,
-    `inactive` that on a managed node that may not heat; '' for none. `unserved` are the heat sources beside the
+    `inactive` that on a managed node that may not heat; '' for none. By its own answer the heater executes
+    `heater_share` of its command. `unserved` are the heat sources beside the
     HVCH without which plans are made. `suspected` are the faults of heat sources not reported yet, by name.
     `estimate` is the latest one, None without estimation, and `temperature_c` the battery's [deg C], estimated or
     measured, None: unknown. `direction`: 1 if the vehicle heats now, -1 if it cools; it has heated the battery
@@ -135,6 +136,7 @@ class Moment:
     measurement: Measurement | None
     doubt: str | None = None
     heater_refusal: str = ''
+    heater_share: float = 1.0
     inactive: str = ''
     unserved: tuple[Unserved, ...] = ()
     suspected: tuple[tuple[str, SuspectedFault], ...] = ()

@@ -181,7 +181,7 @@ class DecisionMaker(NamedTuple):
         heater_share = 1.0
         if estimate is not None:
             route = route.with_propulsion(estimate.propulsion_factor)
-            heater_share = believed_share(estimate.heater)
+            heater_share = believed_share(estimate.heater) * moment.heater_share
         targets, choice = self.targets.choose(TargetSearchInput(
             mission.route_id, len(mission.legs) - 1 - mission.legs.index(leg), leg, moment.settings, goal, vehicle,
             route, state, measurement.stamp_ns, heater_share))
@@ -238,6 +238,9 @@ def _with_reason(decision: Decision, choice: TargetChoice, now_ns: int) -> Decis
 
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     """Return the sentence on a vehicle that has stood for too long to be kept warm."""
+    if regime.regime is Regime.DRIVING:
+        return (f'route_progress has not moved for {duration_text(stood_s)}, although the battery drives the '
+                'vehicle: no heating until it moves.')
     evidence = f' ({regime.evidence})' if regime.evidence else ''
     return (f'The vehicle has stood for {duration_text(stood_s)} although its route has no stop here{evidence}: '
             'no heating until it drives on.')
@@ -245,10 +248,12 @@ def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
 
 def _arrived_sentence(timetable: Timetable, now_ns: int) -> str:
     """Return the sentence on a trip that has ended."""
-    ended_ns = None if timetable.end is None else timetable.end.at_ns
-    if ended_ns is None or now_ns < ended_ns:
+    end = timetable.end
+    if end is None or end.at_ns is None or now_ns < end.at_ns:
         return 'The route has ended; only a new route plan begins another trip.'
-    return f'The route has ended: arrived {duration_text((now_ns - ended_ns) / NS_PER_S)} ago.'
+    ago = f'{duration_text((now_ns - end.at_ns) / NS_PER_S)} ago'
+    return f'The route has ended: arrived {ago}.' if end.is_observed else (
+        f'The route has ended: by its times the vehicle arrived {ago}; an update of the route continues it.')
 
 
 def _charging_sentence(leg: Leg, now_ns: int) -> str:

@@ -209,7 +209,7 @@ class _Planning:
     def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle, kept: KeptValues) -> None:
         self._task, self._estimate, self._vehicle, self._kept = task, estimate, vehicle, kept
         self._state = believed_state(vehicle, estimate)
-        self.share = believed_share(estimate.heater)
+        self.share = believed_share(estimate.heater) * task.moment.heater_share
         # A mix of heat sources has no lag in its model; its heat is planned to come later as a whole.
         self._lag_s = estimate.outside_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
@@ -266,7 +266,8 @@ class _Planning:
             words = {**words, 'refusal': task.moment.heater_refusal}
         return task.terms.accounted(_told(
             expected, self._vehicle, task, heater=self._estimate.heater, forecast=forecast,
-            suspected=task.moment.suspected, **words), self._estimate.soc)
+            suspected=task.moment.suspected, limited_share=task.moment.heater_share, **words),
+            self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
         task = self._task
@@ -293,18 +294,22 @@ class _Planning:
 
 
 def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast | None = None, refusal: str = '',
-             unserved: str = '', suspected: tuple[tuple[str, SuspectedFault], ...] = (), **told: Any) -> str:
+             limited_share: float = 1.0, unserved: str = '',
+             suspected: tuple[tuple[str, SuspectedFault], ...] = (), **told: Any) -> str:
     """
     Return a plan's sentence with the heater's behaviour and the uncertainty, None: unknown, and its refusal.
 
-    `unserved` are sentences on other heat sources, `suspected` the faults not reported yet by name, `told` are the
-    other arguments of planning.explanation.explain.
+    By its own answer a fault limits the heater to `limited_share`. `unserved` are sentences on other heat sources,
+    `suspected` the faults not reported yet by name, `told` are the other arguments of
+    planning.explanation.explain.
     """
     if refusal:
         told = {**UNHEATED[Heater.DEAD], **told}
     sentence = f'{refusal} ' if refusal else ''
     if heater is not None and heater.heater in FAULTS and not refusal:
         sentence = f'{FAULTS[heater.heater].format("heater", share=100.0 * heater.share)} '
+    elif limited_share < 1.0 and not refusal:
+        sentence = f'{FAULTS[Heater.DERATED].format("heater", share=100.0 * limited_share)} '
     for name, fault in () if refusal else suspected:
         if fault.lasts_s >= SUSPECT_SAID_S:
             sentence += (f'The {"heater" if name == HVCH else name} may be {fault.heater.value} '

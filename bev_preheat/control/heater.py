@@ -15,7 +15,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
-from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, IDLE_W, LEAST_DIFFERENCE_W
 from bev_preheat.vehicle.description import HeatSource, HVCH, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -126,6 +126,11 @@ class HeaterStatus(NamedTuple):
         """The confirmed power [W]: the measured one if there is one."""
         return self.active_w if self.measured_w is None else self.measured_w
 
+    @property
+    def has_heat(self) -> bool:
+        """Whether the confirmed power is more than that of a heater at rest."""
+        return self.confirmed_w > (0.0 if self.measured_w is None else IDLE_W)
+
 
 class HeaterAnswerReport(NamedTuple):
     """
@@ -203,7 +208,7 @@ class HeaterAnswers(NamedTuple):
     def refusal(self, now_ns: int, settings: Settings, cools: bool = False) -> str:
         """Return the sentence on heat, or cold, that the source refuses at an instant; '' if it does not."""
         status = self.status
-        if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
+        if status is None or not self.are_used(now_ns, settings) or status.has_heat:
             return ''
         if status.refusal not in HOLD_AT_ONCE and self.commanded.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
             return ''
@@ -212,6 +217,13 @@ class HeaterAnswers(NamedTuple):
             reason = f'it reports {status.confirmed_w:.0f} W'
         name = 'heater' if self.name == HVCH else self.name
         return f'The {name} does not {"cool" if cools else "heat"} ({status.refusal.name}): {reason.rstrip(".")}.'
+
+    def limited_share(self, now_ns: int, settings: Settings) -> float:
+        """Return the share of its command that the source executes while a fault limits it; 1: no fault."""
+        status = self.status
+        is_limited = (status is not None and status.refusal is Refusal.HEATER_FAULT
+                      and 0.0 < status.active_w < status.requested_w and self.are_used(now_ns, settings))
+        return status.active_w / status.requested_w if status is not None and is_limited else 1.0
 
     def judged(self, report: HeaterReport, now_ns: int, settings: Settings) -> tuple[HeaterAnswers, bool]:
         """Return the answers, in doubt if a HeaterReport contradicts them, and whether it falls with them."""

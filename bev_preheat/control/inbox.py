@@ -321,9 +321,12 @@ class Inbox(NamedTuple):
         # A route without a route_id is never an update, unless it is the same message again.
         continues = is_update and timetable is not None and timetable.end is None and (
             mission.route_id != '' or mission.has_instants_of(timetable.planned))
+        following = (timetable.updated(mission, now_ns) if timetable is not None and continues
+                     else Timetable.of(mission, now_ns))
+        if timetable is not None and timetable.end is None and timetable.mission.start_ns <= now_ns:
+            following = following.on_the_way(now_ns)
         return inbox._with_choices(ended_trip=None)._following(
-            timetable.updated(mission, now_ns) if timetable is not None and continues else Timetable.of(mission),
-            not is_update or (ended is not None and ended.is_observed))
+            following, not is_update or (ended is not None and ended.is_observed))
 
     def _with_revised(self, mission: Mission) -> tuple[Inbox, InvalidInput | None]:
         """Replace the current route by the same one under other parameters; drop it if it does not fit them."""

@@ -140,27 +140,38 @@ class RegimeWatch(NamedTuple):
     The RegimeReport `report`, and the memory for the next one.
 
     `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
-    been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known.
+    been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known,
+    `told_soc` the highest one since `power_supply_status` has been CHARGING; None: it is not.
     """
 
     report: RegimeReport = UNKNOWN_REGIME
     samples: tuple[_PowerSample, ...] = ()
     low_since_ns: int | None = None
     course: ChargeCourse = ChargeCourse()
+    told_soc: float | None = None
 
     def seen(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
         report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
-        course = self.course
+        course, told_soc, soc = self.course, self.told_soc, evidence.soc
         if samples and not 0 <= now_ns - samples[-1].stamp_ns <= SHORT_GAP_S * NS_PER_S:
-            report, samples, low_since_ns, course = RegimeReport(Regime.UNKNOWN, now_ns), (), None, ChargeCourse()
-        course = ChargeCourse() if evidence.power_w is not None or evidence.soc is None else course.seen(
-            now_ns, evidence.soc, evidence.planned, evidence.command_w, evidence.full_j)
+            report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
+            course, told_soc = ChargeCourse(), None
+        course = ChargeCourse() if evidence.power_w is not None or soc is None else course.seen(
+            now_ns, soc, evidence.planned, evidence.command_w, evidence.full_j)
+        supply = evidence.supply
+        if supply is not SupplyStatus.CHARGING or course.latest is None or soc is None:
+            told_soc = None
+        else:
+            told_soc = soc if told_soc is None else max(told_soc, soc)
+            if told_soc - soc > course.steps.step + CHANGED_CHARGE:
+                # The charge falls, so the field is wrong.
+                supply = SupplyStatus.UNKNOWN
         oldest_ns = now_ns - HEATER_FOLLOWS_S * NS_PER_S
         return RegimeWatch(report, (
             *dropwhile(lambda sample: sample.stamp_ns < oldest_ns, samples),
-            _PowerSample(now_ns, evidence.power_w, evidence.command_w, evidence.supply)),
-            low_since_ns, course)._judged(evidence)
+            _PowerSample(now_ns, evidence.power_w, evidence.command_w, supply)),
+            low_since_ns, course, told_soc)._judged(evidence)
 
     def has_seen_late(self, before: RegimeWatch) -> bool:
         """Return whether the charge shows standing or charging only now, some time after its beginning."""
@@ -240,13 +251,16 @@ class RegimeWatch(NamedTuple):
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return '', 0
         window = self._window(after_s)
-        since_ns = window[0].stamp_ns if window else 0
         by_status = len(window) >= LEAST_CHARGING_STATES and all(
             sample.supply is SupplyStatus.CHARGING for sample in window)
         planned = evidence.planned
         regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
-        says_otherwise = all(sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING)
-                             for sample in window)
+        says_otherwise = evidence.has_moved is not False and all(
+            sample.supply in (SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING) for sample in window)
+        if says_otherwise and evidence.power_w is not None:
+            # Power that stays steady for longer outweighs a field that never changes.
+            window = self._window(STANDING_AFTER_S)
+        since_ns = window[0].stamp_ns if window else 0
         if evidence.power_w is None:
             if by_status and regeneration_w == 0.0 and all(sample.power_w is None for sample in window):
                 return 'power_supply_status is CHARGING', since_ns
@@ -258,7 +272,7 @@ class RegimeWatch(NamedTuple):
         mean_w = sum(powers_w) / len(powers_w)
         is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
         if not is_certain and (
-                says_otherwise or max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
+                max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
                 or -mean_w < BEYOND_REGENERATION * regeneration_w + (
                     BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0)):
             return '', 0
@@ -279,9 +293,19 @@ class RegimeWatch(NamedTuple):
         heater_w = max(sample.command_w for sample in self.samples)
         return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
 
+    def _has_driven(self, evidence: Evidence) -> bool:
+        """Return whether consumers and heater take less than the battery gave in the last minute."""
+        window = self._window(STANDING_AFTER_S)
+        powers_w = self._powers_w(window)
+        if not powers_w:
+            return False
+        heater_w = max(sample.command_w for sample in window)
+        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + DRIVES_W)
+
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
-        if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
+        is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
+        if is_at_rest and not self._has_driven(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns

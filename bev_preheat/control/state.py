@@ -145,6 +145,7 @@ class State(NamedTuple):
         inputs = self.inbox.moment(self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt)
         return replace(
             inputs, heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
+            heater_share=self.answers.hvch.limited_share(self.now_ns, self.settings),
             suspected=suspected, regime=self.regime, estimate=self.estimate, temperature_c=self.temperature_c,
             direction=self.commander.direction, heated_s=self.answers.heated_s(self.now_ns, self.vehicle))
 

@@ -24,7 +24,7 @@ from bev_preheat.control.events import (
     ProgressUnreadable,
     Reconfigured,
 )
-from bev_preheat.control.heater import Answers, HeaterAnswers
+from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswers
 from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.knowledge import Knowledge
@@ -34,9 +34,11 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.state import Screened, State
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import SHARE_STEPS
 from bev_preheat.vehicle.description import Vehicle
 
 # Positions, and answers of the heater: no plan is made for them alone.
@@ -158,11 +160,16 @@ def heed_heater(state: State) -> State:
     """Return the State with the sentences on heat that the heat sources refuse."""
     now_ns, settings, answers = state.now_ns, state.settings, state.answers
     refusal = answers.hvch.refusal(now_ns, settings)
-    unserved = tuple(
-        Unserved(each.name, sentence, True) for source, each in zip(state.vehicle.heat_sources, answers.others)
-        if (sentence := each.refusal(now_ns, settings, source.cools)))
-    return state if (refusal, unserved) == (state.heater_refusal, state.unserved) else state._replace(
-        heater_refusal=refusal, unserved=unserved)
+    unserved = []
+    for source, each in zip(state.vehicle.heat_sources, answers.others):
+        share = each.limited_share(now_ns, settings)
+        if sentence := each.refusal(now_ns, settings, source.cools):
+            unserved.append(Unserved(each.name, sentence, True))
+        elif share < 1.0:
+            sentence = FAULTS[Heater.DERATED].format(each.name, share=100.0 * share)
+            unserved.append(Unserved(each.name, sentence, False, max(1, round(SHARE_STEPS * share)) / SHARE_STEPS))
+    return state if (refusal, tuple(unserved)) == (state.heater_refusal, state.unserved) else state._replace(
+        heater_refusal=refusal, unserved=tuple(unserved))
 
 
 def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:

@@ -19,7 +19,14 @@ from bev_preheat.control.heater import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import LIMITS
-from bev_preheat.tunables import CORRECTED_BY_M, END_KNOWN_TO, KNOWN_TO_M, MOVES_WITHIN_NS, PACE_OVER_NS
+from bev_preheat.tunables import (
+    CORRECTED_BY_M,
+    END_KNOWN_TO,
+    KNOWN_TO_M,
+    MOVES_WITHIN_NS,
+    PACE_OVER_NS,
+    STANDING_AFTER_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Mission, Progress
@@ -86,8 +93,8 @@ class Timetable:
 
     `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay.
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
-    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one replaced
-    another of the trip; positions from before it belong to that one. `fixes` are in order of their instants.
+    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
+    positions from before it belong to another one. `fixes` are in order of their instants.
     """
 
     planned: Mission
@@ -108,9 +115,9 @@ class Timetable:
     stood_before_ns: int = 0
 
     @classmethod
-    def of(cls, planned: Mission) -> Self:
-        """Return the Timetable of a Mission by its own stamp."""
-        return cls(planned, planned, planned.start_ns)
+    def of(cls, planned: Mission, known_ns: int | None = None) -> Self:
+        """Return the Timetable of a Mission by its own stamp, which arrived at an instant [ns], None: unknown."""
+        return cls(planned, planned, planned.start_ns, known_ns)
 
     def updated(self, planned: Mission, now_ns: int) -> Timetable:
         """
@@ -121,8 +128,14 @@ class Timetable:
         """
         if planned.has_instants_of(self.planned):
             return self.revised(planned)
-        return replace(Timetable.of(planned), begun_ns=min(self.begun_ns, planned.start_ns), known_ns=now_ns,
+        return replace(Timetable.of(planned, now_ns), begun_ns=min(self.begun_ns, planned.start_ns),
                        stood_before_ns=self.stood_ns, stood_ns=self.stood_ns)
+
+    def on_the_way(self, now_ns: int) -> Timetable:
+        """Return the Timetable of a vehicle that drives now [ns]: a start within a minute counts as now."""
+        early_ns = self.planned.start_ns - now_ns
+        is_about_to_start = self.delay_ns == 0 and 0 < early_ns <= STANDING_AFTER_S * NS_PER_S
+        return replace(self, mission=self.planned.delayed(-early_ns)) if is_about_to_start else self
 
     def revised(self, planned: Mission) -> Timetable:
         """Return the Timetable of the same Mission in other steps, or with another goal."""
@@ -355,7 +368,14 @@ class Timetable:
                     f'{length_m:.0f} m, the length of the route']
         track = self.track
         if track is None:
-            return []
+            if self.known_ns is None:
+                return []
+            # A vehicle may leave before the stamp of its route plan.
+            since_s = max(0, progress.stamp_ns - min(planned.start_ns, self.known_ns)) / NS_PER_S
+            most_m = FASTEST_MPS * since_s + CORRECTED_BY_M
+            return [] if distance_m <= most_m else [
+                f'distance: {distance_m:.0f} m have been driven within {since_s:.1f} s; at most {most_m:.0f} m '
+                'are possible: it counts from the start of segment 0, which begins at the stamp of route_plan']
         since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
             return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '

@@ -112,8 +112,9 @@ class CurrentSign(NamedTuple):
 
     `before` is the latest sample, None if the next one does not follow it; `changes` are the latest changes of
     voltage and current. The charge is compared since it was `first_soc`; the current has drawn the share
-    `discharged` of the capacity since. `latest_soc` is the latest charge that was compared, and `noise` the
-    variance of its change from one state to the next. The voltage was compared last at `confirmed_s` [s].
+    `discharged` of the capacity since, and its sensor's error up to `offset`. `latest_soc` is the latest charge
+    that was compared, and `noise` the variance of its change from one state to the next. The voltage was compared
+    last at `confirmed_s` [s].
     """
 
     sign: Sign = Sign.UNKNOWN
@@ -122,6 +123,7 @@ class CurrentSign(NamedTuple):
     changes: tuple[tuple[float, float], ...] = ()
     first_soc: float = 0.0
     discharged: float = 0.0
+    offset: float = 0.0
     latest_soc: float | None = None
     noise: float = 0.0
     confirmed_s: float = -math.inf
@@ -135,14 +137,16 @@ class CurrentSign(NamedTuple):
         before, soc = self.before, sample.soc
         elapsed_s = 0.0 if before is None else sample.instant_s - before.instant_s
         if before is None or not 0.0 < elapsed_s <= LONGEST_GAP_S:
-            return self._replace(before=sample, first_soc=soc, discharged=0.0)
+            return self._replace(before=sample, first_soc=soc, discharged=0.0, offset=0.0)
         changes, noise = self.changes, self.noise
         if elapsed_s <= CHANGE_WITHIN_S:
             changes = (*changes, (
                 sample.voltage_v - before.voltage_v, sample.current_a - before.current_a))[-CURRENT_CHANGES:]
         moved = sample.drawn_since(before, capacity_as)
         # A jump shows nothing about the current.
-        since = (soc, 0.0) if self._jumps(soc, moved, soc_step) else (self.first_soc, self.discharged + moved)
+        offset = LEAST_DEVIATION_OF_ALL_A * elapsed_s / capacity_as
+        since = (soc, 0.0, 0.0) if self._jumps(soc, moved, soc_step) else (
+            self.first_soc, self.discharged + moved, self.offset + offset)
         if self.latest_soc is not None and soc_step == 0.0:
             noise += (min(abs(soc - self.latest_soc), MOST_SOC_NOISE)**2 - noise) / SOC_NOISE_OVER
         # A sign proved right is confirmed from time to time.
@@ -179,11 +183,15 @@ class CurrentSign(NamedTuple):
         fallen, discharged = self.first_soc - soc, self.discharged
         noise = math.sqrt(0.5 * self.noise)
         least = max(LEAST_MOVED, LEAST_MOVED_STEPS * soc_step, LEAST_MOVED_DEVIATIONS * noise)
+        restarted = self._replace(first_soc=soc, discharged=0.0, offset=0.0)
         if abs(fallen) < least or abs(discharged) < max(LEAST_CURRENT_SHARE * abs(fallen), 0.5 * least):
             has_long_passed = abs(discharged) > max(SIGN_RESTART_AFTER, 3.0 * least)
-            return self._replace(first_soc=soc, discharged=0.0) if has_long_passed else self
+            return restarted if has_long_passed else self
+        if abs(discharged) < self.offset:
+            # A parked battery's current is no larger than the sensor's error.
+            return restarted
         if fallen * discharged > 0.0:
-            return self._replace(sign=Sign.RIGHT, evidence='', first_soc=soc, discharged=0.0)
-        return self._replace(sign=Sign.REVERSED, first_soc=soc, discharged=0.0, evidence=(
+            return restarted._replace(sign=Sign.RIGHT, evidence='')
+        return restarted._replace(sign=Sign.REVERSED, evidence=(
             f'the state of charge {"fell" if fallen > 0.0 else "rose"} by {100 * abs(fallen):.1f} % while '
             f'the current says that it {"rises" if discharged < 0.0 else "falls"}'))

@@ -15,6 +15,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Level
 from bev_preheat.vehicle.core_library import core_in_words, declines_in_words
+from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
@@ -240,7 +241,9 @@ def _heater_status(report: HeaterAnswerReport, part: str = 'heater status') -> D
         'requested power [W]': f'{status.requested_w:.0f}', 'active power [W]': f'{status.active_w:.0f}',
         'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
         'refusal': status.refusal.name, 'explanation': status.sentence}
-    warning = report.refusal or report.silence or report.problem
+    is_faulty = status is not None and status.refusal is Refusal.HEATER_FAULT
+    warning = report.refusal or report.silence or report.problem or (
+        f'HEATER_FAULT: {values["explanation"]}' if is_faulty else '')
     return entry(part, ERROR if report.doubt else WARN if warning else OK,
                  report.doubt or warning or 'the command is served', values)
 

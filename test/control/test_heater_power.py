@@ -164,6 +164,18 @@ def test_refusal_that_ends_is_forgotten():
     assert 'does not heat' not in served.decision.explanation
 
 
+def test_the_share_that_a_limited_heater_reports_is_planned_with():
+    def limited(answer, measured_w, now_ns):
+        return HeaterStatus(now_ns, answer.requested_w, 0.5 * answer.requested_w, Refusal.HEATER_FAULT, 'half')
+
+    steps = list(driven(inf, limited, COLD, route=ROUTE.before(1500.0), faults=(HeaterFault(0.0, share=0.5),)))
+    early = next(seen for seen in steps if seen.at_s >= 120.0)
+    assert early.decision.explanation.startswith('The heater delivers only 50 % of its command. ')
+    assert early.command.battery_heating_power_w == pytest.approx(7000.0 - 1978.0)
+    # The car knows how warm it gets; the other half would be 6 K more.
+    assert early.decision.plan.arrival_temperature_c == pytest.approx(steps[-1].car.plant.temperature_c, abs=1.0)
+
+
 def test_honest_answers_change_no_drive():
     # Heated for some minutes in the middle.
     silent_s, honest_s = (
@@ -268,6 +280,14 @@ def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
 
 def test_any_confirmed_heat_is_no_refusal():
     assert answers_with(60.0, active_w=40.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
+
+
+@pytest.mark.parametrize('refusal', [Refusal.HOT_BATTERY, Refusal.NOT_REFUSED])
+def test_the_idle_power_of_a_heater_is_no_heat(refusal):
+    # Electronics and pump of a heater on CAN, which counts in steps of 40 W.
+    refused = answers_with(60.0, measured_w=40.0, refusal=refusal).refusal(NOW_NS, SETTINGS)
+    assert refused.startswith(f'The heater does not heat ({refusal.name})')
+    assert answers_with(60.0, measured_w=400.0, refusal=refusal).refusal(NOW_NS, SETTINGS) == ''
 
 
 @pytest.mark.parametrize('share, refuses', [(0.9, False), (1.1, True)])

@@ -100,6 +100,40 @@ def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
     assert said(True) == said(False)
 
 
+@pytest.mark.parametrize('distance_m', [LENGTH_M, 7000.0])
+def test_a_distance_that_nobody_has_driven_yet_is_refused(distance_m):
+    # A navigation that sends the distance left, or an odometer: the trip was over at its first position.
+    drive = Drive()
+    with pytest.raises(InvalidInput, match=f'^distance: {distance_m:.0f} m have been driven within 2.0 s; '):
+        drive.tell(2.0, distance_m)
+    assert drive.feed(2.0) == (HEATS, COLD, 598.0)
+    # An update counts from its own start.
+    drive.tell(100.0, 2000.0)
+    drive.supervisor.run(START_NS + ns(105.0))
+    drive.supervisor.accept_mission(Mission('home', (a_leg(510.0, start_ns=START_NS + ns(105.0)),)))
+    with pytest.raises(InvalidInput, match='within 1.0 s; at most 200 m'):
+        drive.tell(106.0, 2100.0)
+    assert drive.supervisor.state.mission.arrival_ns == START_NS + ns(615.0)
+
+
+@pytest.mark.parametrize('route_id', ['home', 'another'])
+@pytest.mark.parametrize('ahead_s, heats', [(60.0, True), (90.0, False)])
+def test_an_update_that_starts_within_a_minute_does_not_stop_the_heater(route_id, ahead_s, heats):
+    # A navigation that rounds up to the next minute; the vehicle drives on.
+    drive = Drive()
+    assert drive.feed(100.0)[0] == HEATS
+    drive.supervisor.run(START_NS + ns(101.0))
+    drive.supervisor.accept_mission(Mission(route_id, (a_leg(start_ns=START_NS + ns(101.0 + ahead_s)),)))
+    power_w, _, left_s = drive.feed(102.0)
+    assert (power_w, left_s) == ((HEATS, 599.0) if heats else (OFF, 600.0))
+
+
+def test_a_vehicle_that_left_before_its_route_plan_is_where_it_is():
+    drive = Drive(Mission('home', (a_leg(start_ns=START_NS + ns(300.0)),)))
+    drive.tell(50.0, 1010.0)
+    assert drive.feed(50.0) == (HEATS, COLD, 550.0)
+
+
 def test_a_position_without_a_route_says_nothing():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))

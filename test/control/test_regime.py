@@ -94,6 +94,31 @@ def test_a_status_tells_charging_from_regeneration():
     assert last([-9000.0] * 20, supply=SupplyStatus.DISCHARGING).regime is Regime.DRIVING
 
 
+@pytest.mark.parametrize('supply', [SupplyStatus.DISCHARGING, SupplyStatus.NOT_CHARGING])
+def test_a_status_that_never_changes_hides_a_charger_for_a_minute_at_most(supply):
+    assert 60 < first_at(watch([17400.0] * 60 + [-50000.0] * 90, supply=supply), Regime.CHARGING) <= 60 + 61
+    # A descent on no map, in bends.
+    bends_w = [17400.0] * 60 + [-30000.0 + 400.0 * (at_s % 20) for at_s in range(200)]
+    assert first_at(watch(bends_w, supply=supply), Regime.CHARGING) is None
+
+
+@pytest.mark.parametrize('step', [0.001, 0.005, 0.01])
+def test_a_status_that_the_falling_charge_contradicts_is_no_charging(step):
+    # 17.4 kW take 1 % in 155 s.
+    reports = watch_charges([(1800, 17400.0)], step=step, supply=SupplyStatus.CHARGING)
+    charging_s = [at_s for at_s, report in reports if report.regime is Regime.CHARGING]
+    assert charging_s[-1] < 400
+    # Plugged in at last, its charge rises.
+    reports = watch_charges([(1800, 17400.0), (300, -50000.0)], step=step, supply=SupplyStatus.CHARGING)
+    assert reports[-1][1].regime is Regime.CHARGING
+
+
+def test_a_status_counts_from_its_first_word_on_whatever_was_driven_before():
+    reports = watch_charges([(900, 17400.0), (60, -3000.0)], supply=lambda at_s: (
+        SupplyStatus.CHARGING if at_s >= START_S + 900 else SupplyStatus.DISCHARGING))
+    assert 900 < first_at(reports, Regime.CHARGING) <= 910
+
+
 def test_a_status_counts_without_voltage_and_current():
     assert last([None] * 20).regime is Regime.UNKNOWN
     assert last([None] * 20, supply=SupplyStatus.CHARGING).regime is Regime.CHARGING
@@ -202,6 +227,13 @@ def test_a_charge_that_rises_tells_charging(step, within_s):
     # Nothing is learned from the rise before it is recognised.
     doubtful_s = next(at_s for at_s, report in reports if report.is_doubtful)
     assert 900 < doubtful_s < 900 + within_s / 2 + 10
+
+
+def test_a_position_that_is_frozen_while_the_battery_drives_is_no_stand():
+    # A receiver that repeats its latest position: the regime must not change with each state.
+    frozen = {'has_moved': False, 'stood_s': lambda at_s: at_s - START_S}
+    assert {report.regime for _, report in watch([17400.0, 14000.0] * 150, **frozen)[60:]} == {Regime.DRIVING}
+    assert last([2100.0, 2500.0] * 60, **frozen).regime is Regime.STANDING
 
 
 def test_charging_by_the_charge_ends_when_it_falls_or_stays():

@@ -98,6 +98,17 @@ def test_without_a_source_that_refuses_the_others_heat():
     assert all(command.power_w('motor') + command.power_w('hvch') > 0.0 for command in heats)
 
 
+def test_a_source_that_reports_a_limit_is_planned_with_it():
+    for seen in driven(90.0):
+        now_ns, asked_w = seen.planner.state.now_ns, seen.command.power_w('heat_pump')
+        half = HeaterStatus(now_ns, asked_w, 0.5 * asked_w, Refusal.HEATER_FAULT, 'low refrigerant')
+        seen.planner.step(now_ns, SourceStatusArrived(half, 'heat_pump'))
+    assert 'The heat_pump delivers only 50 % of its command.' in seen.decision.explanation
+    # 2500 W, as the vehicle file says; the command stays.
+    assert asked_w == pytest.approx(2500.0)
+    assert max(seen.decision.plan.source_power_w['heat_pump']) == pytest.approx(1250.0)
+
+
 def test_a_status_of_no_source_is_refused_and_named():
     supervisor = Supervisor(CAR, Settings())
     output = supervisor.step(10**18, SourceStatusUnreadable(InvalidInput('name: x'), 'heat_pump'))

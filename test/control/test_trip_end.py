@@ -177,6 +177,15 @@ def test_a_navigation_that_plans_again_every_minute_does_not_keep_a_parked_car_w
     assert 'has stood for' in trip.planner.state.decision.explanation
 
 
+def test_a_frozen_position_is_named_as_the_reason_for_no_heat():
+    trip = Trip(minutes=30)
+    for number in range(200):
+        trip.step(DRIVE_W * (1.1 if number % 2 else 0.9), CONSUMERS_W)
+        trip.report()
+    assert trip.command_w == 0.0
+    assert trip.planner.state.decision.explanation.startswith('route_progress has not moved for 16:')
+
+
 def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
     trip = Trip(minutes=20)
     stamp_ns, distance_m = trip.clock_ns, trip.here_m
@@ -205,6 +214,9 @@ def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
     for number in range(80):
         trip.step(DRIVE_W * (0.3 if number % 2 else 0.6), CONSUMERS_W)
     assert (trip.status, trip.command_w) == (Status.ARRIVED, 0.0)
+    # No position and no charging showed an arrival.
+    assert ': by its times the vehicle arrived ' in trip.planner.state.decision.explanation
+    assert ': arrived ' in arrived_early().planner.state.decision.explanation
     # Of a moment before the end, which was assumed only.
     route_id, stamp_ns, length_m = trip.route
     trip.route = route_id, stamp_ns + 300 * NS_PER_S, length_m

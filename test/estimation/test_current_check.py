@@ -53,6 +53,16 @@ def test_the_charge_proves_it_where_the_current_is_steady(sign, expected):
     assert (found, proven_s) == (expected, pytest.approx(13, abs=2))
 
 
+@pytest.mark.parametrize('soc_step', [0.0, 0.005, 0.01])
+def test_the_offset_of_a_parked_car_s_current_is_no_reversed_sign(soc_step):
+    # It takes 0.3 A; the sensor, of hundreds of amperes, reads 0.6 A less.
+    samples, soc = [], 0.7
+    for _ in range(5 * 3600):
+        soc -= 0.3 / CAPACITY_AS
+        samples.append((380.0, -0.3, round(soc / soc_step) * soc_step if soc_step else soc))
+    assert {watch.sign for watch in signs(samples)} == {Sign.UNKNOWN}
+
+
 @pytest.mark.parametrize('jump', [-0.1, 0.02, 0.1])
 @pytest.mark.parametrize('soc_step', [0.0, 0.005])
 def test_a_charge_that_jumps_once_says_nothing_of_the_current(jump, soc_step):
