@@ -104,11 +104,12 @@ LEAST_SOC_DEVIATION = 0.01    # 1  | … in checks of its plausibility: displays
 MOST_OTHER_POWER_W = 20e3     # W  | cabin and auxiliaries at most: more battery power is implausible
 DIVERGED_K = 50.0             # K  | a larger deviation of the temperature: the belief has diverged
 SINGLE_PRECISION = 1e-3       # 1  | messages preserve multiples to this share of a step
-IMPLAUSIBLE_DEVIATIONS = 6.0  # sd | further off is rejected until a second reading confirms it
+IMPLAUSIBLE_DEVIATIONS = 6.0  # sd | further off is rejected until it has lasted
 EXCURSION_DEVIATIONS = 3.0    # sd | from here on a temperature leaves what is expected | 0.086 K
 RETURN_DEVIATIONS = 1.5       # sd | … and from here on it is back
 LARGEST_EXCURSION_K = 3.0     # K  | contacts and wires fail by this; more is another battery
 LONGEST_EXCURSION_S = 150.0   # s  | contacts and wires fail for this long; no battery warms as fast
+LONGEST_SPIKE_S = 30.0        # s  | of more: a bus that fails for a moment; another battery stays
 COUNTED_READINGS = 300        # n  | the latest ones in the share of ignored ones
 
 # estimation/hypotheses.py: a heater that has failed

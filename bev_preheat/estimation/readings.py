@@ -16,6 +16,7 @@ from bev_preheat.tunables import (
     LARGEST_EXCURSION_K,
     LEAST_SOC_DEVIATION,
     LONGEST_EXCURSION_S,
+    LONGEST_SPIKE_S,
     READING_NOISE_K,
     RETURN_DEVIATIONS,
     SINGLE_PRECISION,
@@ -90,15 +91,15 @@ class Verdict(Enum):
     BELIEVED = 'is what is expected'
     EXCURSION = 'is a temperature that has left its expected value for a short time'
     LASTING = 'is a temperature that has left its expected value for longer than an excursion lasts'
-    DOUBTED = 'is too far off, and the first to say so'
-    JUMPED = 'is too far off, and the second to say so'
+    DOUBTED = 'is too far off, for a moment so far'
+    JUMPED = 'is too far off, and has been for longer than a spike lasts'
 
 
 class ReadingCheck(NamedTuple):
     """
     The steps of the signals, and the readings that were not as expected.
 
-    `doubted` is a rejected reading that awaits confirmation, None: none. The current excursion began at
+    `doubted` is the first of the rejected readings that agree, None: none. The current excursion began at
     `excursion_ns` [ns]; None: the temperature is as expected. `ignored`: whether each of the latest readings was.
     """
 
@@ -131,11 +132,11 @@ class ReadingCheck(NamedTuple):
                 abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
                     math.sqrt(max(variance, 0.0)), least)
                 for (reading, step, least), (mean, variance) in zip(looks, expected))
-            doubted = None if is_plausible else measurement
-            # The same reading again is no confirmation.
-            verdict = Verdict.BELIEVED if is_plausible else Verdict.JUMPED if (
-                self.doubted is not None and self.doubted.stamp_ns != measurement.stamp_ns
-                and self._agree(self.doubted.state, measurement.state)) else Verdict.DOUBTED
+            first = self.doubted if self.doubted is not None and self._agree(
+                self.doubted.state, measurement.state) else measurement
+            doubted = None if is_plausible else first
+            has_lasted = measurement.stamp_ns - first.stamp_ns >= LONGEST_SPIKE_S * NS_PER_S
+            verdict = Verdict.BELIEVED if is_plausible else Verdict.JUMPED if has_lasted else Verdict.DOUBTED
         is_ignored = verdict not in (Verdict.BELIEVED, Verdict.LASTING)
         return ReadingCheck(self.temperature_steps, self.soc_steps, doubted, excursion_ns,
                             (*self.ignored, is_ignored)[-COUNTED_READINGS:]), verdict

@@ -195,12 +195,16 @@ def moved(measurement, temperature_c=0.0, soc=0.0):
 
 
 @pytest.mark.parametrize('jump', [{'temperature_c': 15.0}, {'temperature_c': -9.0}, {'soc': -0.3}])
-def test_two_readings_that_say_the_same_begin_the_estimate_anew(jump):
+def test_readings_that_stay_far_off_begin_the_estimate_anew_and_a_spike_does_not(jump):
     car = DrivenCar(seed=4)
     estimator = followed(car, 300)
-    for _ in range(2):
-        measurement = moved(car.drive(), **jump)
-        estimator = observed(estimator, measurement, car.commands)
+    for lasts_s in (25, 31):
+        assert estimator.estimate.resets == 0
+        assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.3)
+        estimator = observed(estimator, car.drive(), car.commands)
+        for _ in range(lasts_s):
+            measurement = moved(car.drive(), **jump)
+            estimator = observed(estimator, measurement, car.commands)
     estimate = estimator.estimate
     assert estimate.resets == 1
     assert 'battery_state jumped to' in estimate.reset_reason
