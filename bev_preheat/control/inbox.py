@@ -286,7 +286,8 @@ class Inbox(NamedTuple):
             timetable = self.timetable.at_progress(progress, now_ns, self.settings)
         except InvalidInput as error:
             hinted = _with_hint(error, hint)
-            return self._with_refused_progress(hinted), hinted
+            return self._replace(timetable=self.timetable.after_refused(progress))._with_refused_progress(
+                hinted), hinted
         return self._replace(timetable=timetable, refused_progress=None), None
 
     def _with_refused_progress(self, error: InvalidInput) -> Inbox:

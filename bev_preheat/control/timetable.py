@@ -94,7 +94,8 @@ class Timetable:
     `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay.
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
     `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
-    positions from before it belong to another one. `fixes` are in order of their instants.
+    positions from before it belong to another one. `fixes` are in order of their instants. `undriven` is the
+    latest first position to which nobody can have driven, None: there was none.
     """
 
     planned: Mission
@@ -104,6 +105,7 @@ class Timetable:
     end: TripEnd | None = None
     stood_ns: int = 0
     track: _Track | None = None
+    undriven: Progress | None = None
     # The planned instant of the place at which the vehicle stands [ns]; None: it drives.
     held_at_ns: int | None = None
     fixes: tuple[_Fix, ...] = ()
@@ -342,6 +344,30 @@ class Timetable:
 
     # Checks of a Progress
 
+    def after_refused(self, progress: Progress) -> Timetable:
+        """Return the Timetable that knows a refused Progress, if nobody can have driven to it."""
+        is_first = self.track is None and progress.route_id == self.planned.route_id
+        return replace(self, undriven=progress) if is_first and self._undriven_problems(progress) else self
+
+    def _undriven_problems(self, progress: Progress) -> list[str]:
+        """Return the problem of a first position to which nobody can have driven, or that goes on from one."""
+        if self.known_ns is None:
+            return []
+        # A vehicle may leave before the stamp of its route plan.
+        since_s = max(0, progress.stamp_ns - min(self.planned.start_ns, self.known_ns)) / NS_PER_S
+        most_m = FASTEST_MPS * since_s + CORRECTED_BY_M
+        distance_m, far, problem = progress.distance_m, self.undriven, ''
+        if distance_m > most_m:
+            problem = f'have been driven within {since_s:.1f} s; at most {most_m:.0f} m are possible'
+        elif far is not None:
+            pace_mps = max(float(leg.route.speed_mps.max()) for leg in self.planned.legs)
+            gap_m = CORRECTED_BY_M + pace_mps * abs(progress.stamp_ns - far.stamp_ns) / NS_PER_S
+            if abs(distance_m - far.distance_m) <= gap_m:
+                problem = f'go on from {far.distance_m:.0f} m, to which nobody could have driven'
+        return [] if not problem else [
+            f'distance: {distance_m:.0f} m {problem}: it counts from the start of segment 0, which begins at the '
+            'stamp of route_plan']
+
     def _problems(self, progress: Progress, now_ns: int, settings: Settings,
                   is_followed: bool) -> list[str]:
         planned, problems = self.planned, []
@@ -368,14 +394,7 @@ class Timetable:
                     f'{length_m:.0f} m, the length of the route']
         track = self.track
         if track is None:
-            if self.known_ns is None:
-                return []
-            # A vehicle may leave before the stamp of its route plan.
-            since_s = max(0, progress.stamp_ns - min(planned.start_ns, self.known_ns)) / NS_PER_S
-            most_m = FASTEST_MPS * since_s + CORRECTED_BY_M
-            return [] if distance_m <= most_m else [
-                f'distance: {distance_m:.0f} m have been driven within {since_s:.1f} s; at most {most_m:.0f} m '
-                'are possible: it counts from the start of segment 0, which begins at the stamp of route_plan']
+            return self._undriven_problems(progress)
         since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
             return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '
