@@ -13,7 +13,7 @@ from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
+from bev_preheat.logs.can_frames import identifying_bits, J1939_GROUP, load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -90,6 +90,11 @@ class CanDecoder:
             FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
             for message in messages.values() if message.name in used}
         self.checks = tuple(self._checks.values())
+        # Messages of J1939 from any sender, and who sent the first frame of each message.
+        self._groups = {(bus, identifier & J1939_GROUP): checks
+                        for (bus, identifier, is_extended), checks in self._checks.items()
+                        if identifying_bits(identifier, is_extended) == J1939_GROUP}
+        self._senders: dict[str, int] = {}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
         self._nothing = {name: values_of_nothing(signals[name]) for name in self._wanted}
@@ -118,10 +123,15 @@ class CanDecoder:
              bus: int = 0) -> None:
         """Record the readings of a frame that came at an instant [s] on a bus, or why it was dropped."""
         checks = self._checks.get((bus, identifier, is_extended))
+        if checks is None and is_extended:
+            checks = self._groups.get((bus, identifier & J1939_GROUP))
         if checks is None:
             return
         name = checks.message.name
         try:
+            if (sender := self._senders.setdefault(name, identifier)) != identifier:
+                raise InvalidInput(f'{name}: a frame from {identifier:X}; those from {sender:X} count: write the '
+                                   'identifier of the sender into the DBC')
             checks.check_data(data, instant_s)
             try:
                 values = checks.message.decode(data, decode_choices=False, scaling=False)

@@ -293,6 +293,26 @@ def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
         assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
 
 
+def test_message_of_j1939_is_that_of_its_first_sender(tmp_path):
+    import can
+    # 2566869246 is 0x98FF50FE: the group FF50, from any sender (FE).
+    path = written_map(tmp_path, dbc=BATTERY.replace('BO_ 256', 'BO_ 2566869246'))
+
+    def frame(identifier, raw, is_extended=True):
+        return can.Message(arbitration_id=identifier, is_extended_id=is_extended, data=[0, raw, 100] + [0] * 5)
+
+    with (can.Bus(interface='virtual', channel=tmp_path.name) as bus,
+          closing(CanSource(load_live_map(path), steady_s)) as source):
+        source.start()
+        poll_until(lambda: not source.problem, 'an open bus')
+        # Other groups, and a standard frame with some of the bits, are of no message.
+        for sent in (frame(0x18FF51F3, 1), frame(0x050, 1, False), frame(0x0CFF50F3, 2), frame(0x18FF50F4, 3)):
+            bus.send(sent)
+        poll_until(source.doubts, 'a frame of another sender')
+        assert source.battery(steady_s())[0].temperature_c == pytest.approx(5.12)
+        assert source.doubts()['BMS'].startswith('BMS: a frame from 18FF50F4; those from CFF50F3 count')
+
+
 # --- Messages on maps that do not fit ---
 
 
