@@ -232,6 +232,19 @@ def test_aggregate_holds_while_enough_cells_are_valid(tmp_path, entry, combine, 
             [True] if missing else [])
 
 
+@pytest.mark.parametrize('raw, expected_c', [([60, 61, 62, 63, 64, 65, 0, 0], 12.5), ([60] * 5 + [0] * 3, None)])
+def test_modules_that_are_not_there_are_not_in_the_mean(tmp_path, raw, expected_c):
+    path = written_map(tmp_path)
+    path.write_text(path.read_text().replace('BMS.Temp', "{channels: '/^Cells/', combine: mean, at_least: 6}"))
+    source = CanSource(load_live_map(path), lambda: 100.0)
+    source.on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
+    source.on_frame(0, 257, False, bytes(raw), 0.0)
+    battery, lacking = source.battery(100.5)
+    told = ' '.join(lacking or battery.missing)
+    assert 'battery_temperature_c: -50 degC far from the others is a module that is not there' in told
+    assert (battery and battery.temperature_c) == expected_c
+
+
 def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
     cells = [[20.0 + row + cell if (row, cell) not in ((1, 0), (2, 0), (2, 1)) else '' for cell in range(4)]
              for row in range(4)]
