@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+import math
 from typing import Any
 
 from bev_preheat.bus.frame_checks import FrameChecks
@@ -13,7 +14,7 @@ from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.can_frames import identifying_bits, J1939_GROUP, load_dbc, values_of_nothing
+from bev_preheat.logs.can_frames import all_bits_set, identifying_bits, J1939_GROUP, load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -81,6 +82,9 @@ class CanDecoder:
         if problems:
             raise InvalidInput(problems)
         self._wanted = by_channel(self.channels)
+        # A share may be full; a temperature, voltage or current of all ones is none.
+        ones = {name: {(1 << signals[name].length) - 1: 'no reading: all bits are set'} for name in self._wanted
+                if units[name] not in SHARES and all_bits_set(signals[name])}
         for signal, name, key, channel in wanted_of:
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
                        None if signal == FOLLOWED else frames[name].full_power_w)
@@ -97,7 +101,7 @@ class CanDecoder:
         self._senders: dict[str, int] = {}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
-        self._nothing = {name: values_of_nothing(signals[name]) for name in self._wanted}
+        self._nothing = {name: {**ones.get(name, {}), **values_of_nothing(signals[name])} for name in self._wanted}
         self.identifiers = tuple(
             tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
             for number in range(len(live_map.can)))
@@ -166,7 +170,8 @@ class CanDecoder:
         if raw in self._nothing[name]:
             raise InvalidInput(f'{name}: {figure(raw)} means {quoted(self._nothing[name][raw])}')
         low, high = self._limits[name]
-        if not low <= number <= high:
+        rounding = 1e-9 * max(abs(low), abs(high))
+        if number < low - rounding or number > high + rounding:
             raise InvalidInput(f'{name}: {figure(number)} is outside the limits of the DBC, {figure(low)} ... '
                                f'{figure(high)}')
 
@@ -175,6 +180,5 @@ def _limits(signal: Any) -> tuple[float, float]:
     low, high = signal.minimum, signal.maximum
     # In a DBC, [0|0] means no limits.
     if low is None or high is None or low >= high:
-        return -1e300, 1e300
-    rounding = 1e-9 * max(abs(low), abs(high))
-    return float(low) - rounding, float(high) + rounding
+        return -math.inf, math.inf
+    return float(low), float(high)

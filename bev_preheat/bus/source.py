@@ -77,7 +77,8 @@ class LiveChannel:
         own: float = source.in_own_unit(number, source.scales[0], self._conversion)
         low, high = source.plausible
         if not low <= own <= high:
-            raise InvalidInput(f'{self.name}: {figure(own)} {own_unit(source.signal)} is implausible; '
+            unit = own_unit(source.signal).replace('1', 'as a share')
+            raise InvalidInput(f'{self.name}: {figure(own)} {unit} is implausible; '
                                f'{figure(low)} ... {figure(high)} is allowed')
         return own
 

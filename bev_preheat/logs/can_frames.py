@@ -90,8 +90,8 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
 # Values that the DBC gives such a name are no readings.
 NO_READING = re.compile(
     r'(?<![a-z])(sna|n\W?a|nan|init\w*|err|nicht ?\w*|(no|keine?) ?(signal|data|value|sensor|daten|wert)\w*)'
-    r'(?![a-z])|not ?(av|def|val|used|supp|ready|conn|init)|invalid|fault|error|fehler|defe[ck]t|fail|unavail|lost|'
-    r'(im|un)plausib|unknown|unbekannt|undefined|ung(ü|ue)ltig|reserved|missing|timeout|circuit|out ?of ?range',
+    r'(?![a-z])|not ?(av|def|val|used|supp|ready|conn|init)|invalid|fault|error|fehler|defe[ck]t|fail|unavail|'
+    r'lost|(im|un)plausib|unknown|unbekannt|undef|ung(ü|ue)ltig|reserved|missing|timeout|circuit|out ?of ?range',
     re.IGNORECASE)
 # Of an identifier of J1939: all but priority and sender; a DBC has this one for any sender.
 J1939_GROUP, ANY_SENDER = 0x03FFFF00, 0xFE

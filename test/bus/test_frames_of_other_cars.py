@@ -306,6 +306,20 @@ def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
         assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
 
 
+def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
+    # 255 is 87.5 degC and, of a full battery, 100 %; 65535 is 1310.7 V; a DBC names its whole range as limits.
+    path = written_map(tmp_path, signals=', voltage_v: BMS.Volts', dbc=NS + """BO_ 256 BMS: 8 CAR
+ SG_ Temp : 0|8@1+ (0.5,-40) [-40|87.5] "degC" GW
+ SG_ Soc : 8|8@1+ (0.392157,0) [0|100.1] "%" GW
+ SG_ Volts : 16|16@1+ (0.02,0) [0|1310.7] "V" GW
+""")
+    source = CanSource(load_live_map(path), lambda: 0.0)
+    source.on_frame(0, 256, False, bytes([255] * 8), 0.0)
+    assert [source.value(name, 0.0) for name in ('battery_temperature_c', 'voltage_v')] == [None, None]
+    assert source.value('soc', 0.0) == pytest.approx(1.0, abs=1e-5)
+    assert source.doubts()['BMS.Volts'] == "BMS.Volts: 65535 means 'no reading: all bits are set'"
+
+
 def test_message_of_j1939_is_that_of_its_first_sender(tmp_path):
     import can
     # 2566869246 is 0x98FF50FE: the group FF50, from any sender (FE).
