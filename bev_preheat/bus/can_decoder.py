@@ -94,6 +94,16 @@ class CanDecoder:
             FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
             for message in messages.values() if message.name in used}
         self.checks = tuple(self._checks.values())
+        held = [(f'live.valid_for_s_of.{signal}', each.name, live_map.valid_for_s[signal])
+                for signal, groups in self.channels.items() for group in groups for each in group]
+        held += [(f'{key}status.valid_for_s', channel, status.valid_for_s)
+                 for key, _, status in live_map.heaters.values()
+                 for channel in (status.power, status.fault) if channel is not None]
+        cycles_s = {check.message.name: check.cycle_time_s for check in self.checks}
+        for key, channel, valid_s in held:
+            if valid_s <= (cycle_s := cycles_s[name := channel.partition('.')[0]]):
+                raise InvalidInput(f'{where}: {key}: {valid_s:g} s is too short for {channel}, which comes every '
+                                   f'{cycle_s:g} s: write more, or live.messages.{name}.cycle_time_s')
         # Messages of J1939 from any sender, and who sent the first frame of each message.
         self._groups = {(bus, identifier & J1939_GROUP): checks
                         for (bus, identifier, is_extended), checks in self._checks.items()

@@ -398,6 +398,12 @@ MISFITS = {
     'mode of another profile': (COMMAND.format(
         'power: Power, checksum: {signal: Plain, e2e_profile: 11, data_id: 1, data_id_mode: low}'), {}, [
         'live.heater_command.checksum: data_id_mode of e2e_profile 11 must be both or nibble']),
+    'battery that expires before the next frame': ('  messages: {BMS: {cycle_time_s: 5}}', {}, [
+        'live.valid_for_s_of.battery_temperature_c: 2 s is too short for BMS.Temp, which comes every 5 s']),
+    'heater that expires before the next frame': (
+        COMMAND.format('power: Power') + '\n  heater_status: {power: HeaterState.Share}\n  messages: '
+        '{HeaterState: {cycle_time_s: 1}}', {'counter: Count': 'counter: Count, full_power_w: 5000'}, [
+            'live.heater_status.valid_for_s: 1 s is too short for HeaterState.Share, which comes every 1 s']),
     'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
