@@ -198,7 +198,9 @@ def signal_of(message: Any, name: str, where: str) -> Any:
                        f'{", ".join(signal.name for signal in message.signals)}')
 
 
-# Counters are recognised by these words in their names, unless the map names one.
+# Counters are recognised by these words in their names, unless the map names one. Faults are counted, too, so a
+# recognised one must have counted so many frames in a row before one that stays is dropped.
+COUNTED_FRAMES = 3
 COUNTER = re.compile(r'(^|_)(alive|alv|live|msg|message|rolling)?_?(counter|cntr|cnt|ctr|bz)$|alivecounter|'
                      r'rollingcounter|messagecounter', re.IGNORECASE)
 # Frames within RATE_WINDOW_S may exceed those of the cycle time by this factor, and by MORE_FRAMES.
@@ -217,7 +219,7 @@ class FrameChecks:
             rule.checksum, message, f'{where}.checksum', self.counter)
         self._largest_step = rule.largest_step
         self._count: int | None = None
-        self._stays = 0
+        self._stays, self._advances = 0, 0 if rule.counter is None else COUNTED_FRAMES
         cycle_s = rule.cycle_time_s if rule.cycle_time_s is not None else (message.cycle_time or 0) / 1000.0
         self.cycle_time_s = cycle_s
         self._most_frames = int(MOST_RATE * RATE_WINDOW_S / cycle_s + MORE_FRAMES) if cycle_s > 0.0 else None
@@ -255,6 +257,11 @@ class FrameChecks:
         count, before = int(values[self.counter.name]), self._count
         self._count = count
         if before is None:
+            return
+        if count != before:
+            self._advances += 1
+        elif self._advances < COUNTED_FRAMES:
+            self._advances = 0
             return
         if count == before:
             self._stays += 1

@@ -306,6 +306,20 @@ def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
         assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
 
 
+def test_count_of_something_else_than_frames_is_no_reason_to_drop_them(tmp_path):
+    path = written_map(tmp_path, dbc=BATTERY.replace(
+        'BO_ 257', ' SG_ BMS_Fault_Cnt : 32|8@1+ (1,0) [0|255] "" GW\nBO_ 257'))
+    source = CanSource(load_live_map(path), lambda: 0.0)
+
+    def temperature_c(raw, count):
+        source.on_frame(0, 256, False, bytes([0, raw, 100, 0, count, 0, 0, 0]), 0.0)
+        return source.value('battery_temperature_c', 0.0)
+
+    # A count of faults stays, and rises once; one of frames is believed once it has counted.
+    assert [temperature_c(at, count) for at, count in enumerate([4, 4, 5, 5, 5, 6, 7, 8, 8, 9])] == pytest.approx(
+        [2.56 * at for at in (0, 1, 2, 3, 4, 5, 6, 7, 7, 9)])
+
+
 def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
     # 255 is 87.5 degC and, of a full battery, 100 %; 65535 is 1310.7 V; a DBC names its whole range as limits.
     path = written_map(tmp_path, signals=', voltage_v: BMS.Volts', dbc=NS + """BO_ 256 BMS: 8 CAR
