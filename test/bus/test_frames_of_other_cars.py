@@ -320,6 +320,22 @@ def test_count_of_something_else_than_frames_is_no_reason_to_drop_them(tmp_path)
         [2.56 * at for at in (0, 1, 2, 3, 4, 5, 6, 7, 7, 9)])
 
 
+@pytest.mark.parametrize('send_type, expected_c', [(0, 7.68), (2, 48.64)])
+def test_message_that_is_also_sent_on_change_may_come_between_its_cycles(tmp_path, send_type, expected_c):
+    path = written_map(tmp_path, dbc=BATTERY + f"""
+BA_DEF_ BO_ "GenMsgSendType" ENUM "cyclic","spontan","cyclicAndSpontan";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
+BA_ "GenMsgSendType" BO_ 256 {send_type};
+BA_ "GenMsgCycleTime" BO_ 256 1000;
+""")
+    now_s = [100.0]
+    source = CanSource(load_live_map(path), lambda: now_s[0])
+    for raw in range(20):
+        now_s[0] += 0.05
+        source.on_frame(0, 256, False, bytes([0, raw, 100, 0, 0, 0, 0, 0]), 0.0)
+    assert source.value('battery_temperature_c', now_s[0]) == pytest.approx(expected_c)
+
+
 def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
     # 255 is 87.5 degC and, of a full battery, 100 %; 65535 is 1310.7 V; a DBC names its whole range as limits.
     path = written_map(tmp_path, signals=', voltage_v: BMS.Volts', dbc=NS + """BO_ 256 BMS: 8 CAR
