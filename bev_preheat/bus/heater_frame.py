@@ -11,6 +11,7 @@ from bev_preheat.bus.frame_checks import Checksum, counts_of, signal_of
 from bev_preheat.bus.live_map import HeaterFrameRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
+from bev_preheat.logs.can_frames import values_of_nothing
 
 USUAL_PERIOD_S = 0.1
 # Shares of full power by the unit of a signal.
@@ -166,7 +167,9 @@ class HeaterFrame:
                                    'and limits no power')
             return limit_w
         power = self._power
-        largest_raw = 2**(power.length - (1 if power.is_signed else 0)) - 1
+        largest_raw, nothing = 2**(power.length - (1 if power.is_signed else 0)) - 1, values_of_nothing(power)
+        while largest_raw in nothing:
+            largest_raw -= 1
         highest = largest_raw * power.scale + power.offset
         if power.maximum is not None and (power.minimum or 0.0) < power.maximum:
             highest = min(highest, float(power.maximum))

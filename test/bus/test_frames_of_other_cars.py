@@ -74,6 +74,12 @@ def test_power_and_share_are_never_above_the_command(tmp_path, command, vehicle_
         assert (data[byte], data[5] & 1) == (raw, raw > 0), power_w
 
 
+def test_command_never_carries_a_value_that_means_none(tmp_path):
+    dbc = BATTERY + HEATER.replace('Plain : 24|8@1+ (50,0) [0|7000] ""', 'Plain : 24|7@1+ (50,0) [0|0] "W"')
+    frame = heater_frame(tmp_path, 'power: Plain', dbc=dbc + 'VAL_ 512 Plain 127 "SNA" 126 "Init";\n')
+    assert (frame.highest_w, frame.next(7000.0)[3]) == (6250.0, 125)
+
+
 COOLANT = 'power: SetPoint, maximum_power_w: 5000, coolant: {follows: HeaterState.Inlet, watts_per_kelvin: 200, ' \
           'range_c: [5, 60]}'
 
