@@ -80,6 +80,13 @@ def test_command_never_carries_a_value_that_means_none(tmp_path):
     assert (frame.highest_w, frame.next(7000.0)[3]) == (6250.0, 125)
 
 
+@pytest.mark.parametrize('cycle_ms, period_s', [(0, 0.1), (2, 0.01), (500, 0.5), (5000, 1.0)])
+def test_command_is_sent_at_the_cycle_of_the_dbc_but_at_least_each_second(tmp_path, cycle_ms, period_s):
+    # Its lease of 2.5 s would be over for up to 5 s before a frame says so.
+    cycle = f'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_ "GenMsgCycleTime" BO_ 512 {cycle_ms};\n'
+    assert heater_frame(tmp_path, 'power: Power', dbc=BATTERY + HEATER + cycle).period_s == period_s
+
+
 COOLANT = 'power: SetPoint, maximum_power_w: 5000, coolant: {follows: HeaterState.Inlet, watts_per_kelvin: 200, ' \
           'range_c: [5, 60]}'
 
