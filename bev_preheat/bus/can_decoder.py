@@ -89,10 +89,15 @@ class CanDecoder:
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
                        None if signal == FOLLOWED else frames[name].full_power_w)
         used = {name.partition('.')[0] for name in (*self._wanted, *self._plain.values())}
-        self._checks = {
-            (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):
-            FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
-            for message in messages.values() if message.name in used}
+        self._checks: dict[tuple[int, int, bool], FrameChecks] = {}
+        for name, message in messages.items():
+            if name in used:
+                first = self._checks.setdefault(
+                    (bus_messages.bus[name], message.frame_id, message.is_extended_frame),
+                    FrameChecks(message, live_map.messages.get(name), f'{where}: live.messages.{name}'))
+                if first.message is not message:
+                    raise InvalidInput(f'{where}: {first.message.name} and {name} have the same identifier, '
+                                       f'{message.frame_id:X}; name signals of one of them')
         self.checks = tuple(self._checks.values())
         held = [(f'live.valid_for_s_of.{signal}', each.name, live_map.valid_for_s[signal])
                 for signal, groups in self.channels.items() for group in groups for each in group]

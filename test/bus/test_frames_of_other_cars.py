@@ -447,6 +447,8 @@ MISFITS = {
         COMMAND.format('power: Power') + '\n  heater_status: {power: HeaterState.Share}\n  messages: '
         '{HeaterState: {cycle_time_s: 1}}', {'counter: Count': 'counter: Count, full_power_w: 5000'}, [
             'live.heater_status.valid_for_s: 1 s is too short for HeaterState.Share, which comes every 1 s']),
+    'two messages of one identifier': ('', {'BMS.Soc': 'Twin.Soc', 'car.dbc': '[car.dbc, twin.dbc]'}, [
+        'BMS and Twin have the same identifier, 100; name signals of one of them']),
     'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
@@ -454,6 +456,7 @@ MISFITS = {
 @pytest.mark.parametrize('live, changes, texts', MISFITS.values(), ids=MISFITS)
 def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, texts):
     path = written_map(tmp_path, live)
+    (tmp_path / 'twin.dbc').write_text(NS + 'BO_ 256 Twin: 8 CAR\n SG_ Soc : 0|8@1+ (0.5,0) [0|100] "%" GW\n')
     text = path.read_text()
     for before, after in changes.items():
         assert before in text
