@@ -82,7 +82,7 @@ class CanDecoder:
         if problems:
             raise InvalidInput(problems)
         self._wanted = by_channel(self.channels)
-        # A share may be full; a temperature, voltage or current of all ones is none.
+        # A full share may have all bits set; other quantities do not.
         ones = {name: {(1 << signals[name].length) - 1: 'no reading: all bits are set'} for name in self._wanted
                 if units[name] not in SHARES and all_bits_set(signals[name])}
         for signal, name, key, channel in wanted_of:
@@ -97,7 +97,7 @@ class CanDecoder:
                     FrameChecks(message, live_map.messages.get(name), f'{where}: live.messages.{name}'))
                 if first.message is not message:
                     raise InvalidInput(f'{where}: {first.message.name} and {name} have the same identifier, '
-                                       f'{message.frame_id:X}; name signals of one of them')
+                                       f'{message.frame_id:X}; use a single message')
         self.checks = tuple(self._checks.values())
         held = [(f'live.valid_for_s_of.{signal}', each.name, live_map.valid_for_s[signal])
                 for signal, groups in self.channels.items() for group in groups for each in group]

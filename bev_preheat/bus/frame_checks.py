@@ -198,8 +198,8 @@ def signal_of(message: Any, name: str, where: str) -> Any:
                        f'{", ".join(signal.name for signal in message.signals)}')
 
 
-# Counters are recognised by these words in their names, unless the map names one. Faults are counted, too, so a
-# recognised one must have counted so many frames in a row before one that stays is dropped.
+# Counters are recognised by these words in their names, unless the map names one. Counts of faults have
+# such names, too: a repeated count drops the frame only after so many frames with new counts in a row.
 COUNTED_FRAMES = 3
 COUNTER = re.compile(r'(^|_)(alive|alv|live|msg|message|rolling)?_?(counter|cntr|cnt|ctr|bz)$|alivecounter|'
                      r'rollingcounter|messagecounter', re.IGNORECASE)

@@ -120,7 +120,7 @@ def _parts_of(path: Path) -> list[Path]:
         if not found:
             others = ', '.join(sorted(each.name for each in path.glob('*.mcap')))
             raise InvalidInput(f'{path}: has no recording of the flight recorder'
-                               f'{others and f"; name one of its files: {others}"}')
+                               f'{others and f"; name a file: {others}"}')
         life = _life(found[-1])
         return [each for each in found if _life(each) == life]
     if not path.is_file():

@@ -328,7 +328,7 @@ def test_count_of_something_else_than_frames_is_no_reason_to_drop_them(tmp_path)
         source.on_frame(0, 256, False, bytes([0, raw, 100, 0, count, 0, 0, 0]), 0.0)
         return source.value('battery_temperature_c', 0.0)
 
-    # A count of faults stays, and rises once; one of frames is believed once it has counted.
+    # A count of faults stays, and rises once; a count of frames rises with each.
     assert [temperature_c(at, count) for at, count in enumerate([4, 4, 5, 5, 5, 6, 7, 8, 8, 9])] == pytest.approx(
         [2.56 * at for at in (0, 1, 2, 3, 4, 5, 6, 7, 7, 9)])
 
@@ -448,7 +448,7 @@ MISFITS = {
         '{HeaterState: {cycle_time_s: 1}}', {'counter: Count': 'counter: Count, full_power_w: 5000'}, [
             'live.heater_status.valid_for_s: 1 s is too short for HeaterState.Share, which comes every 1 s']),
     'two messages of one identifier': ('', {'BMS.Soc': 'Twin.Soc', 'car.dbc': '[car.dbc, twin.dbc]'}, [
-        'BMS and Twin have the same identifier, 100; name signals of one of them']),
+        'BMS and Twin have the same identifier, 100; use a single message']),
     'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
