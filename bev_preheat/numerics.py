@@ -17,7 +17,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from bev_preheat.tunables import TAIL
+from bev_preheat.tunables import MISSING_CELL_C, TAIL, WIDEST_CELL_SPREAD_K
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -34,6 +34,17 @@ def first_true(which: BoolArray) -> int | None:
     """Return the index of the first true element of an array of shape (N,), None without one."""
     at = int(np.argmax(which)) if len(which) else 0
     return at if len(which) and which[at] else None
+
+
+def present_cells(cells_c: FloatArray, battery_c: float = math.nan) -> FloatArray:
+    """Return temperatures (N,) [deg C] with NaN for modules that are not there: a code far from all others."""
+    is_code = np.isin(np.round(cells_c, 3), MISSING_CELL_C)
+    others_c = np.append(cells_c[~is_code], battery_c)
+    others_c = others_c[np.isfinite(others_c)]
+    if len(others_c) == 0 or not is_code.any():
+        return cells_c
+    nearest_k = np.abs(cells_c[:, None] - others_c).min(axis=1)
+    return np.where(is_code & (nearest_k > WIDEST_CELL_SPREAD_K), np.nan, cells_c)
 
 
 # A number of any kind, if the kind is known only at run time. CasADi has no types, so its expressions are of this

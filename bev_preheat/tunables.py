@@ -69,6 +69,7 @@ LOWEST_SHOWN_SOC = 0.01         # 1   | displays stay at 0 while charge flows
 HIGHEST_SHOWN_SOC = 0.99        # 1   | displays stay at 100 % while charge flows
 SIGNAL_DOUBT_SHOWN_S = 30.0     # s   | a doubt about voltage or current is shown after its last reading
 WIDEST_CELL_SPREAD_K = 10.0     # K   | cells of a healthy battery differ by less, heated or not
+MISSING_CELL_C = (0.0, -40.0, -50.0)  # degC | read by modules that are not there: 0, or a byte 0 with its offset
 COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery by more is a failed sensor
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+import math
 from typing import Any
 
 from bev_preheat.bus.frame_checks import FrameChecks
@@ -13,7 +14,7 @@ from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
+from bev_preheat.logs.can_frames import all_bits_set, identifying_bits, J1939_GROUP, load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -81,18 +82,41 @@ class CanDecoder:
         if problems:
             raise InvalidInput(problems)
         self._wanted = by_channel(self.channels)
+        # A full share may have all bits set; other quantities do not.
+        ones = {name: {(1 << signals[name].length) - 1: 'no reading: all bits are set'} for name in self._wanted
+                if units[name] not in SHARES and all_bits_set(signals[name])}
         for signal, name, key, channel in wanted_of:
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
                        None if signal == FOLLOWED else frames[name].full_power_w)
         used = {name.partition('.')[0] for name in (*self._wanted, *self._plain.values())}
-        self._checks = {
-            (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):
-            FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
-            for message in messages.values() if message.name in used}
+        self._checks: dict[tuple[int, int, bool], FrameChecks] = {}
+        for name, message in messages.items():
+            if name in used:
+                first = self._checks.setdefault(
+                    (bus_messages.bus[name], message.frame_id, message.is_extended_frame),
+                    FrameChecks(message, live_map.messages.get(name), f'{where}: live.messages.{name}'))
+                if first.message is not message:
+                    raise InvalidInput(f'{where}: {first.message.name} and {name} have the same identifier, '
+                                       f'{message.frame_id:X}; use a single message')
         self.checks = tuple(self._checks.values())
+        held = [(f'live.valid_for_s_of.{signal}', each.name, live_map.valid_for_s[signal])
+                for signal, groups in self.channels.items() for group in groups for each in group]
+        held += [(f'{key}status.valid_for_s', channel, status.valid_for_s)
+                 for key, _, status in live_map.heaters.values()
+                 for channel in (status.power, status.fault) if channel is not None]
+        cycles_s = {check.message.name: check.cycle_time_s for check in self.checks}
+        for key, channel, valid_s in held:
+            if valid_s <= (cycle_s := cycles_s[name := channel.partition('.')[0]]):
+                raise InvalidInput(f'{where}: {key}: {valid_s:g} s is too short for {channel}, which comes every '
+                                   f'{cycle_s:g} s: write more, or live.messages.{name}.cycle_time_s')
+        # Messages of J1939 from any sender, and who sent the first frame of each message.
+        self._groups = {(bus, identifier & J1939_GROUP): checks
+                        for (bus, identifier, is_extended), checks in self._checks.items()
+                        if identifying_bits(identifier, is_extended) == J1939_GROUP}
+        self._senders: dict[str, int] = {}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
-        self._nothing = {name: values_of_nothing(signals[name]) for name in self._wanted}
+        self._nothing = {name: {**ones.get(name, {}), **values_of_nothing(signals[name])} for name in self._wanted}
         self.identifiers = tuple(
             tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
             for number in range(len(live_map.can)))
@@ -118,10 +142,15 @@ class CanDecoder:
              bus: int = 0) -> None:
         """Record the readings of a frame that came at an instant [s] on a bus, or why it was dropped."""
         checks = self._checks.get((bus, identifier, is_extended))
+        if checks is None and is_extended:
+            checks = self._groups.get((bus, identifier & J1939_GROUP))
         if checks is None:
             return
         name = checks.message.name
         try:
+            if (sender := self._senders.setdefault(name, identifier)) != identifier:
+                raise InvalidInput(f'{name}: a frame from {identifier:X}; those from {sender:X} count: write the '
+                                   'identifier of the sender into the DBC')
             checks.check_data(data, instant_s)
             try:
                 values = checks.message.decode(data, decode_choices=False, scaling=False)
@@ -156,7 +185,8 @@ class CanDecoder:
         if raw in self._nothing[name]:
             raise InvalidInput(f'{name}: {figure(raw)} means {quoted(self._nothing[name][raw])}')
         low, high = self._limits[name]
-        if not low <= number <= high:
+        rounding = 1e-9 * max(abs(low), abs(high))
+        if number < low - rounding or number > high + rounding:
             raise InvalidInput(f'{name}: {figure(number)} is outside the limits of the DBC, {figure(low)} ... '
                                f'{figure(high)}')
 
@@ -165,6 +195,5 @@ def _limits(signal: Any) -> tuple[float, float]:
     low, high = signal.minimum, signal.maximum
     # In a DBC, [0|0] means no limits.
     if low is None or high is None or low >= high:
-        return -1e300, 1e300
-    rounding = 1e-9 * max(abs(low), abs(high))
-    return float(low) - rounding, float(high) + rounding
+        return -math.inf, math.inf
+    return float(low), float(high)

@@ -16,7 +16,7 @@ from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import CanSettings, LiveMap, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, quoted
-from bev_preheat.logs.can_frames import recorded_frames
+from bev_preheat.logs.can_frames import identifying_bits, recorded_frames
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
 
@@ -92,7 +92,7 @@ class CanLink:
             # A recording that cannot be read is a wrong setting; a bus may be connected later.
             ReplayBus(str(settings.channel)).shutdown()
         self._settings, self._receive, self._has_fd = settings, receive, has_fd
-        self._filters = [{'can_id': identifier, 'can_mask': 0x1FFFFFFF if is_extended else 0x7FF,
+        self._filters = [{'can_id': identifier, 'can_mask': identifying_bits(identifier, is_extended),
                           'extended': is_extended} for identifier, is_extended in identifiers]
         self._lock, self._ended = Lock(), Event()
         self._bus: Any = None

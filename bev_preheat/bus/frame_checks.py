@@ -198,9 +198,13 @@ def signal_of(message: Any, name: str, where: str) -> Any:
                        f'{", ".join(signal.name for signal in message.signals)}')
 
 
-# Counters are recognised by these words in their names, unless the map names one.
+# Counters are recognised by these words in their names, unless the map names one. Counts of faults have
+# such names, too: a repeated count drops the frame only after so many frames with new counts in a row.
+COUNTED_FRAMES = 3
 COUNTER = re.compile(r'(^|_)(alive|alv|live|msg|message|rolling)?_?(counter|cntr|cnt|ctr|bz)$|alivecounter|'
                      r'rollingcounter|messagecounter', re.IGNORECASE)
+# Messages of these send types (GenMsgSendType) also come between two cycles.
+ON_CHANGE = re.compile('spontan|change|write|event|trigger', re.IGNORECASE)
 # Frames within RATE_WINDOW_S may exceed those of the cycle time by this factor, and by MORE_FRAMES.
 RATE_WINDOW_S, MOST_RATE, MORE_FRAMES = 1.0, 2.5, 2
 
@@ -217,10 +221,12 @@ class FrameChecks:
             rule.checksum, message, f'{where}.checksum', self.counter)
         self._largest_step = rule.largest_step
         self._count: int | None = None
-        self._stays = 0
+        self._stays, self._advances = 0, 0 if rule.counter is None else COUNTED_FRAMES
         cycle_s = rule.cycle_time_s if rule.cycle_time_s is not None else (message.cycle_time or 0) / 1000.0
         self.cycle_time_s = cycle_s
-        self._most_frames = int(MOST_RATE * RATE_WINDOW_S / cycle_s + MORE_FRAMES) if cycle_s > 0.0 else None
+        is_cyclic = rule.cycle_time_s is not None or not ON_CHANGE.search(message.send_type or '')
+        self._most_frames = int(MOST_RATE * RATE_WINDOW_S / cycle_s + MORE_FRAMES) if (
+            cycle_s > 0.0 and is_cyclic) else None
         self._instants_s: deque[float] = deque(maxlen=(self._most_frames or 0) + 1)
 
     def in_words(self) -> list[str]:
@@ -255,6 +261,11 @@ class FrameChecks:
         count, before = int(values[self.counter.name]), self._count
         self._count = count
         if before is None:
+            return
+        if count != before:
+            self._advances += 1
+        elif self._advances < COUNTED_FRAMES:
+            self._advances = 0
             return
         if count == before:
             self._stays += 1

@@ -11,8 +11,9 @@ from bev_preheat.bus.frame_checks import Checksum, counts_of, signal_of
 from bev_preheat.bus.live_map import HeaterFrameRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
+from bev_preheat.logs.can_frames import values_of_nothing
 
-USUAL_PERIOD_S = 0.1
+USUAL_PERIOD_S, PERIODS_S = 0.1, (0.01, 1.0)
 # Shares of full power by the unit of a signal.
 SHARES = {'percent': 0.01, '1': 1.0}
 TEMPERATURES = ('degC', 'degF', 'kelvin')
@@ -61,7 +62,9 @@ class HeaterFrame:
         self._watts = 1.0 if self._to_celsius else self._watts_of(unit)
         self.highest_w = self._highest_w(vehicle_power_w)
         self._off = self._off_value()
-        self.period_s = rule.period_s or (message.cycle_time or 0) / 1000.0 or USUAL_PERIOD_S
+        # The end of a lease must not wait for a slow cycle.
+        cycle_s = (message.cycle_time or 0) / 1000.0 or USUAL_PERIOD_S
+        self.period_s = rule.period_s or min(max(cycle_s, PERIODS_S[0]), PERIODS_S[1])
         self._count = 0
         self.identifier, self.is_extended = int(message.frame_id), bool(message.is_extended_frame)
         self.is_fd = bool(message.is_fd) or message.length > 8
@@ -166,7 +169,9 @@ class HeaterFrame:
                                    'and limits no power')
             return limit_w
         power = self._power
-        largest_raw = 2**(power.length - (1 if power.is_signed else 0)) - 1
+        largest_raw, nothing = 2**(power.length - (1 if power.is_signed else 0)) - 1, values_of_nothing(power)
+        while largest_raw in nothing:
+            largest_raw -= 1
         highest = largest_raw * power.scale + power.offset
         if power.maximum is not None and (power.minimum or 0.0) < power.maximum:
             highest = min(highest, float(power.maximum))

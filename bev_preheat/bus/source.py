@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 import math
 from threading import Lock
 import time
+
+import numpy as np
 
 from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING, LiveMap
 from bev_preheat.errors import figure, InvalidInput, located
 from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
 from bev_preheat.logs.signal_map import Source
+from bev_preheat.numerics import present_cells
 
 # A stamp this far from the system's clock is another clock's: some adapters count from their own start [s].
 FAR_S = 3600.0
@@ -73,7 +77,8 @@ class LiveChannel:
         own: float = source.in_own_unit(number, source.scales[0], self._conversion)
         low, high = source.plausible
         if not low <= own <= high:
-            raise InvalidInput(f'{self.name}: {figure(own)} {own_unit(source.signal)} is implausible; '
+            unit = own_unit(source.signal).replace('1', 'as a share')
+            raise InvalidInput(f'{self.name}: {figure(own)} {unit} is implausible; '
                                f'{figure(low)} ... {figure(high)} is allowed')
         return own
 
@@ -222,6 +227,12 @@ class View:
             source = self.live_map.sources[signal]
             found = [self._valid(signal, channel.name) for channel in group]
             used = [reading for reading in found if reading is not None]
+            if signal.endswith('_c') and len(used) > 1:
+                present = np.isfinite(present_cells(np.array([reading.value for reading in used])))
+                for reading in itertools.compress(used, ~present):
+                    self.missing[signal] = (f'{signal}: {figure(reading.value)} degC far from the others is a '
+                                            'module that is not there')
+                used = list(itertools.compress(used, present))
             if len(used) == len(found):
                 self.missing.pop(signal, None)
             elif source.at_least:

@@ -11,6 +11,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.unit_hypotheses import JUMP_K, jumps, likely, MOST_JUMPS, OTHER, plausible
+from bev_preheat.tunables import MISSING_CELL_C
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,7 +98,7 @@ MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
 # The largest difference between sensors of a battery [K].
 MOST_SPREAD_K = 15.0
-# Beside a sensor that is this far from 0 [K], no other stays at 0: such a column is of a module that is not there.
+# Beside a sensor that is this far from a code [K], no other stays at it: such a column is of a missing module.
 MOST_BESIDE_ZERO_K = 2.0
 # A value that a logger writes before the first reading, for at most this time [s], is followed by a larger step
 # than a car makes, and does not return as soon.
@@ -149,11 +150,13 @@ class Assembly:
                 {signal: used[signal] for signal in chosen if signal in used})
 
     def _alike(self, signal: str, parts: dict[str, Series]) -> dict[str, Series]:
-        """Return the parts of a temperature without those at 0; the first alone if they differ too much."""
-        for channel in [channel for channel, part in parts.items() if not part.value.any()]:
-            if signal in OTHER and any(np.abs(part.value).max() > MOST_BESIDE_ZERO_K for part in parts.values()):
-                self._remarks.add(f'zero {signal}', f'{self._path}: {channel}: stays at 0, unlike the others of '
-                                  f'its kind, so it is not taken for {signal}', noun='channel')
+        """Return the parts of a temperature without those at a code; the first alone if they differ too much."""
+        for channel, code_c in [(channel, part.value[0]) for channel, part in parts.items()
+                                if part.value[0] in MISSING_CELL_C and not np.ptp(part.value)]:
+            if signal in OTHER and any(np.abs(part.value - code_c).max() > MOST_BESIDE_ZERO_K
+                                       for part in parts.values()):
+                self._remarks.add(f'zero {signal}', f'{self._path}: {channel}: stays at {figure(code_c)}, unlike '
+                                  f'the others of its kind, so it is not taken for {signal}', noun='channel')
                 del parts[channel]
         if signal not in OTHER or len(parts) < 2 or self._decoders[signal, next(iter(parts))].source.combine:
             return parts

@@ -88,13 +88,24 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
 
 
 # Values that the DBC gives such a name are no readings.
-NO_READING = re.compile(r'(^|[^a-z])(sna|n\W?a|nan|init\w*|invalid|fault\w*|error|err|unknown|undefined|'
-                        r'not ?(available|defined|valid|used)|no ?(signal|data|value)\w*|reserved|'
-                        r'fehler|ung(ü|ue)ltig|nicht ?\w*)([^a-z]|$)', re.IGNORECASE)
+NO_READING = re.compile(
+    r'(?<![a-z])(sna|n\W?a|nan|init\w*|err|nicht ?\w*|(no|keine?) ?(signal|data|value|sensor|daten|wert)\w*)'
+    r'(?![a-z])|not ?(av|def|val|used|supp|ready|conn|init)|invalid|fault|error|fehler|defe[ck]t|fail|unavail|'
+    r'lost|(im|un)plausib|unknown|unbekannt|undef|ung(ü|ue)ltig|reserved|missing|timeout|circuit|out ?of ?range',
+    re.IGNORECASE)
 # Of an identifier of J1939: all but priority and sender; a DBC has this one for any sender.
 J1939_GROUP, ANY_SENDER = 0x03FFFF00, 0xFE
 # Identifiers in a message.
 MOST_SHOWN = 5
+
+
+def identifying_bits(identifier: int, is_extended: bool) -> int:
+    """Return the bits of the identifier of a message of a DBC that each of its frames has."""
+    if not is_extended:
+        return 0x7FF
+    return J1939_GROUP if identifier & 0xFF == ANY_SENDER else 0x1FFFFFFF
+
+
 # Fewer bits are counts or states, all values of which are used.
 LEAST_BITS = 8
 
@@ -184,7 +195,7 @@ class CanFrames(RawLog):
         names = {identifier: message for identifier, message in self._messages.items()
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
         groups = {identifier & J1939_GROUP: message for identifier, message in names.items()
-                  if message.is_extended_frame and identifier & 0xFF == ANY_SENDER}
+                  if identifying_bits(identifier, message.is_extended_frame) == J1939_GROUP}
         senders: dict[str, int] = {}
         number, others = 0, set()
         for number, frame in enumerate(self._frames(remarks), start=1):

@@ -13,6 +13,7 @@ from bev_preheat.control.events import BatteryStateArrived, BatteryStateUnreadab
 from bev_preheat.control.inputs import Measurement, SupplyStatus
 from bev_preheat.errors import InvalidInput, range_problem
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
+from bev_preheat.numerics import present_cells
 from bev_preheat.planning.situation import BatteryState
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def measurement_from_message(message: BatteryStateMessage) -> Measurement:
 def read_temperatures(message: BatteryStateMessage, problems: list[str]) -> Temperatures:
     """Return the Temperatures (the cells' mean if `temperature` is NaN); append refusals to `problems`."""
     battery_c, low_c, high_c = float(message.temperature), *CELL_RANGE_C
-    cells_c = np.asarray(message.cell_temperature, dtype=float)
+    cells_c = present_cells(np.asarray(message.cell_temperature, dtype=float), battery_c)
     cells_c = cells_c[np.isfinite(cells_c)]
     if len(cells_c) == 0 or math.isinf(battery_c):
         if not math.isfinite(battery_c):

@@ -103,7 +103,7 @@ class RoutePublisherNode(ProgramNode):
         self.create_subscription(Float64, 'odometer', self._on_odometer, qos_profile_sensor_data)
         self.follow_parameters()
         self.steady_timer(CLOCK_PERIOD_S, self._look)
-        self.watch(('fix', 'odometer', 'route_plan', 'route_progress'), ('route_plan', 'route_progress'),
+        self.watch(('fix', 'odometer'), ('route_plan', 'route_progress'),
                    single=('route_plan', 'route_progress'))
         self._look()
 

@@ -91,13 +91,14 @@ class SetupWatch:
     def _incompatible(self) -> list[str]:
         """Return a sentence for each incompatible endpoint."""
         node, problems = self._node, []
-        for topic in self._subscribes:
-            own = self._own(node.get_subscriptions_info_by_topic(topic))
+        for topic in sorted(self._single):
             publishers = node.get_publishers_info_by_topic(topic)
-            if topic in self._single and len(publishers) > 1:
+            if len(publishers) > 1:
                 names = ', '.join(sorted(map(endpoint_name, publishers)))
                 problems.append(f'{topic} has {len(publishers)} publishers, {names}; it must have one')
-            for other in publishers:
+        for topic in self._subscribes:
+            own = self._own(node.get_subscriptions_info_by_topic(topic))
+            for other in node.get_publishers_info_by_topic(topic):
                 problems.append(_problem(
                     other, f'publishes {topic}', own, partial(
                         qos_check_compatible, other.qos_profile)))

@@ -118,7 +118,9 @@ def _parts_of(path: Path) -> list[Path]:
     if path.is_dir():
         found = recordings_in(path)
         if not found:
-            raise InvalidInput(f'{path}: has no recording of the flight recorder')
+            others = ', '.join(sorted(each.name for each in path.glob('*.mcap')))
+            raise InvalidInput(f'{path}: has no recording of the flight recorder'
+                               f'{others and f"; name a file: {others}"}')
         life = _life(found[-1])
         return [each for each in found if _life(each) == life]
     if not path.is_file():

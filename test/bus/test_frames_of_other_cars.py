@@ -74,6 +74,19 @@ def test_power_and_share_are_never_above_the_command(tmp_path, command, vehicle_
         assert (data[byte], data[5] & 1) == (raw, raw > 0), power_w
 
 
+def test_command_never_carries_a_value_that_means_none(tmp_path):
+    dbc = BATTERY + HEATER.replace('Plain : 24|8@1+ (50,0) [0|7000] ""', 'Plain : 24|7@1+ (50,0) [0|0] "W"')
+    frame = heater_frame(tmp_path, 'power: Plain', dbc=dbc + 'VAL_ 512 Plain 127 "SNA" 126 "Init";\n')
+    assert (frame.highest_w, frame.next(7000.0)[3]) == (6250.0, 125)
+
+
+@pytest.mark.parametrize('cycle_ms, period_s', [(0, 0.1), (2, 0.01), (500, 0.5), (5000, 1.0)])
+def test_command_is_sent_at_the_cycle_of_the_dbc_but_at_least_each_second(tmp_path, cycle_ms, period_s):
+    # Its lease of 2.5 s would be over for up to 5 s before a frame says so.
+    cycle = f'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_ "GenMsgCycleTime" BO_ 512 {cycle_ms};\n'
+    assert heater_frame(tmp_path, 'power: Power', dbc=BATTERY + HEATER + cycle).period_s == period_s
+
+
 COOLANT = 'power: SetPoint, maximum_power_w: 5000, coolant: {follows: HeaterState.Inlet, watts_per_kelvin: 200, ' \
           'range_c: [5, 60]}'
 
@@ -232,6 +245,19 @@ def test_aggregate_holds_while_enough_cells_are_valid(tmp_path, entry, combine, 
             [True] if missing else [])
 
 
+@pytest.mark.parametrize('raw, expected_c', [([60, 61, 62, 63, 64, 65, 0, 0], 12.5), ([60] * 5 + [0] * 3, None)])
+def test_modules_that_are_not_there_are_not_in_the_mean(tmp_path, raw, expected_c):
+    path = written_map(tmp_path)
+    path.write_text(path.read_text().replace('BMS.Temp', "{channels: '/^Cells/', combine: mean, at_least: 6}"))
+    source = CanSource(load_live_map(path), lambda: 100.0)
+    source.on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
+    source.on_frame(0, 257, False, bytes(raw), 0.0)
+    battery, lacking = source.battery(100.5)
+    told = ' '.join(lacking or battery.missing)
+    assert 'battery_temperature_c: -50 degC far from the others is a module that is not there' in told
+    assert (battery and battery.temperature_c) == expected_c
+
+
 def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
     cells = [[20.0 + row + cell if (row, cell) not in ((1, 0), (2, 0), (2, 1)) else '' for cell in range(4)]
              for row in range(4)]
@@ -293,6 +319,70 @@ def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
         assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
 
 
+def test_count_of_something_else_than_frames_is_no_reason_to_drop_them(tmp_path):
+    path = written_map(tmp_path, dbc=BATTERY.replace(
+        'BO_ 257', ' SG_ BMS_Fault_Cnt : 32|8@1+ (1,0) [0|255] "" GW\nBO_ 257'))
+    source = CanSource(load_live_map(path), lambda: 0.0)
+
+    def temperature_c(raw, count):
+        source.on_frame(0, 256, False, bytes([0, raw, 100, 0, count, 0, 0, 0]), 0.0)
+        return source.value('battery_temperature_c', 0.0)
+
+    # A count of faults stays, and rises once; a count of frames rises with each.
+    assert [temperature_c(at, count) for at, count in enumerate([4, 4, 5, 5, 5, 6, 7, 8, 8, 9])] == pytest.approx(
+        [2.56 * at for at in (0, 1, 2, 3, 4, 5, 6, 7, 7, 9)])
+
+
+@pytest.mark.parametrize('send_type, expected_c', [(0, 7.68), (2, 48.64)])
+def test_message_that_is_also_sent_on_change_may_come_between_its_cycles(tmp_path, send_type, expected_c):
+    path = written_map(tmp_path, dbc=BATTERY + f"""
+BA_DEF_ BO_ "GenMsgSendType" ENUM "cyclic","spontan","cyclicAndSpontan";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
+BA_ "GenMsgSendType" BO_ 256 {send_type};
+BA_ "GenMsgCycleTime" BO_ 256 1000;
+""")
+    now_s = [100.0]
+    source = CanSource(load_live_map(path), lambda: now_s[0])
+    for raw in range(20):
+        now_s[0] += 0.05
+        source.on_frame(0, 256, False, bytes([0, raw, 100, 0, 0, 0, 0, 0]), 0.0)
+    assert source.value('battery_temperature_c', now_s[0]) == pytest.approx(expected_c)
+
+
+def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
+    # 255 is 87.5 degC and, of a full battery, 100 %; 65535 is 1310.7 V; a DBC names its whole range as limits.
+    path = written_map(tmp_path, signals=', voltage_v: BMS.Volts', dbc=NS + """BO_ 256 BMS: 8 CAR
+ SG_ Temp : 0|8@1+ (0.5,-40) [-40|87.5] "degC" GW
+ SG_ Soc : 8|8@1+ (0.392157,0) [0|100.1] "%" GW
+ SG_ Volts : 16|16@1+ (0.02,0) [0|1310.7] "V" GW
+""")
+    source = CanSource(load_live_map(path), lambda: 0.0)
+    source.on_frame(0, 256, False, bytes([255] * 8), 0.0)
+    assert [source.value(name, 0.0) for name in ('battery_temperature_c', 'voltage_v')] == [None, None]
+    assert source.value('soc', 0.0) == pytest.approx(1.0, abs=1e-5)
+    assert source.doubts()['BMS.Volts'] == "BMS.Volts: 65535 means 'no reading: all bits are set'"
+
+
+def test_message_of_j1939_is_that_of_its_first_sender(tmp_path):
+    import can
+    # 2566869246 is 0x98FF50FE: the group FF50, from any sender (FE).
+    path = written_map(tmp_path, dbc=BATTERY.replace('BO_ 256', 'BO_ 2566869246'))
+
+    def frame(identifier, raw, is_extended=True):
+        return can.Message(arbitration_id=identifier, is_extended_id=is_extended, data=[0, raw, 100] + [0] * 5)
+
+    with (can.Bus(interface='virtual', channel=tmp_path.name) as bus,
+          closing(CanSource(load_live_map(path), steady_s)) as source):
+        source.start()
+        poll_until(lambda: not source.problem, 'an open bus')
+        # Other groups, and a standard frame with some of the bits, are of no message.
+        for sent in (frame(0x18FF51F3, 1), frame(0x050, 1, False), frame(0x0CFF50F3, 2), frame(0x18FF50F4, 3)):
+            bus.send(sent)
+        poll_until(source.doubts, 'a frame of another sender')
+        assert source.battery(steady_s())[0].temperature_c == pytest.approx(5.12)
+        assert source.doubts()['BMS'].startswith('BMS: a frame from 18FF50F4; those from CFF50F3 count')
+
+
 # --- Messages on maps that do not fit ---
 
 
@@ -351,6 +441,14 @@ MISFITS = {
     'mode of another profile': (COMMAND.format(
         'power: Power, checksum: {signal: Plain, e2e_profile: 11, data_id: 1, data_id_mode: low}'), {}, [
         'live.heater_command.checksum: data_id_mode of e2e_profile 11 must be both or nibble']),
+    'battery that expires before the next frame': ('  messages: {BMS: {cycle_time_s: 5}}', {}, [
+        'live.valid_for_s_of.battery_temperature_c: 2 s is too short for BMS.Temp, which comes every 5 s']),
+    'heater that expires before the next frame': (
+        COMMAND.format('power: Power') + '\n  heater_status: {power: HeaterState.Share}\n  messages: '
+        '{HeaterState: {cycle_time_s: 1}}', {'counter: Count': 'counter: Count, full_power_w: 5000'}, [
+            'live.heater_status.valid_for_s: 1 s is too short for HeaterState.Share, which comes every 1 s']),
+    'two messages of one identifier': ('', {'BMS.Soc': 'Twin.Soc', 'car.dbc': '[car.dbc, twin.dbc]'}, [
+        'BMS and Twin have the same identifier, 100; use a single message']),
     'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
@@ -358,6 +456,7 @@ MISFITS = {
 @pytest.mark.parametrize('live, changes, texts', MISFITS.values(), ids=MISFITS)
 def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, texts):
     path = written_map(tmp_path, live)
+    (tmp_path / 'twin.dbc').write_text(NS + 'BO_ 256 Twin: 8 CAR\n SG_ Soc : 0|8@1+ (0.5,0) [0|100] "%" GW\n')
     text = path.read_text()
     for before, after in changes.items():
         assert before in text

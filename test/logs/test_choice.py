@@ -97,12 +97,15 @@ def test_sensors_that_are_far_apart_are_not_averaged(tmp_path):
     assert any('are not alike; the first counts' in remark for remark in recording.remarks)
 
 
-def test_sensors_that_a_car_lacks_and_that_read_0_are_not_averaged(tmp_path):
+@pytest.mark.parametrize('code_c', [0, -40])
+def test_sensors_that_a_car_lacks_and_that_read_a_code_are_not_averaged(tmp_path, code_c):
     path = write(tmp_path / 'a.csv', 'time_s,Module 1 batt temp,Module 2 batt temp,Module 3 batt temp',
-                 [(at, 0, 6, 8 + at / 30) for at in range(30)])
-    recording = read_recording(path)
+                 [(at, code_c, 6, 8 + at / 30) for at in range(30)])
+    (tmp_path / 'own.yaml').write_text("signals: {battery_temperature_c: {channels: '/^M/', combine: mean}}\n")
+    recording = read_recording(path, tmp_path / 'own.yaml')
     np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, 7 + np.arange(30) / 60)
-    assert any('Module 1 batt temp: stays at 0, unlike the others' in remark for remark in recording.remarks)
+    told = f'Module 1 batt temp: stays at {code_c}, unlike the others'
+    assert any(told in remark for remark in recording.remarks)
     # Nor one alone, before others in alphabet and length; near 0 a sensor may stay there.
     path = write(tmp_path / 'a.csv', 'time_s,batt temp,Module 2 batt temp', [(at, 0, 6) for at in range(30)])
     assert set(read_recording(path).signals['battery_temperature_c'].value) == {6.0}

@@ -2,11 +2,13 @@
 """CAN frames as tools print them, a line each, and DBC files with parts missing."""
 
 import base64
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.can_frames import values_of_nothing
 from bev_preheat.logs.reading import read_recording
 
 DBC = """VERSION ""
@@ -101,6 +103,15 @@ def test_frames_of_j1939_are_those_of_the_first_sender(tmp_path):
     path.with_suffix('.dbc').write_text(J1939.replace('2365542654', '2365542645'))
     with pytest.raises(InvalidInput, match=r'none of its 40 .*DBC \(CFF50F5\); they have 18FF50F3, 18FF50F4'):
         read_recording(path)
+
+
+@pytest.mark.parametrize('words, mean_nothing', [
+    ('SNA DataNotAvailable SignalInvalid Fehlerwert ungueltiger_Wert Implausible Unavailable SensorDefect '
+     'keine_Daten Not_Supported Open_Circuit Sensor_Failure Lost_Communication Timeout', True),
+    ('Off Normal Full Charging Finite not_charging Warm', False)])
+def test_names_of_values_say_whether_there_is_a_reading(words, mean_nothing):
+    choices = dict(enumerate(words.split()))
+    assert values_of_nothing(SimpleNamespace(choices=choices)) == (choices if mean_nothing else {})
 
 
 @pytest.mark.needs('can', 'cantools')

@@ -66,6 +66,17 @@ def test_a_code_for_a_missing_sensor_is_no_cell(code_c, shown):
     assert (measurement.state.temperature_c, measurement.coldest_cell_c) == (-5.0, None)
 
 
+@pytest.mark.parametrize('battery_c, cells_c, expected', [
+    # A byte 0 with an offset of 40 or 50 K, or a plain 0, in place of modules that are not there.
+    (nan, [20.0, -40.0, 22.0, 0.0, -50.0], (21.0, 20.0)), (nan, [12.0, 0.0, 0.0, 0.0], (12.0, 12.0)),
+    (21.0, [-40.0, -40.0], (21.0, None)),
+    # Real ones: near to others, or other values.
+    (nan, [8.0, 0.0], (4.0, 0.0)), (nan, [-40.0, -36.0], (-38.0, -40.0)), (21.0, [0.5, 20.0], (21.0, 0.5))])
+def test_codes_of_missing_modules_are_no_cells(battery_c, cells_c, expected):
+    measurement = measurement_from_message(battery_message(temperature=battery_c, cell_temperature=cells_c))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c) == expected
+
+
 @pytest.mark.parametrize('warmest_c, warning', [
     (12.0, ''),
     (12.5, 'cell_temperature: the cells differ by 10.5 K, the coldest is at 2.0 degC; at most 10 K are '

@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.messages.fields import time_message
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -60,6 +60,9 @@ MISFITS = {
          '/tester publishes /route_plan as sensor_msgs/msg/Temperature'),
         (lambda bench: bench.publisher(PreheatPlan, 'preheat_plan'),
          '/tester publishes /preheat_plan with an incompatible quality of service: ')]),
+    'second heater': ('heater_controller', [
+        (lambda bench: bench.publisher(HvchStatus, 'hvch_status'),
+         '/hvch_status has 2 publishers, /heater_controller, /tester; it must have one')]),
 }
 
 

@@ -152,3 +152,9 @@ def test_a_cut_bag_is_read_or_one_line(recorded, tmp_path, replayed, share):
         assert len(result.splitlines()) == 1 and str(bag) in result
     else:
         assert any('ends in the middle' in remark for remark in result['remarks'])
+
+
+def test_a_folder_of_recordings_with_other_names_says_which_to_name(tmp_path, refused):
+    # As of preheat scenario --record.
+    (tmp_path / 'nominal.mcap').touch()
+    assert 'name a file: nominal.mcap' in refused('replay', tmp_path)
