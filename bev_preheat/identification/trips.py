@@ -116,8 +116,9 @@ class Trip:
 
     @cached_property
     def stands(self) -> bool:
-        """Whether hardly any power flows: a night at stand."""
-        return bool(np.mean(np.abs(self.power_w + self.heater_w) < IDLE_W) > SHARE_OF_STAND)
+        """Whether hardly any power flows, beside that of a heater which battery or charger feeds."""
+        least_w = np.minimum(np.abs(self.power_w), np.abs(self.power_w + self.heater_w))
+        return bool(np.mean(least_w < IDLE_W) > SHARE_OF_STAND)
 
     @cached_property
     def charges(self) -> bool:
