@@ -56,7 +56,7 @@ def add_parser(subparsers: Subparsers) -> None:
         '--charger-power and --departure-soc'))
     several.add_argument('--end-soc', type=float, metavar='0..1',
                          help='with --chargers: state of charge at the end of the route')
-    several.add_argument('--only', nargs='+', metavar='CHARGER',
+    several.add_argument('--only', action='extend', nargs='+', metavar='CHARGER',
                          help='with --chargers: compare only these, by name')
     within = option_group(parser, 'a range of targets')
     within.add_argument('--target-range', nargs=2, type=float, metavar='degC',
