@@ -54,8 +54,8 @@ def test_json_has_standard_output_for_itself(quick_scenario, said, arguments):
     (['vehicle', 'new', '--chemistry', 'nmc', '--charging-power-kw', '50', '--usable-energy-kwh', '40',
       '--nominal-voltage-v', '350', '--output', 'v.yaml', '--charging-curve-temperature-c', '30',
       '--charging-curve', 'no.csv', '--charging-curve', 'curve.csv'], 'no.csv'),
-    (['worth', *SITUATION, '--chargers', 'reference', '--end-soc', '0.3', '--only', 'nobody', '--only',
-      'mall'], 'nobody'),
+    (['worth', *SITUATION, '--route', 'reference', '--chargers', 'reference', '--end-soc', '0.3',
+      '--only', 'nobody', '--only', 'mall'], 'nobody'),
     (['robustness', '--trips', '1', '--route', 'no.csv', '--route', 'reference'], 'no.csv')],
     ids=lambda arguments: arguments[0] if isinstance(arguments, list) else '')
 def test_a_list_given_in_parts_is_whole(refused, arguments, named):
