@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 import math
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from bev_preheat.charging.stop import Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, located
-from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml, load_schema, problems_by
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
@@ -126,9 +129,32 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         files=(path, vehicle_file(vehicle_name), *(each.file for each in reader.routes)),
         warnings=tuple(dict.fromkeys(each.warning for each in reader.routes if each.warning)))
     check_situation(scenario.vehicle, scenario.first.route, state)
-    for fault in scenario.imperfections.heater_faults:
-        scenario.vehicle.most_w(fault.source)
+    _check_sources(scenario.vehicle, scenario.imperfections)
     return scenario
+
+
+def check_imperfections(vehicle: Vehicle, imperfections: Imperfections) -> None:
+    """Raise InvalidInput, with field, value and range, if a scenario file may not have these deviations."""
+    given = {name: _given(getattr(imperfections, name)) for name in ('mismatch', 'sensors', 'heater_faults')}
+    problems = problems_by({**load_schema(SCHEMA), 'required': []}, given)
+    if problems:
+        raise InvalidInput(problems)
+    _check_sources(vehicle, imperfections)
+
+
+def _given(value: Any) -> FileData:
+    """Return a value of a program in the form of a file, without what is as by default."""
+    if is_dataclass(value):
+        return {each.name: _given(own) for each in fields(value)
+                if (own := getattr(value, each.name)) is not None and own != each.default}
+    if isinstance(value, tuple | list):
+        return list(map(_given, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _check_sources(vehicle: Vehicle, imperfections: Imperfections) -> None:
+    for fault in imperfections.heater_faults:
+        vehicle.most_w(fault.source)
 
 
 class _PhaseReader:
