@@ -102,6 +102,7 @@ def load_scenario(name_or_file: str | Path) -> Scenario:
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
     with located(path):
+        _refuse_falling(contents)
         return _scenario(path, contents)
 
 
@@ -139,7 +140,23 @@ def check_imperfections(vehicle: Vehicle, imperfections: Imperfections) -> None:
     problems = problems_by({**load_schema(SCHEMA), 'required': []}, given)
     if problems:
         raise InvalidInput(problems)
+    _refuse_falling(given)
     _check_sources(vehicle, imperfections)
+
+
+def _refuse_falling(node: FileData, where: str = '') -> None:
+    """Raise InvalidInput for spans, and expected errors, whose end is before their begin."""
+    is_error = where.endswith('arrival_error_k')
+    begin, end = (node if is_error else (node['from_s'], node['until_s'])
+                  if isinstance(node, dict) and {'from_s', 'until_s'} <= node.keys() else (0.0, 1.0))
+    if not (begin <= end if is_error else begin < end):
+        raise InvalidInput(f'{where}: [{begin:g}, {end:g}] must rise')
+    if isinstance(node, dict):
+        for key, item in node.items():
+            _refuse_falling(item, f'{where}.{key}'.lstrip('.'))
+    elif isinstance(node, list):
+        for at, item in enumerate(node):
+            _refuse_falling(item, f'{where}[{at}]')
 
 
 def _given(value: Any) -> FileData:

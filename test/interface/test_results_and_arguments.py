@@ -132,6 +132,8 @@ def test_functions_are_compared(vehicle, route):
      'sensors.period_s: 0'),
     (lambda vehicle, route: bp.drive(vehicle, route, STATE, heater_faults=[bp.HeaterFault(0.0, share=2.0)]),
      r'heater_faults\[0\].share: 2'),
+    (lambda vehicle, route: bp.drive(vehicle, route, STATE, heater_faults=[bp.HeaterFault(9.0, 5.0)]),
+     r'heater_faults\[0\]: \[9, 5\] must rise'),
     (lambda vehicle, route: bp.drive(vehicle, route, STATE, heater_faults=[bp.HeaterFault(0.0, source='pump')]),
      'pump'),
     (lambda vehicle, route: bp.load_recording('log.csv', repair='yes'), 'repair: must be True or False'),
