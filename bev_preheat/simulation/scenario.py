@@ -160,7 +160,7 @@ def _refuse_falling(node: FileData, where: str = '') -> None:
 
 
 def _given(value: Any) -> FileData:
-    """Return a value of a program in the form of a file, without what is as by default."""
+    """Return a value of a program in the form of a file, without its defaults."""
     if is_dataclass(value):
         return {each.name: _given(own) for each in fields(value)
                 if (own := getattr(value, each.name)) is not None and own != each.default}

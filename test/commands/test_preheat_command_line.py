@@ -55,7 +55,7 @@ def test_json_has_standard_output_for_itself(quick_scenario, said, arguments):
       '--nominal-voltage-v', '350', '--output', 'v.yaml', '--charging-curve-temperature-c', '30',
       '--charging-curve', 'no.csv', '--charging-curve', 'curve.csv'], 'no.csv'),
     (['worth', *SITUATION, '--route', 'reference', '--chargers', 'reference', '--end-soc', '0.3',
-      '--only', 'nobody', '--only', 'mall'], 'nobody'),
+      '--only', 'kiosk', '--only', 'mall'], 'kiosk'),
     (['robustness', '--trips', '1', '--route', 'no.csv', '--route', 'reference'], 'no.csv')],
     ids=lambda arguments: arguments[0] if isinstance(arguments, list) else '')
 def test_a_list_given_in_parts_is_whole(refused, arguments, named):
