@@ -172,8 +172,10 @@ class ChargerHeating:
                 if math.isfinite(cost) and cost <= chosen[3] * (1.0 + LEAST_SAVING_SHARE):
                     chosen = decision, limit, session, cost
         if math.isinf(chosen[3]):
-            session = others[HeatingDecision.ALWAYS]
-            chosen = HeatingDecision.ALWAYS, ALWAYS, session, chosen[3]
+            # The session with the most charge says why none ends: heat may take the little power there is.
+            decision, session = max(others.items(), key=lambda item: float(item[1].soc[-1]))
+            limit = ALWAYS if decision is HeatingDecision.ALWAYS else NEVER
+            chosen = decision, limit, session, chosen[3]
         never, always = (math.nan if decision not in others else self.cost(others[decision])
                          for decision in (HeatingDecision.NEVER, HeatingDecision.ALWAYS))
         unheated = others.get(HeatingDecision.NEVER)

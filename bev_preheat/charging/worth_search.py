@@ -319,13 +319,22 @@ class WorthSearch:
 
     def verdict(self, item: TargetWorth) -> str:
         """Return the sentence for the driver on an evaluated TargetWorth, also on a battery that gets too warm."""
-        sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem,
-                              self.way)
+        sentence = self._why_unheated() or verdict_on(
+            item, self.without, self.break_even_per_h(), self._prices, self._problem, self.way)
         if self._expectation is not None:
             sentence = verdict_in_doubt(
                 sentence, self._expectation.prospect, self.pays_from_probability(), self.way)
         warm = self._too_warm(item)
         return f'{sentence} {warm}' if warm else sentence
+
+    def _why_unheated(self) -> str:
+        """Return the sentence on why no target is heated for although the battery can be charged; '' if one is."""
+        warmer = [target_c for target_c in self._found if target_c > self.without.target_c]
+        if not warmer or math.isinf(self.without.charging_time_s) or any(
+                item.hvch_electric_wh != self.without.hvch_electric_wh for item in self._found.values()):
+            return ''
+        plan = self._plan_to(self._usual_c if self._usual_c in warmer else max(warmer))
+        return f'No heating before arrival: {plan.explanation}'
 
     def _too_warm(self, item: TargetWorth) -> str:
         """Return the sentence on heat that lowers the charging power, '' without any."""

@@ -49,7 +49,7 @@ def add_parser(subparsers: Subparsers) -> None:
     add_drive_arguments(parser, group, needs_state=False, ambient_help=(
         'no drive: ambient temperature at the charger [degC]; after a drive that of its last segment, or of all '
         'segments if the file of the route has none'))
-    group.add_argument('--arrival-temperature', type=float, nargs='+', metavar='DEGC',
+    group.add_argument('--arrival-temperature', type=float, action='extend', nargs='+', metavar='DEGC',
                        help='no drive: one or two battery temperatures on arrival [degC]')
     more = option_group(parser, 'an arrival without a drive')
     more.add_argument('--arrival-soc', type=float, metavar='0..1', help='no drive: state of charge on arrival')

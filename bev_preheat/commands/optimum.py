@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.program import FAILED, say
-from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
 from bev_preheat.commands.terminal import progress_console
 from bev_preheat.optional_packages import require
+from bev_preheat.planning.planner import DEFAULT_METHOD
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -54,6 +55,9 @@ def run(arguments: Namespace) -> int:
 def solved(situation: PlanningArguments, arguments: Namespace) -> Optimum | None:
     """Return the Optimum; say why, and return None, if the solver failed."""
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
+    if situation.inputs[0].heating_gates.looks_at_battery:
+        warn(f"heating_gates: the optimum, makers' rules and all methods but {DEFAULT_METHOD} heat regardless of "
+             'minimum_soc and maximum_temperature_c')
     try:
         with progress_console().status('solving …'):
             return solve_optimum(*situation.inputs, not arguments.no_power_limits)

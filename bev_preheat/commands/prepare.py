@@ -29,6 +29,8 @@ from bev_preheat.drawing.drive_figure import make_week_figure
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.numerics import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
+from bev_preheat.planning.explanation import OF_GOAL as WORDS_OF_GOAL
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -44,6 +46,8 @@ NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 LONGEST_MIN = 24 * 60.0
 # A closed terminal ends the command like Ctrl-C.
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# The table counts no time until the departure, as a goal does.
+OF_DEPARTURE = WORDS_OF_GOAL._replace(arrival='the battery leaves at {temperature} degC')
 # Options that only this part of the subcommand reads.
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
 # Options of a goal for a running planner.
@@ -231,6 +235,9 @@ def run_week(arguments: Namespace) -> int:
         console, title, ('departure', 'energy from', 'battery [degC]', 'heating', 'heater [kWh]', f'cost{unit}',
                          f'latest{unit}'), [_row(one, departures.zone) for one in prepared],
         ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
+    missed = {one.occurrence.departure.name: one.plan for one in reversed(prepared)
+              if one.plan.shortfall_k > SHORTFALL_TOLERANCE_K}
+    console.say(*(f'{name}: {plan.sentence(plan, words=OF_DEPARTURE)}' for name, plan in sorted(missed.items())))
     without = sum(one.occurrence.departure.is_plugged_in and one.cost is None for one in prepared)
     if prices is not None and without:
         console.say(f'note: {arguments.prices}: has no prices for {without} of {len(prepared)} preparations')

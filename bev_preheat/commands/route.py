@@ -52,7 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help='description of a trip: a name in config/routes/legs or a YAML file'))
     source.add_argument('--from', dest='source', metavar='FILE',
                         help='file with a route, of any format; recognised by its content')
-    source.add_argument('--log', nargs='+', metavar='FILE',
+    source.add_argument('--log', action='extend', nargs='+', metavar='FILE',
                         help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
@@ -65,7 +65,7 @@ def add_parser(subparsers: Subparsers) -> None:
     of_logs.add_argument('--step', type=float, metavar='SECONDS',
                          help=f'duration of a segment (default {DEFAULT_STEP_S:g})')
     option_group(parser, LESS_COMMON).add_argument(
-        '--averages', type=float, nargs='+', metavar='SECONDS',
+        '--averages', type=float, action='extend', nargs='+', metavar='SECONDS',
         help='of a drive cycle: compare its energy with that of mean speeds over these durations')
     parser.set_defaults(run=run)
 

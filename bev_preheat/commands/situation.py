@@ -233,7 +233,7 @@ def add_method_argument(parser: ArgumentParser) -> None:
 def add_methods_argument(parser: ArgumentParser, default: str) -> None:
     """Add `--methods`, None by default; `default` is the help's word for None."""
     names = MethodNames()
-    parser.add_argument('--methods', nargs='+', choices=names, type=names.checked, metavar='NAME',
+    parser.add_argument('--methods', action='extend', nargs='+', choices=names, type=names.checked, metavar='NAME',
                         help=f'planning methods, of %(choices)s (default: {default})')
 
 

@@ -107,11 +107,12 @@ def _add_new(actions: Subparsers) -> None:
     parser.add_argument('--name', help="name of the car (default: the file's)")
     parser.add_argument('--force', action='store_true', help='replace an existing file')
     curve = groups['published charging']
-    curve.add_argument('--charging-curve', metavar='FILE', nargs='+',
+    curve.add_argument('--charging-curve', metavar='FILE', action='extend', nargs='+',
                        help='published power over the state of charge, at one or more battery temperatures (CSV: '
                             f'{",".join(HEADER)}), and the most power over the battery temperature (CSV: '
                             f'{",".join(LIMIT_HEADER)}); one or both')
-    curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC', nargs='+', default=[],
+    curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC', action='extend', nargs='+',
+                       default=[],
                        help='battery temperature of each curve over the state of charge [degC], in their '
                             'order; magazines mostly measure with a battery of 25 ... 35 degC')
     option_group(parser, LESS_COMMON).add_argument(

@@ -56,7 +56,7 @@ def add_parser(subparsers: Subparsers) -> None:
         '--charger-power and --departure-soc'))
     several.add_argument('--end-soc', type=float, metavar='0..1',
                          help='with --chargers: state of charge at the end of the route')
-    several.add_argument('--only', nargs='+', metavar='CHARGER',
+    several.add_argument('--only', action='extend', nargs='+', metavar='CHARGER',
                          help='with --chargers: compare only these, by name')
     within = option_group(parser, 'a range of targets')
     within.add_argument('--target-range', nargs=2, type=float, metavar='degC',
@@ -225,9 +225,11 @@ def run_range(arguments: Namespace) -> int:
     title = f'{situation.title}, {low_c:g} ... {high_c:g} degC on arrival'
     _print_targets(console, title, [(item, 'best' if item is best else '') for item in sorted(
         found, key=lambda item: item.target_c) if item is best or item.target_c % 1.0 == 0.0])
+    told = (f'Best target: {best.target_c:.2f} degC' if best.target_c <= high_c else
+            f'Unheated, the battery arrives above the range: at {best.target_c:.2f} degC')
     console.say('No target within the range is reached with the reserve of charge and charged to the end.'
                 if math.isinf(best.cost) else
-                f'Best target: {best.target_c:.2f} degC, {duration_text(best.charging_time_s)} at the charger, '
+                f'{told}, {duration_text(best.charging_time_s)} at the charger, '
                 f'{best.hvch_electric_wh:.0f} Wh for heat.',
                 outside_in_words(vehicle, {'with the best target': best.ageing_outside_share}))
     return 0

@@ -151,9 +151,9 @@ class Check:
 
     @property
     def heated_minutes(self) -> dict[str, tuple[float, float]]:
-        """Minutes in which batteries heated at stand got that warm: measured and predicted, by trip."""
+        """Minutes in which batteries heated at stand to the end got that warm: measured and predicted, by trip."""
         return {check.trip.name: ((len(check.trip) - 1) / S_PER_MIN, _reached_s(check) / S_PER_MIN)
-                for check in self.trips if check.trip.kind == 'heated at stand'
+                for check in self.trips if check.trip.kind == 'heated at stand' and check.trip.heater_w[-2:].any()
                 and check.prediction.reading_c[-1] > check.trip.start_c}
 
     @property

@@ -116,8 +116,9 @@ class Trip:
 
     @cached_property
     def stands(self) -> bool:
-        """Whether hardly any power flows: a night at stand."""
-        return bool(np.mean(np.abs(self.power_w + self.heater_w) < IDLE_W) > SHARE_OF_STAND)
+        """Whether hardly any power flows, beside that of a heater which battery or charger feeds."""
+        least_w = np.minimum(np.abs(self.power_w), np.abs(self.power_w + self.heater_w))
+        return bool(np.mean(least_w < IDLE_W) > SHARE_OF_STAND)
 
     @cached_property
     def charges(self) -> bool:
@@ -204,7 +205,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         remarks.append('no speed: leakage with speed cannot be identified')
     heater_w = held('battery_heater_w') if 'battery_heater_w' in signals else np.zeros_like(grid_s)
     cabin_w, auxiliary_w = (np.zeros_like(grid_s), np.zeros_like(grid_s)) if at_stand else _others(
-        signals, held, grid_s, vehicle, remarks)
+        signals, held, heater_w, vehicle, remarks)
     idle_w = _product(signals, of_power, grid_s) - heater_w
     propulsion_w = signals['propulsion_power_w'].at(grid_s) if 'propulsion_power_w' in signals else (
         idle_w - cabin_w - auxiliary_w)
@@ -292,23 +293,27 @@ def _period_s(time_s: FloatArray) -> float:
     return float(np.clip(np.median(np.diff(time_s)), low_s, high_s)) if len(time_s) > 1 else high_s
 
 
-def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], grid_s: FloatArray, vehicle: Vehicle,
-            remarks: list[str]) -> tuple[FloatArray, FloatArray]:
-    """Return the power of cabin heating and auxiliaries [W]; the vehicle's defaults where the log has none."""
+def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], battery_w: FloatArray,
+            vehicle: Vehicle, remarks: list[str]) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the power of cabin heating and auxiliaries (N,) [W]; the vehicle's defaults where the log has none.
+
+    `battery_w` (N,) is the share of `heater_w` that heats the battery.
+    """
     values = []
     for key, default_w in (('cabin_heater_w', vehicle.defaults.cabin_heating_power_w),
                            ('auxiliary_w', vehicle.defaults.auxiliary_power_w)):
         if key in signals:
             values.append(held(key))
         elif key == 'cabin_heater_w' and 'heater_w' in signals:
-            values.append(held('heater_w'))
-            if values[-1].any():
+            values.append(np.maximum(held('heater_w') - battery_w, 0.0))
+            if 'battery_heater_w' not in signals and values[-1].any():
                 remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
         elif key == 'auxiliary_w' and 'aircon_w' in signals:
             values.append(default_w + held('aircon_w'))
         else:
             remarks.append(f"no {key}: the vehicle file's {default_w:g} W are used")
-            values.append(np.full_like(grid_s, default_w))
+            values.append(np.full_like(battery_w, default_w))
     return values[0], values[1]
 
 

@@ -180,7 +180,8 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
 
     The planner knows `vehicle` and `route`; the true car and drive differ from them by a Mismatch and by
     `heater_faults`, and are seen through Sensors (None: as described, and perfect). Without `estimation` it plans
-    from measured values; `method` is as in `plan`. The same arguments give the same drive. Raises InvalidInput.
+    from measured values; `method` is as in `plan`. The same arguments give the same drive. Raises InvalidInput,
+    also for deviations beyond the ranges of a scenario file.
     """
     method = _named(method)
     import numpy as np
@@ -189,12 +190,15 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
     from bev_preheat.simulation.phases import DrivePhase
+    from bev_preheat.simulation.scenario import check_imperfections
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.simulation.supervised_drive import moments
     goal = goal_of(vehicle, goal)
-    car = ImperfectCar(vehicle, DrivePhase(route, goal), state, Imperfections(
+    imperfections = Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
-        heater_faults=tuple(heater_faults)), seed)
+        heater_faults=tuple(heater_faults))
+    check_imperfections(vehicle, imperfections)
+    car = ImperfectCar(vehicle, DrivePhase(route, goal), state, imperfections, seed)
     supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))
     plant, latest_c, command_w, rows = car.plant, math.nan, 0.0, []
     for moment in moments(car, supervisor, lambda: plant.is_standing):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.limits import drive_as_planned, schedule_within_gates
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -50,10 +50,11 @@ MAKER_RULES = {
 
 
 def plan_by_rule(name: str, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
-    """Return the Plan of a rule of MAKER_RULES, as executed within the limits; raises InvalidInput."""
+    """Return the Plan of a rule of MAKER_RULES, as executed within limits and gates; raises InvalidInput."""
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route)
     wanted_w = maximum_between(trip, MAKER_RULES[name].start_s(route), route.total_duration_s)
-    schedule = drive_as_planned(trip, state, wanted_w, below_c=goal.target_temperature_c)
+    schedule = schedule_within_gates(trip, state, lambda gated: drive_as_planned(
+        gated, state, np.minimum(wanted_w, gated.heater_limit_w), below_c=goal.target_temperature_c), {})
     return finish_plan(trip, goal, schedule, name, started)

@@ -339,7 +339,10 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     most_c = goal.maximum_arrival_temperature_c if goal.charging_planned else math.inf
     shortfall_k = max(0.0, target_c - arrival_c, arrival_c - most_c)
     soc_shortfall = max(0.0, reserve - arrival_soc)
-    cabin_leaves_power = (trip.route.cabin_heating_power_w < trip.vehicle.hvch.maximum_power_w).any()
+    most_w = trip.vehicle.hvch.maximum_power_w
+    unheated_because = (
+        NOT_POSSIBLE if note or sources_w or most_w == 0.0 else
+        TOO_LATE if (trip.route.cabin_heating_power_w < most_w).any() else NO_POWER)
     cooled = np.flatnonzero(schedule.heater_power_w < -HEATED_W)
     cooling_start_s = float(trip.time_s[cooled[0]]) if len(cooled) else None
     return Plan(
@@ -359,7 +362,7 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         held_back=schedule.held_back,
         heat=schedule.heat,
         note=note,
-        unheated_because=NOT_POSSIBLE if note or sources_w else TOO_LATE if cabin_leaves_power else NO_POWER,
+        unheated_because=unheated_because,
         source_power_w=sources_w,
         maximum_arrival_temperature_c=most_c,
         cooling_start_s=cooling_start_s,

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 import math
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from bev_preheat.charging.stop import Charger, ChargingProspect, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, located
-from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.checked_yaml import FileData, load_checked_yaml, load_schema, problems_by
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
@@ -99,6 +102,7 @@ def load_scenario(name_or_file: str | Path) -> Scenario:
     path = find_configuration('scenarios', name_or_file, '.yaml')
     contents = load_checked_yaml(path, SCHEMA)
     with located(path):
+        _refuse_falling(contents)
         return _scenario(path, contents)
 
 
@@ -126,9 +130,48 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         files=(path, vehicle_file(vehicle_name), *(each.file for each in reader.routes)),
         warnings=tuple(dict.fromkeys(each.warning for each in reader.routes if each.warning)))
     check_situation(scenario.vehicle, scenario.first.route, state)
-    for fault in scenario.imperfections.heater_faults:
-        scenario.vehicle.most_w(fault.source)
+    _check_sources(scenario.vehicle, scenario.imperfections)
     return scenario
+
+
+def check_imperfections(vehicle: Vehicle, imperfections: Imperfections) -> None:
+    """Raise InvalidInput, with field, value and range, if a scenario file may not have these deviations."""
+    given = {name: _given(getattr(imperfections, name)) for name in ('mismatch', 'sensors', 'heater_faults')}
+    problems = problems_by({**load_schema(SCHEMA), 'required': []}, given)
+    if problems:
+        raise InvalidInput(problems)
+    _refuse_falling(given)
+    _check_sources(vehicle, imperfections)
+
+
+def _refuse_falling(node: FileData, where: str = '') -> None:
+    """Raise InvalidInput for spans, and expected errors, whose end is before their begin."""
+    is_error = where.endswith('arrival_error_k')
+    begin, end = (node if is_error else (node['from_s'], node['until_s'])
+                  if isinstance(node, dict) and {'from_s', 'until_s'} <= node.keys() else (0.0, 1.0))
+    if not (begin <= end if is_error else begin < end):
+        raise InvalidInput(f'{where}: [{begin:g}, {end:g}] must rise')
+    if isinstance(node, dict):
+        for key, item in node.items():
+            _refuse_falling(item, f'{where}.{key}'.lstrip('.'))
+    elif isinstance(node, list):
+        for at, item in enumerate(node):
+            _refuse_falling(item, f'{where}[{at}]')
+
+
+def _given(value: Any) -> FileData:
+    """Return a value of a program in the form of a file, without its defaults."""
+    if is_dataclass(value):
+        return {each.name: _given(own) for each in fields(value)
+                if (own := getattr(value, each.name)) is not None and own != each.default}
+    if isinstance(value, tuple | list):
+        return list(map(_given, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _check_sources(vehicle: Vehicle, imperfections: Imperfections) -> None:
+    for fault in imperfections.heater_faults:
+        vehicle.most_w(fault.source)
 
 
 class _PhaseReader:

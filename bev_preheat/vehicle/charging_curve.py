@@ -19,6 +19,7 @@ import csv
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -121,7 +122,9 @@ def curves_at(curves: Sequence[ChargingCurve], temperatures_c: Sequence[float]) 
 def _points(path: str | Path) -> tuple[tuple[str, ...], list[tuple[float, float]]]:
     """Return the first line of a CSV file and the pairs of numbers below it."""
     with located('--charging-curve'):
-        lines = read_text(path, 'utf-8-sig').splitlines()
+        # Spreadsheets in a language with decimal commas write semicolons or tabs between the columns.
+        lines = [re.sub('[;\t]', ',', line.replace(',', '.')) if re.search('[;\t]', line) else line
+                 for line in read_text(path, 'utf-8-sig').splitlines()]
     rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
             if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
     if not rows or tuple(rows[0][1]) not in (HEADER, LIMIT_HEADER):

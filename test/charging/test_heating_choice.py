@@ -87,6 +87,13 @@ def test_both_are_told_where_only_heat_ends_the_session():
         choice.sentence())
 
 
+def test_a_weak_charger_is_to_blame_and_not_the_heater_that_nobody_needs():
+    # Cabin and auxiliaries leave 250 W: 6 kWh in 24 h, into a warm battery of 42 kWh.
+    car = plain_car(limit=Table((0.0,), (0.0, 20.0), ((-9e4, -9e4),)), heats=True)
+    choice = ChargerHeating(car, stop_at(1500.0), PRICES).choose(BatteryState(10.0, 0.3))
+    assert choice.session.problem == f'the battery has only {30.0 + 600.0 / 42.0:.1f} % after 24 h'
+
+
 def test_a_car_that_cannot_says_nothing():
     car = plain_car(limit=COLD_LIMIT)
     choice = ChargerHeating(car, stop_at(50e3), PRICES).choose(BatteryState(-11.0, 0.3))

@@ -274,3 +274,13 @@ def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
     # The verdict has named it already.
     assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
+
+
+@pytest.mark.parametrize('car, reserve_soc, reason', [
+    (REFERENCE, 0.3, 'below the 30.0 % reserve: the heater stays off'),
+    (replace(REFERENCE, hvch=replace(REFERENCE.hvch, maximum_power_w=0.0)), 0.0, 'The battery cannot be heated')])
+def test_heat_that_is_not_possible_is_not_judged(car, reserve_soc, reason):
+    worth = find_worth(car, drive(), COLD, Goal(25.0, reserve_soc), 150e3, 0.8, PRICES)
+    assert worth.best == worth.without_heating
+    assert worth.verdict.startswith('No heating before arrival: ') and reason in worth.verdict
+    assert 'neither time nor money' not in worth.verdict

@@ -7,6 +7,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+from bev_preheat.files.input_files import configuration_folder
+
 WEEK = """
 time_zone: Europe/Berlin
 ambient_temperature_c: -5
@@ -48,6 +50,16 @@ def test_costs_are_the_heating_times_at_the_tariff(said, tmp_path):
     assert work['cost'] == pytest.approx(work['hvch_electric_wh'] / 1000.0 * mean_price, rel=0.02)
     assert work['cost'] < work['latest_cost']
     assert sports['cost'] is None
+
+
+def test_a_departure_that_stays_cold_says_why(said, tmp_path):
+    text = (configuration_folder('vehicles') / 'small_car.yaml').read_text()
+    (tmp_path / 'gated.yaml').write_text(f'{text}heating_gates: {{maximum_temperature_c: 5}}\n')
+    assert 'work:' not in said(*OFFLINE)[1]
+    lines = said(*OFFLINE, '--vehicle', './gated.yaml')[1].splitlines()
+    for name in ('work', 'sports'):
+        told = [line for line in lines if line.startswith(f'{name}: ')]
+        assert len(told) == 1 and told[0].endswith('The vehicle does not heat from 5 degC on.')
 
 
 def test_both_hours_of_a_clock_change_and_prices_of_other_days_are_named(said, tmp_path):

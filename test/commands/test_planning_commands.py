@@ -2,6 +2,7 @@
 """`preheat plan`, `optimum`, `compare`, `reproduce`: files, printed text, refusals."""
 
 import json
+from pathlib import Path
 
 from matplotlib.image import imread
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.output import write_json
+from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -118,6 +120,19 @@ def test_optimum_is_that_of_the_arguments(written):
     assert result['energy_wh']['battery_total'] == pytest.approx(optimum.plan.energy_wh.battery_total, abs=1e-6)
     assert (result['method'], result['solver_status']) == ('nlp', 'Solve_Succeeded')
     assert 0.0 < result['solve_time_s'] < 60.0
+
+
+@pytest.mark.needs('casadi')
+@pytest.mark.parametrize('command', ['optimum', 'compare'])
+def test_an_optimum_that_the_car_refuses_is_told(said, command):
+    text = (configuration_folder('vehicles') / 'reference.yaml').read_text()
+    Path('gated.yaml').write_text(f'{text}heating_gates: {{maximum_temperature_c: 12}}\n')
+    assert 'warning' not in said(command, *SITUATION, '--json', '-')[2]
+    status, out, err = said(command, *SITUATION, '--vehicle', 'gated.yaml', '--json', '-')
+    assert status == 0 and "the optimum, makers' rules and all methods but value_function heat regardless" in err
+    result = strict(out)
+    # 17 degC, to which the car does not heat.
+    assert result.get('optimum', result)['arrival_temperature_c'] == pytest.approx(17.0, abs=0.01)
 
 
 def test_the_method_of_earlier_versions_is_the_one_that_took_its_place_and_this_is_said_once(said):

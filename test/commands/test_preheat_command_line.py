@@ -47,6 +47,21 @@ def test_json_has_standard_output_for_itself(quick_scenario, said, arguments):
     assert '━' in err or '─' in err
 
 
+@pytest.mark.parametrize('arguments, named', [
+    (['charge', '--vehicle', 'reference', '--charger-power', '50000', '--arrival-soc', '0.2', '--ambient', '0',
+      '--arrival-temperature', '-5', '--arrival-temperature', '5', '25'], '3 temperatures'),
+    (['route', '--vehicle', 'reference', '--output', 'r.csv', '--log', 'no.csv', '--log', 'log.csv'], 'no.csv'),
+    (['vehicle', 'new', '--chemistry', 'nmc', '--charging-power-kw', '50', '--usable-energy-kwh', '40',
+      '--nominal-voltage-v', '350', '--output', 'v.yaml', '--charging-curve-temperature-c', '30',
+      '--charging-curve', 'no.csv', '--charging-curve', 'curve.csv'], 'no.csv'),
+    (['worth', *SITUATION, '--route', 'reference', '--chargers', 'reference', '--end-soc', '0.3',
+      '--only', 'kiosk', '--only', 'mall'], 'kiosk'),
+    (['robustness', '--trips', '1', '--route', 'no.csv', '--route', 'reference'], 'no.csv')],
+    ids=lambda arguments: arguments[0] if isinstance(arguments, list) else '')
+def test_a_list_given_in_parts_is_whole(refused, arguments, named):
+    assert named in refused(*arguments)
+
+
 def test_version_is_that_of_the_manifest(said):
     manifest = configuration_folder('vehicles').parents[1] / 'package.xml'
     assert said('--version') == (0, f'preheat {ElementTree.parse(manifest).findtext("version")}\n', '')

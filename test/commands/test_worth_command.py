@@ -131,6 +131,8 @@ def test_a_range_of_targets_with_a_table_of_charging_times(said, refused, tmp_pa
     assert written['best']['charging_time_s'] == pytest.approx(900.0, abs=30.0)
     status, output, _ = said(*within, '40', '45')
     assert status == 0 and 'No target within the range is reached' in output
+    status, output, _ = said(*within, '-25', '-20')
+    assert status == 0 and 'Unheated, the battery arrives above the range' in output
     for wrong, problem in (
             ([*words, '--charging-times', 'times.csv'], '--charging-times: only with --target-range'),
             ([*within, '5', '10', '--charger-power', '9e4'], '--charger-power: not allowed with --charging-times'),

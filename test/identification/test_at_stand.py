@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.trips import trip_of
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.vehicle import load_vehicle
@@ -114,3 +115,20 @@ def test_only_a_log_at_stand_may_lack_charge_and_power(changes, line):
     changed = {name: value for name, value in {**signals, **changes}.items() if value is not None}
     with pytest.raises(InvalidInput, match=line):
         trip_of(Recording('heated', changed), VEHICLE)
+
+
+def test_a_heater_that_the_battery_feeds_at_stand_is_no_drive():
+    time_s = np.arange(7200.0)
+    # 5 kW from the battery for half an hour, every hour.
+    heater_w = np.where(time_s % 3600.0 < 1800.0, 5000.0, 0.0)
+    ends_s = (0, 7199)
+    signals = {
+        'battery_temperature_c': series(time_s, np.cumsum(heater_w) / 6e5 - 20.0),
+        'soc': series(ends_s, (0.8, 0.7)), 'speed_mps': series(ends_s, (0, 0)),
+        'ambient_c': series(ends_s, (-20, -20)), 'power_w': series(time_s, heater_w + 50.0),
+        'battery_heater_w': series(time_s, heater_w),
+        'cabin_heater_w': series(ends_s, (0, 0)), 'auxiliary_w': series(ends_s, (50, 50))}
+    trip = trip_of(Recording('chamber', signals), VEHICLE)
+    assert trip.kind == 'heated at stand'
+    # It rests at the end: nothing says how long the heating should have taken.
+    assert not check_trips(VEHICLE, [trip]).heated_minutes

@@ -52,6 +52,15 @@ def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
 
 
+def test_the_heater_of_cabin_and_battery_counts_the_battery_once():
+    heated_w = np.where(TIME_S < 600.0, 3000.0, 0.0)
+    trip = trip_of(recording(cabin_heater_w=None, battery_heater_w=Series(TIME_S, heated_w),
+                             heater_w=Series(TIME_S, heated_w + 1000.0)), VEHICLE)
+    assert trip.cabin_heating_power_w == pytest.approx(1000.0)
+    assert trip.propulsion_power_w == pytest.approx(trip.voltage_v * trip.current_a - heated_w - 1400.0)
+    assert not trip.remarks
+
+
 def test_a_car_that_stands_may_draw_a_steady_current():
     trip_of(recording(current_a=lambda a: np.where(TIME_S < 700.0, a, 4.0), speed_mps=lambda v: np.where(
         TIME_S < 699.0, v, 0.0)), VEHICLE)

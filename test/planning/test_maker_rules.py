@@ -10,6 +10,7 @@ import pytest
 from bev_preheat.planning.maker_rules import MAKER_RULES, plan_by_rule
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import HeatingGates
 
 REFERENCE = load_vehicle('reference')
 
@@ -45,3 +46,10 @@ def test_the_heater_is_at_full_power_until_the_target_or_the_arrival():
     heated, temperature_c = early.hvch_battery_power_w > 0.0, early.battery_temperature_c
     assert heated[50] and not heated[:50].any() and not heated[-1]
     assert (temperature_c[:-1][heated] < 18.0).all() and (temperature_c[50:-1][~heated[50:]] >= 18.0).all()
+
+
+def test_the_rule_keeps_the_gates_of_the_car():
+    gated = replace(REFERENCE, heating_gates=HeatingGates(maximum_temperature_c=12.0))
+    plan = plan_by_rule('30 min', gated, drive(), BatteryState(-3.0, 0.9), Goal(25.0))
+    heated, temperature_c = plan.hvch_battery_power_w > 0.0, plan.battery_temperature_c
+    assert heated[50] and temperature_c[1:][heated].max() < 12.0

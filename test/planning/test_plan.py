@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result of planning: in words and as JSON, compared with another plan, and the meaning of its status."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 from math import nan
 import pickle
@@ -19,11 +19,11 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 
 
-def made_plan(target_c=25.0, charging_planned=True, method='paper', cabin_w=1978.0, **how):
+def made_plan(target_c=25.0, charging_planned=True, method='paper', cabin_w=1978.0, vehicle=VEHICLE, **how):
     route = make_route({
         'cabin_heating_power_w': [cabin_w], 'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0],
         'speed_mps': [22.0], 'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
-    return plan_preheating(VEHICLE, route, BatteryState(temperature_c=-3.0, soc=0.83),
+    return plan_preheating(vehicle, route, BatteryState(temperature_c=-3.0, soc=0.83),
                            Goal(target_c, charging_planned=charging_planned), method=method, **how)
 
 
@@ -51,6 +51,11 @@ def test_json_and_back_is_the_same(target_c):
 def test_a_plan_that_cannot_heat_says_why(cabin_w, told):
     # Heat arrives later than the car.
     assert made_plan(40.0, cabin_w=cabin_w, method='value_function', heat_lag_s=300.0).explanation.startswith(told)
+
+
+def test_the_cabin_is_not_blamed_in_a_car_without_a_heater():
+    car = replace(VEHICLE, hvch=replace(VEHICLE.hvch, maximum_power_w=0.0))
+    assert made_plan(40.0, vehicle=car).explanation.startswith('The battery cannot be heated: arrival in ')
 
 
 def test_dictionary_is_the_plan(plan):

@@ -45,6 +45,12 @@ def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
     assert (limit.warm_c(1000.0), limit.warm_c(154.0), limit.warm_c(10.0)) == (25.0, pytest.approx(20.0), -1000.0)
 
 
+@pytest.mark.parametrize('column', [';', '\t'])
+def test_a_spreadsheet_with_decimal_commas_is_read(curve_of, column):
+    text = 'battery_temperature_c;max_power_kw\n-7,5;20\n25;120,25\n'
+    assert curve_of(text.replace(';', column)) == ChargingLimit((-7.5, 25.0), (20.0, 120.25))
+
+
 @pytest.mark.parametrize('soc, temperature_c, expected_kw', [
     # The limit, between 0 and 15 degC with 1 kW more for each kelvin.
     (0.35, -40.0, 60.0), (0.5, 0.0, 60.0), (0.35, 7.5, 67.5), (0.35, 15.0, 75.0),

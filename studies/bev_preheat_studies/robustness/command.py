@@ -65,7 +65,7 @@ def add_parser(subparsers: Subparsers) -> None:
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle before it is varied (default: %(default)s)'))
     completed_by('routes', parser.add_argument(
-        '--route', nargs='+', metavar='NAME|FILE',
+        '--route', action='extend', nargs='+', metavar='NAME|FILE',
         help='route before it is varied, or legs/NAME; trips use several routes alternately, days at random '
         '(default: reference; with --days the five of config/routes)'), '.csv')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
@@ -75,7 +75,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature on arrival [degC] (default: the vehicle's)")
     compared = MethodNames(*COMPARED)
-    parser.add_argument('--methods', nargs='+', choices=compared, type=compared.checked, default=list(COMPARED),
+    parser.add_argument('--methods', action='extend', nargs='+', choices=compared, type=compared.checked,
                         metavar='METHOD', help='of %(choices)s; a planning method drives as in the planner '
                         f'(default: {", ".join(COMPARED)})')
     true_car = option_group(parser, 'the true car and its signals')
@@ -123,7 +123,7 @@ def run(arguments: Namespace) -> int:
                      _identity(arguments, conditions, 'signals'), what='drives').conduct(
                          arguments, _shown_cases)
     # Without duplicates, in the order of the command line.
-    methods = tuple(dict.fromkeys(arguments.methods))
+    methods = tuple(dict.fromkeys(arguments.methods or COMPARED))
 
     def show(console: Console, results: list[CarResult]) -> dict[str, Any]:
         summary = summarise_drives(results, methods)
