@@ -212,6 +212,14 @@ def test_studies_that_a_page_names_exist(page):
         assert name == 'NAME' or any((FOLDERS_OF_NAMES[2] / f'{name}{end}').exists() for end in ('', '.py')), name
 
 
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_modules_that_a_page_runs_do_something(page):
+    for module in re.findall(r'python3? -m (bev_preheat[\w.]*)', page.read_text()):
+        place = ROOT / ('studies' if module.startswith('bev_preheat_studies') else '') / module.replace('.', '/')
+        assert (place / '__main__.py').exists() or (
+            "if __name__ == '__main__':" in place.with_suffix('.py').read_text()), module
+
+
 def test_the_reviewer_finds_the_licence_of_each_package():
     table = (ROOT / 'docs/explanation/reviewer.md').read_text().partition('## Licences')[2].lower()
     for name in ('demo', 'optional'):
