@@ -40,8 +40,8 @@ class BusMessages:
         self.bus: dict[str, int] = {}
         for number, settings in enumerate(live_map.can):
             own = {message.name: message for file in settings.databases for message in load_dbc(file).messages}
-            for name in own.keys() - self.by_name.keys():
-                self.by_name[name], self.bus[name] = own[name], number
+            self.by_name = {**own, **self.by_name}
+            self.bus = {**dict.fromkeys(own, number), **self.bus}
 
 
 class CanDecoder:
