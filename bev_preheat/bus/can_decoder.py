@@ -14,7 +14,7 @@ from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.can_frames import all_bits_set, identifying_bits, J1939_GROUP, load_dbc, values_of_nothing
+from bev_preheat.logs.can_frames import identifying_bits, J1939_GROUP, last_values, load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -40,8 +40,8 @@ class BusMessages:
         self.bus: dict[str, int] = {}
         for number, settings in enumerate(live_map.can):
             own = {message.name: message for file in settings.databases for message in load_dbc(file).messages}
-            for name in own.keys() - self.by_name.keys():
-                self.by_name[name], self.bus[name] = own[name], number
+            self.by_name = {**own, **self.by_name}
+            self.bus = {**dict.fromkeys(own, number), **self.bus}
 
 
 class CanDecoder:
@@ -83,8 +83,8 @@ class CanDecoder:
             raise InvalidInput(problems)
         self._wanted = by_channel(self.channels)
         # A full share may have all bits set; other quantities do not.
-        ones = {name: {(1 << signals[name].length) - 1: 'no reading: all bits are set'} for name in self._wanted
-                if units[name] not in SHARES and all_bits_set(signals[name])}
+        last = {name: dict.fromkeys(last_values(signals[name]), 'no reading: the last value of its bits')
+                for name in self._wanted if units[name] not in SHARES}
         for signal, name, key, channel in wanted_of:
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
                        None if signal == FOLLOWED else frames[name].full_power_w)
@@ -116,7 +116,7 @@ class CanDecoder:
         self._senders: dict[str, int] = {}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
-        self._nothing = {name: {**ones.get(name, {}), **values_of_nothing(signals[name])} for name in self._wanted}
+        self._nothing = {name: {**last.get(name, {}), **values_of_nothing(signals[name])} for name in self._wanted}
         self.identifiers = tuple(
             tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
             for number in range(len(live_map.can)))

@@ -144,11 +144,12 @@ def scaled(signal: Any, raw: float) -> float:
     return float(signal.conversion.raw_to_scaled(raw, decode_choices=False))
 
 
-def all_bits_set(signal: Any) -> tuple[float, ...]:
-    """Return the value of a cantools Signal, in its unit, with all bits set; () if that is nothing special."""
-    if signal.is_signed or signal.is_float or signal.length < LEAST_BITS:
+def last_values(signal: Any) -> tuple[int, ...]:
+    """Return raw values of a cantools Signal that often mean no reading: all bits set, both ends if signed."""
+    if signal.is_float or signal.length < LEAST_BITS:
         return ()
-    return (scaled(signal, (1 << signal.length) - 1),)
+    count = 1 << signal.length - int(signal.is_signed)
+    return (-count, count - 1) if signal.is_signed else (count - 1,)
 
 
 # A trace of PCAN-View without a version names its columns first.
@@ -177,7 +178,8 @@ class CanFrames(RawLog):
         self._messages = {message.frame_id: message for file in files for message in load_dbc(file).messages}
         signals = {f'{message.name}.{signal.name}': signal
                    for message in self._messages.values() for signal in message.signals}
-        self.channels = tuple(Channel(name, unit_named(signal.unit or ''), all_bits_set(signal))
+        self.channels = tuple(Channel(name, unit_named(signal.unit or ''),
+                                      tuple(scaled(signal, raw) for raw in last_values(signal)))
                               for name, signal in signals.items())
         self._nothing = {name: {scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}
                          for name, signal in signals.items()}

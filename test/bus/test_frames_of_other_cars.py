@@ -351,16 +351,22 @@ BA_ "GenMsgCycleTime" BO_ 256 1000;
 
 def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
     # 255 is 87.5 degC and, of a full battery, 100 %; 65535 is 1310.7 V; a DBC names its whole range as limits.
-    path = written_map(tmp_path, signals=', voltage_v: BMS.Volts', dbc=NS + """BO_ 256 BMS: 8 CAR
+    signals = ', voltage_v: BMS.Volts, current_a: BMS.Amps'
+    path = written_map(tmp_path, signals=signals, dbc=NS + """BO_ 256 BMS: 8 CAR
  SG_ Temp : 0|8@1+ (0.5,-40) [-40|87.5] "degC" GW
  SG_ Soc : 8|8@1+ (0.392157,0) [0|100.1] "%" GW
  SG_ Volts : 16|16@1+ (0.02,0) [0|1310.7] "V" GW
+ SG_ Amps : 32|16@1- (0.05,0) [0|0] "A" GW
 """)
     source = CanSource(load_live_map(path), lambda: 0.0)
     source.on_frame(0, 256, False, bytes([255] * 8), 0.0)
     assert [source.value(name, 0.0) for name in ('battery_temperature_c', 'voltage_v')] == [None, None]
     assert source.value('soc', 0.0) == pytest.approx(1.0, abs=1e-5)
-    assert source.doubts()['BMS.Volts'] == "BMS.Volts: 65535 means 'no reading: all bits are set'"
+    assert source.doubts()['BMS.Volts'] == "BMS.Volts: 65535 means 'no reading: the last value of its bits'"
+    # Of a signed signal both ends: -1638.4 and 1638.35 A.
+    for data in (b'\x00\x80', b'\xff\x7f'):
+        source.on_frame(0, 256, False, bytes([80, 100, 0, 0]) + data + bytes(2), 0.0)
+        assert source.value('current_a', 0.0) == pytest.approx(-0.05)
 
 
 def test_message_of_j1939_is_that_of_its_first_sender(tmp_path):

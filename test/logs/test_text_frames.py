@@ -115,6 +115,17 @@ def test_names_of_values_say_whether_there_is_a_reading(words, mean_nothing):
 
 
 @pytest.mark.needs('can', 'cantools')
+def test_an_end_of_a_signed_signal_is_no_reading(tmp_path):
+    path = tmp_path / 'frames.log'
+    path.with_suffix('.dbc').write_text(
+        'BO_ 341 BMS: 2 BMS\n SG_ BattCurrent : 0|16@1- (0.05,0) [0|0] "A" BMS\n')
+    # -20 A, and twice 0x8000, which would be -1638.4 A.
+    path.write_text(''.join(f'({at}.0) can0 155#{"0080" if at in (3, 4) else "70FE"}\n' for at in range(20)))
+    values = read_recording(path).signals['current_a'].value
+    assert set(values) == {-20.0} and len(values) == 18
+
+
+@pytest.mark.needs('can', 'cantools')
 def test_frames_without_times_are_refused_with_advice(tmp_path):
     path = tmp_path / 'frames.txt'
     path.write_text('\n'.join(f'  can0  155   [4]  {hexes(at, " ")}' for at in range(9)))
