@@ -140,10 +140,18 @@ def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule, heater_share:
     first_s = -np.inf if schedule.heating_start_s is None else schedule.heating_start_s
     last_s = np.inf if schedule.heating_end_s is None else schedule.heating_end_s
     on_share = np.clip((np.minimum(end_s, last_s) - np.maximum(start_s, first_s)) / (end_s - start_s), 1e-9, 1.0)
-    # The steps are those of the command.
+    # The steps are those of the command. Heat that a step cannot give is owed to the next heated one.
     given = heater_share * on_share
-    stepped_w: FloatArray = steps_below_w(gates.power_steps_w, power_w / given + ROUNDING_W) * given
-    return np.minimum(stepped_w, power_w)
+    stepped_w, owed_j = np.zeros(len(power_w)), 0.0
+    for k in np.flatnonzero(power_w > HEATED_W):
+        length_s = float(end_s[k] - start_s[k])
+        command_w = gates.step_below_w((power_w[k] + owed_j / length_s) / given[k] + ROUNDING_W)
+        stepped_w[k] = min(command_w * given[k], max(trip.heater_limit_w[k], power_w[k]))
+        owed_j += (power_w[k] - stepped_w[k]) * length_s
+    # The rest: the heater is on for a part of the last step that it leaves out.
+    for k in np.flatnonzero((power_w > HEATED_W) & (stepped_w == 0.0))[-1:]:
+        stepped_w[k] = min(owed_j / float(end_s[k] - start_s[k]), trip.heater_limit_w[k])
+    return stepped_w
 
 
 def _sentence_on_steps(gates: HeatingGates) -> str:

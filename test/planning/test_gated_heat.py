@@ -78,6 +78,19 @@ def test_powers_are_those_of_the_heater(method):
     assert 'The heater has steps of power (1500, 4000, 7000 W).' in plan.explanation
 
 
+def test_a_heater_that_is_on_or_off_gives_the_heat_of_a_descent_in_pulses():
+    route, state = load_route('alpine_pass', VEHICLE.defaults), BatteryState(-10.0, 0.9)
+    free, stepped = (planned(HeatingGates(power_steps_w=steps_w), state, route=route)
+                     for steps_w in ((), (4000.0,)))
+    # Surplus of the descent is a few hundred watts: the plan of any power has many powers below 4 kW.
+    assert ((free.hvch_battery_power_w > 50.0) & (free.hvch_battery_power_w < 3900.0)).sum() > 10
+    assert stepped.arrival_temperature_c > 24.8
+    assert stepped.energy_wh.hvch_electric == pytest.approx(free.energy_wh.hvch_electric, rel=0.1)
+    between = (stepped.hvch_battery_power_w > 1e-3) & (np.abs(stepped.hvch_battery_power_w - 4000.0) > 1.0)
+    # The first and the last one, for a part of their time.
+    assert between.sum() <= 2
+
+
 @pytest.mark.parametrize('share', [0.9, 0.5, 0.3, 0.0])
 def test_of_the_steps_of_a_derated_heater_its_share_arrives(share):
     """A step of 4000 W is commanded; a share of 30 % gives less than the lowest step, and heats all the same."""
