@@ -13,7 +13,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
 from bev_preheat.logs.can_frames import values_of_nothing
 
-USUAL_PERIOD_S, PERIODS_S = 0.1, (0.01, 1.0)
+USUAL_PERIOD_S, SHORTEST_PERIOD_S, SLOWEST_PERIOD_S = 0.1, 0.01, 1.0
 # Shares of full power by the unit of a signal.
 SHARES = {'percent': 0.01, '1': 1.0}
 TEMPERATURES = ('degC', 'degF', 'kelvin')
@@ -64,7 +64,7 @@ class HeaterFrame:
         self._off = self._off_value()
         # The end of a lease must not wait for a slow cycle.
         cycle_s = (message.cycle_time or 0) / 1000.0 or USUAL_PERIOD_S
-        self.period_s = rule.period_s or min(max(cycle_s, PERIODS_S[0]), PERIODS_S[1])
+        self.period_s = rule.period_s or min(max(cycle_s, SHORTEST_PERIOD_S), SLOWEST_PERIOD_S)
         self._count = 0
         self.identifier, self.is_extended = int(message.frame_id), bool(message.is_extended_frame)
         self.is_fd = bool(message.is_fd) or message.length > 8

@@ -15,7 +15,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
-from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, IDLE_W, LEAST_DIFFERENCE_W
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W, RESTING_W
 from bev_preheat.vehicle.description import HeatSource, HVCH, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -129,7 +129,7 @@ class HeaterStatus(NamedTuple):
     @property
     def has_heat(self) -> bool:
         """Whether the confirmed power is more than that of a heater at rest."""
-        return self.confirmed_w > (0.0 if self.measured_w is None else IDLE_W)
+        return self.confirmed_w > (0.0 if self.measured_w is None else RESTING_W)
 
 
 class HeaterAnswerReport(NamedTuple):

@@ -95,7 +95,7 @@ class Timetable:
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
     `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
     positions from before it belong to another one. `fixes` are in order of their instants. `undriven` is the
-    latest first position to which nobody can have driven, None: there was none.
+    latest first position that is too far to be driven by then; None before one.
     """
 
     planned: Mission
@@ -345,12 +345,12 @@ class Timetable:
     # Checks of a Progress
 
     def after_refused(self, progress: Progress) -> Timetable:
-        """Return the Timetable that knows a refused Progress, if nobody can have driven to it."""
+        """Return the Timetable that knows a refused Progress, if it is too far to be driven by then."""
         is_first = self.track is None and progress.route_id == self.planned.route_id
         return replace(self, undriven=progress) if is_first and self._undriven_problems(progress) else self
 
     def _undriven_problems(self, progress: Progress) -> list[str]:
-        """Return the problem of a first position to which nobody can have driven, or that goes on from one."""
+        """Return the problem of a first position that is too far to be driven by then, or goes on from one."""
         if self.known_ns is None:
             return []
         # A vehicle may leave before the stamp of its route plan.
@@ -363,7 +363,7 @@ class Timetable:
             pace_mps = max(float(leg.route.speed_mps.max()) for leg in self.planned.legs)
             gap_m = CORRECTED_BY_M + pace_mps * abs(progress.stamp_ns - far.stamp_ns) / NS_PER_S
             if abs(distance_m - far.distance_m) <= gap_m:
-                problem = f'go on from {far.distance_m:.0f} m, to which nobody could have driven'
+                problem = f'go on from {far.distance_m:.0f} m, which was too far to be driven by then'
         return [] if not problem else [
             f'distance: {distance_m:.0f} m {problem}: it counts from the start of segment 0, which begins at the '
             'stamp of route_plan']

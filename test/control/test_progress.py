@@ -107,7 +107,7 @@ def test_a_distance_that_nobody_has_driven_yet_is_refused(distance_m):
     with pytest.raises(InvalidInput, match=f'^distance: {distance_m:.0f} m have been driven within 2.0 s; '):
         drive.tell(2.0, distance_m)
     assert drive.feed(2.0) == (HEATS, COLD, 598.0)
-    # What goes on from there is wrong for as long, in either direction.
+    # Positions that go on from there are wrong for as long, in either direction.
     for at_s, moved_m in ((50.0, -900.0), (99.0, -1800.0)):
         with pytest.raises(InvalidInput, match=f'^distance: {distance_m + moved_m:.0f} m '):
             drive.tell(at_s, distance_m + moved_m)

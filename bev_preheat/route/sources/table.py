@@ -32,7 +32,7 @@ OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
 # Characters of a list of columns.
-LONGEST_LIST = 400
+LONGEST_UNUSED = 400
 # So many lengths seldom rise by chance.
 RISING_LENGTHS = 3
 
@@ -54,7 +54,7 @@ def journey_of_table(table: Table) -> Journey:
     used = {header.name for header in headers.values()}
     unused = [name for name in table.header if name and name not in used]
     journey = (_samples if 'time' in headers and 'duration' not in headers else _segments)(table, headers)
-    return replace(journey, remarks=(*journey.remarks, f'not used: {shortened(", ".join(unused), LONGEST_LIST)}')
+    return replace(journey, remarks=(*journey.remarks, f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}')
                    ) if unused else journey
 
 
