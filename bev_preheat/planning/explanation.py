@@ -101,6 +101,8 @@ def _outcome(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float
         return f'{_stranding_sentence(plan.stranding, from_now)[:-1]}; {heating}.'
     if status is Status.NOT_WORTH_IT:
         return f'{unheated.capitalize()}: {arrival}.'
+    if status is Status.NOT_NEEDED and plan.held_back is HeldBack.START and plan.shortfall_k > 0.0:
+        return f'The heater is not switched on for {plan.shortfall_k:.1f} K: {arrival}, {target}.'
     if status is Status.NOT_NEEDED:
         if heated_s > 0.0:
             return f'Heating finished after {duration_text(heated_s)}: {arrival}, {target}.'

@@ -24,6 +24,7 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.heat_run import initial_states, States
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.one_interval import SwitchPlan
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.paper import run_paper
 from bev_preheat.planning.recursion import Recursion, ValueTable
 from bev_preheat.planning.schedule import ended_within, HeldBack, Schedule
@@ -35,6 +36,7 @@ from bev_preheat.tunables import (
     MOST_CHANGED_SHARE,
     MOST_DEVIATION_SHARE,
     NEAR_K,
+    ROUNDING_W,
     SOC_TOLERANCE,
     SPARE_SOC,
     VALUES_KEPT_S,
@@ -200,7 +202,10 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
     if arrival_c > target_c - NEAR_K:
         return None
     warmest = drive_as_planned(trip, state, trip.heater_limit_w)
-    return HeldBack.POWER if float(warmest.temperature_c[-1]) > arrival_c + NEAR_K else None
+    if float(warmest.temperature_c[-1]) <= arrival_c + NEAR_K:
+        return None
+    gives_way = bool((warmest.heater_power_w < trip.heater_limit_w - ROUNDING_W).any())
+    return HeldBack.POWER if gives_way or power_deficit(trip, warmest).worst_w > 0.0 else HeldBack.START
 
 
 def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:

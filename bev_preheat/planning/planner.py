@@ -23,7 +23,7 @@ from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, pl
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.outcome import find_outcome, NoRegretCheck, power_deficit, unheated_within_limits
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.schedule import Method, Schedule, ScheduleOutcome, StepPrices
+from bev_preheat.planning.schedule import HeldBack, Method, Schedule, ScheduleOutcome, StepPrices
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
@@ -377,7 +377,7 @@ def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_
         return Status.OUT_OF_CHARGE
     if outcome.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
-    missed = shortfall_k > SHORTFALL_TOLERANCE_K
+    missed = shortfall_k > SHORTFALL_TOLERANCE_K and schedule.held_back is not HeldBack.START
     if soc_shortfall > SOC_TOLERANCE or (missed and schedule.held_back is not None):
         return Status.SOC_LIMITED
     if missed:

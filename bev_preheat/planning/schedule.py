@@ -25,6 +25,7 @@ class HeldBack(Enum):
 
     RESERVE = 'the state of charge that must be left'
     POWER = 'the power that an emptier battery would lack'
+    START = 'the price of switching the heater on'
 
 
 class Reason(IntEnum):

@@ -23,7 +23,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.description import HeatPath, Leakage
 
 # mid_size_lfp may use its whole charge, with full power down to the last per cent.
 CARS = {name: load_vehicle(name) for name in ('reference', 'small_car', 'mid_size_lfp')}
@@ -360,6 +360,14 @@ def hold_against_lower_targets(name, route, state, goal, method):
             goal, target_temperature_c=float(target_c)), method)
         if other.held_back is None:
             assert other.arrival_temperature_c <= plan.arrival_temperature_c + TARGET_K
+
+
+def test_a_start_that_a_fifth_of_a_kelvin_is_not_worth_is_no_lack_of_charge():
+    # The last minute and a half of the reference route, with 62 % and without any limit near.
+    car, rest = replace(REFERENCE, heat_path=HeatPath(40.0)), REFERENCE_ROUTE.after(3512.0)
+    plan = plan_preheating(car, rest, BatteryState(24.965, 0.62), Goal(25.0), uncertainty=Uncertainty(0.05, 0))
+    assert (plan.status, plan.held_back, plan.heating_start_s) == (Status.NOT_NEEDED, HeldBack.START, None)
+    assert plan.explanation.startswith('The heater is not switched on for 0.2 K: arrival in 1:28 min at 24.8 degC')
 
 
 CLIMB_TO_AN_EMPTY_BATTERY = route_of((6, 2e3), (9, 12578.0), (30, 11927.5), speed_mps=15.0, ambient_c=-12.0,
