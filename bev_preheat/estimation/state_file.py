@@ -166,7 +166,7 @@ class _Found(NamedTuple):
 
 
 def check_state_file(path: AnyPath) -> None:
-    """Raise InvalidInput if a path is neither free nor a state file; changes nothing."""
+    """Raise InvalidInput if a path is neither free nor an empty or a state file; changes nothing."""
     _find(path)
 
 
@@ -215,10 +215,9 @@ def save_state(path: AnyPath, fingerprint: str, learned: Learned | None,
 
 def _find(path: AnyPath) -> _Found:
     raw = _read(path)
-    if raw is None:
-        return _Found({})
     if not raw:
-        raise InvalidInput(_not_ours(path, 'it is empty'))
+        # An empty file holds nothing to lose: file systems leave one after a loss of power.
+        return _Found({})
     has_own_head = OWN_HEAD.match(raw)
     if len(raw) > LARGEST_STATE_FILE_BYTES:
         if has_own_head:
@@ -289,8 +288,8 @@ def _read(path: AnyPath) -> bytes | None:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
 
 
-def _not_ours(path: AnyPath, finding: str = 'it is not a state file of this planner') -> str:
-    return f'{path}: not overwritten: {finding}; name a file that does not exist yet'
+def _not_ours(path: AnyPath) -> str:
+    return f'{path}: not overwritten: it is not a state file of this planner; name a file that does not exist yet'
 
 
 def _move_aside(path: AnyPath, target: str) -> str:

@@ -199,7 +199,7 @@ def test_a_file_of_format_2_is_read_and_becomes_one_of_the_present_format(tmp_pa
 # Files of others
 
 FOREIGN = {
-    'empty': '', 'list': '[]', 'null': 'null', 'number': '7', 'text': '"text"', 'no JSON': '{',
+    'list': '[]', 'null': 'null', 'number': '7', 'text': '"text"', 'no JSON': '{',
     'nothing in it': '{}', 'a format': '{"format": 1}', 'another format': '{"format": 1, "x": {}}',
     'factors of others': '{"log_factors": {"leakage": 0.1}, "covariance": [[0.1]]}',
     'our mark within': '{"notes": {"bev_preheat_state_file": 2}}',
@@ -213,11 +213,20 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
     path = tmp_path / 'theirs.json'
     contents = contents if isinstance(contents, bytes) else contents.encode()
     path.write_bytes(contents)
-    finding = 'it is not a state file of this planner' if contents else 'it is empty'
-    assert refusal(path) == (
-        f'{path}: not overwritten: {finding}; name a file that does not exist yet')
+    assert refusal(path) == (f'{path}: not overwritten: it is not a state file of this planner; name a file that '
+                             'does not exist yet')
     assert path.read_bytes() == contents
     assert os.listdir(tmp_path) == ['theirs.json']
+
+
+def test_an_empty_file_becomes_a_state_file(tmp_path):
+    path = tmp_path / 'state.json'
+    path.touch()
+    check_state_file(path)
+    assert load_state(path, CAR).damage == ''
+    save_state(path, CAR, learned())
+    assert load_state(path, CAR).learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])
+    assert os.listdir(tmp_path) == ['state.json']
 
 
 def test_a_file_of_a_later_version_is_not_written_over(state_file):
@@ -391,7 +400,7 @@ def test_whatever_stands_in_it_is_refused_or_kept(tmp_path_factory, contents):
     if recalled.damage:
         assert (folder / 'any.json.damaged').read_bytes() == contents
     else:
-        cars = json.loads(contents)['cars']
+        cars = json.loads(contents)['cars'] if contents else {}
         assert {name: entry for name, entry in json.loads(path.read_bytes())['cars'].items()
                 if name != OTHER} == cars
     if recalled.learned is not None:
