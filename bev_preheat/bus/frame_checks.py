@@ -216,7 +216,7 @@ class FrameChecks:
         """Take a cantools Message; raises InvalidInput if the map's rule does not fit it."""
         rule = rule or MessageRule()
         self.message = message
-        self.counter = _counter(message, rule, where)
+        self.counter = counter_of(message, rule.counter, where)
         self.checksum = None if rule.checksum is None else Checksum(
             rule.checksum, message, f'{where}.checksum', self.counter)
         self._largest_step = rule.largest_step
@@ -285,9 +285,10 @@ def counts_of(signal: Any, checksum: Checksum | None) -> int:
     return int(min(highest, 2**signal.length - 1)) + 1
 
 
-def _counter(message: Any, rule: MessageRule, where: str) -> Any:
-    if rule.counter is not None:
-        return signal_of(message, rule.counter, f'{where}.counter')
+def counter_of(message: Any, name: str | None, where: str) -> Any:
+    """Return the Signal that counts a message's frames: of this name, or recognised by its name; None: none."""
+    if name is not None:
+        return signal_of(message, name, f'{where}.counter')
     found = [signal for signal in message.signals if COUNTER.search(signal.name)]
     # Of several, only the map can decide which one counts the frames.
     return found[0] if len(found) == 1 and found[0].length <= 8 else None

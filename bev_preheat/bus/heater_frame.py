@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import math
 from typing import Any
 
-from bev_preheat.bus.frame_checks import Checksum, counts_of, signal_of
+from bev_preheat.bus.frame_checks import Checksum, counter_of, counts_of, signal_of
 from bev_preheat.bus.live_map import HeaterFrameRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
@@ -26,7 +26,7 @@ class HeaterFrame:
     The unit of the command's signal decides its meaning: a power, a share of `full_power_w` [W], or the
     coolant's set-point, which is the temperature that it follows plus the power divided by `watts_per_kelvin`,
     within `range_c` [deg C]. It is rounded down to the signal's resolution, and the power limited to `highest_w`
-    [W]. The counter rises by one a frame and begins again at 0. `period_s` is the time between two frames [s],
+    [W]. A counter rises by one a frame and begins again at 0. `period_s` is the time between two frames [s],
     `follows` MESSAGE.SIGNAL of the temperature that a set-point follows, else None.
     """
 
@@ -48,7 +48,7 @@ class HeaterFrame:
         self._rule, self._message = rule, message
         self._power = power = signal_of(message, rule.power, f'{where}.power')
         self._name = f'{rule.message}.{rule.power}'
-        self._counter = signal_of(message, rule.counter, f'{where}.counter')
+        self._counter = counter_of(message, rule.counter, where)
         self._enable = None if rule.enable is None else signal_of(message, rule.enable, f'{where}.enable')
         self._checksum = None if rule.checksum is None else Checksum(
             rule.checksum, message, f'{where}.checksum', self._counter)
@@ -82,11 +82,12 @@ class HeaterFrame:
         """
         carried = self._carried(min(max(power_w, 0.0), self.highest_w), followed_c)
         is_on = carried is not None
-        values = {**self._others, self._power.name: carried if is_on else self._off,
-                  self._counter.name: self._count}
+        values = {**self._others, self._power.name: carried if is_on else self._off}
         if self._enable is not None:
             values[self._enable.name] = 1 if is_on else 0
-        self._count = (self._count + 1) % counts_of(self._counter, self._checksum)
+        if self._counter is not None:
+            values[self._counter.name] = self._count
+            self._count = (self._count + 1) % counts_of(self._counter, self._checksum)
         data = bytes(self._message.encode(values, scaling=True, strict=True))
         return data if self._checksum is None else self._checksum.written(data)
 
@@ -116,9 +117,8 @@ class HeaterFrame:
     def _other_values(self) -> dict[str, float]:
         """Return the values of all signals but power, counter and enable."""
         rule = self._rule
-        named = {rule.power, rule.counter, rule.enable}
-        others = {signal.name: _usual_value(signal)
-                  for signal in self._message.signals if signal.name not in named}
+        others = {signal.name: _usual_value(signal) for signal in self._message.signals
+                  if signal not in (self._power, self._counter, self._enable)}
         for name, value in rule.constants.items():
             if name not in others:
                 raise InvalidInput(f'{self._where}.constants: {name} is not among the other signals of '

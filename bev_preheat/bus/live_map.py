@@ -120,7 +120,7 @@ class HeaterFrameRule:
 
     message: str
     power: str
-    counter: str
+    counter: str | None = None
     enable: str | None = None
     checksum: ChecksumRule | None = None
     period_s: float | None = None

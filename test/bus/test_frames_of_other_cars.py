@@ -49,14 +49,23 @@ def written_map(folder, live='', dbc=BATTERY + HEATER, signals=''):
     return folder / 'car.yaml'
 
 
-def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER):
+def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER, counter='counter: Count, '):
     live_map = load_live_map(written_map(
-        folder, f'  heater_command: {{message: Heater, counter: Count, {command}}}', dbc))
+        folder, f'  heater_command: {{message: Heater, {counter}{command}}}', dbc))
     return HeaterFrame(live_map.heaters[HVCH].command, BusMessages(live_map).by_name, str(live_map.signals.path),
                        vehicle_power_w)
 
 
 # --- The contents of the command ---
+
+
+@pytest.mark.parametrize('name, counts', [('Heater_AliveCounter', [0, 1, 2]), ('Stage', [0, 0, 0])])
+def test_a_map_without_a_counter_counts_by_the_signals_name_or_not_at_all(tmp_path, name, counts):
+    dbc = (BATTERY + HEATER).replace('SG_ Count', f'SG_ {name}')
+    frame = heater_frame(tmp_path, 'power: Power', dbc=dbc, counter='')
+    frames = [frame.next(1000.0) for _ in counts]
+    assert [data[1] for data in frames] == [10, 10, 10]
+    assert [(data[5] >> 4) - (frames[0][5] >> 4) for data in frames] == counts
 
 
 @pytest.mark.parametrize('command, vehicle_w, byte, expected', [
