@@ -238,9 +238,6 @@ def _with_reason(decision: Decision, choice: TargetChoice, now_ns: int) -> Decis
 
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     """Return the sentence on a vehicle that has stood for too long to be kept warm."""
-    if regime.regime is Regime.DRIVING:
-        return (f'route_progress has not moved for {duration_text(stood_s)}, although the battery drives the '
-                'vehicle: no heating until it moves.')
     evidence = f' ({regime.evidence})' if regime.evidence else ''
     return (f'The vehicle has stood for {duration_text(stood_s)} although its route has no stop here{evidence}: '
             'no heating until it drives on.')

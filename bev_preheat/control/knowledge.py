@@ -114,11 +114,14 @@ class Knowledge(NamedTuple):
             FEED, feed.doubt(settings.battery_state_timeout_s), stamp_ns))
         planned = planned_around(active, stamp_ns, moment.defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)
-        regimes = self.regimes.seen(Evidence(
+        evidence = Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,
             0.0 if timetable is None or has_moved is None else timetable.stood_ns / NS_PER_S,
             knowledge.sign.sign is Sign.RIGHT, None if STATE_OF_CHARGE in doubts else seen.state.soc,
-            _full_j(vehicle)))
+            _full_j(vehicle))
+        regimes = self.regimes.seen(evidence)
+        if timetable is not None and regimes.is_position_frozen(evidence):
+            timetable = timetable.without_frozen_position()
         report, is_one_battery = regimes.report, SOURCE not in doubts
         kept = None if timetable is None else self._kept(
             timetable, report, stamp_ns, settings, regimes.course.driven_since_ns())

@@ -293,6 +293,11 @@ class RegimeWatch(NamedTuple):
         heater_w = max(sample.command_w for sample in self.samples)
         return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
 
+    def is_position_frozen(self, evidence: Evidence) -> bool:
+        """Return whether the battery drives the vehicle, although its position has not moved for minutes."""
+        return (evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_LONG_S
+                and self._has_driven(evidence))
+
     def _has_driven(self, evidence: Evidence) -> bool:
         """Return whether consumers and heater take less than the battery gave in the last minute."""
         window = self._window(STANDING_AFTER_S)

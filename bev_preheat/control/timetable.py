@@ -95,7 +95,8 @@ class Timetable:
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
     `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
     positions from before it belong to another one. `fixes` are in order of their instants. `undriven` is the
-    latest first position that is too far to be driven by then; None before one.
+    latest first position that is too far to be driven by then, `frozen` one that stays while the vehicle drives;
+    None: none.
     """
 
     planned: Mission
@@ -106,6 +107,7 @@ class Timetable:
     stood_ns: int = 0
     track: _Track | None = None
     undriven: Progress | None = None
+    frozen: Progress | None = None
     # The planned instant of the place at which the vehicle stands [ns]; None: it drives.
     held_at_ns: int | None = None
     fixes: tuple[_Fix, ...] = ()
@@ -242,11 +244,17 @@ class Timetable:
         else:
             track = track._replace(latest=progress, furthest_m=furthest_m)
         return replace(
-            self, mission=self._delayed(delay_ns), track=track, held_at_ns=None,
+            self, mission=self._delayed(delay_ns), track=track, frozen=None, held_at_ns=None,
             fixes=_noted(self.fixes if is_followed else (), _Fix(progress.stamp_ns, planned_ns)),
             goes_on_ns=round(settings.route_progress_timeout_s * NS_PER_S),
             stood_before_ns=stood_before_ns, delay_before_charge_ns=None,
             stood_ns=stood_before_ns + delay_ns - track.stands_from_ns)
+
+    def without_frozen_position(self) -> Timetable:
+        """Return the Timetable of a vehicle that has driven on since its position last moved."""
+        track = self.track
+        return self if track is None else replace(
+            self.driving(), mission=self._delayed(track.stands_from_ns), track=None, frozen=track.latest, fixes=())
 
     def has_position(self, now_ns: int, settings: Settings) -> bool:
         """Return whether the vehicle's position is known at an instant [ns]: the latest Progress is recent."""
@@ -393,6 +401,9 @@ class Timetable:
             return [f'distance: {figure_beyond(distance_m, 0.0, most_m)} m is not allowed; it must be 0 ... '
                     f'{length_m:.0f} m, the length of the route']
         track = self.track
+        if self.frozen is not None and abs(distance_m - self.frozen.distance_m) <= KNOWN_TO_M:
+            return [f'distance: has stayed at {distance_m:.0f} m for minutes, although the battery drives the '
+                    'vehicle']
         if track is None:
             return self._undriven_problems(progress)
         since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S

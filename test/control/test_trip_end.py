@@ -177,13 +177,20 @@ def test_a_navigation_that_plans_again_every_minute_does_not_keep_a_parked_car_w
     assert 'has stood for' in trip.planner.state.decision.explanation
 
 
-def test_a_frozen_position_is_named_as_the_reason_for_no_heat():
-    trip = Trip(minutes=30)
+def test_a_frozen_position_is_refused_until_it_moves_and_the_vehicle_drives_on_by_the_battery():
+    trip, refusals = Trip(minutes=60), []
     for number in range(200):
         trip.step(DRIVE_W * (1.1 if number % 2 else 0.9), CONSUMERS_W)
         trip.report()
-    assert trip.command_w == 0.0
-    assert trip.planner.state.decision.explanation.startswith('route_progress has not moved for 16:')
+        refusals.append(str(trip.planner.state.inbox.refused_progress))
+    assert f'has stayed at {1800.0 * SPEED_MPS:.0f} m for minutes, although the battery drives' in refusals[-1]
+    # From five minutes after it froze.
+    assert refusals.count('None') == pytest.approx(60, abs=2)
+    assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(1800.0 - 1000.0, abs=6.0)
+    trip.here_m += 1000.0 * SPEED_MPS
+    trip.report()
+    assert trip.planner.state.inbox.refused_progress is None
+    assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(1800.0 - 1000.0, abs=6.0)
 
 
 def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
