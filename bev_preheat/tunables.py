@@ -207,6 +207,7 @@ MIRRORED_UP_TO = 1.4               # 1  | of the route's power: all that a rever
 SHORT_GAP_S = 30.0                 # s  | states further apart are not of one course of the power
 UNPLUGGED_AFTER_S = 20.0           # s  | unplugging takes longer; shorter charging is a descent
 ARRIVES_AFTER_S = 120.0            # s  | charging near the end of a leg: the car is at the charger
+FROZEN_AFTER_S = 300.0             # s  | a position, or all values, that stay while the battery drives
 NEAR_END_S = 900.0                 # s  | … near in time
 NEAR_END_SHARE = 0.25              # 1  | … or by share of the leg
 NEAR_START_SHARE = 0.25            # 1  | … but not here: it may charge until departure

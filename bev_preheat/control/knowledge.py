@@ -109,17 +109,21 @@ class Knowledge(NamedTuple):
         stamp_ns, settings, vehicle = measurement.stamp_ns, moment.settings, moment.vehicle
         timetable, active = moment.timetable, moment.active_timetable
         command_w = powers.drawn_w(stamp_ns)
-        feed = self.feed.seen(stamp_ns / NS_PER_S)
-        knowledge, doubts, seen = self._screened(measurement, vehicle, self.doubts.noted(
-            FEED, feed.doubt(settings.battery_state_timeout_s), stamp_ns))
+        knowledge, doubts, seen = self._screened(measurement, vehicle, self.doubts)
         planned = planned_around(active, stamp_ns, moment.defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)
         evidence = Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,
             0.0 if timetable is None or has_moved is None else timetable.stood_ns / NS_PER_S,
-            knowledge.sign.sign is Sign.RIGHT, None if STATE_OF_CHARGE in doubts else seen.state.soc,
+            knowledge.sign.sign is Sign.RIGHT,
+            None if STATE_OF_CHARGE in doubts or knowledge.scale.doubt else seen.state.soc,
             _full_j(vehicle))
         regimes = self.regimes.seen(evidence)
+        state = measurement.state
+        feed = self.feed.seen(stamp_ns / NS_PER_S, (
+            state.temperature_c, state.soc, measurement.voltage_v, measurement.current_a))
+        doubts = doubts.noted(FEED, feed.doubt(
+            settings.battery_state_timeout_s, regimes.has_driven(evidence)), stamp_ns)
         if timetable is not None and regimes.is_position_frozen(evidence):
             timetable = timetable.without_frozen_position()
         report, is_one_battery = regimes.report, SOURCE not in doubts

@@ -29,6 +29,7 @@ from bev_preheat.tunables import (
     CHARGING_DOUBTED_AFTER_S,
     DRIVES_W,
     DRIVING_AFTER_S,
+    FROZEN_AFTER_S,
     HEATER_FOLLOWS_S,
     LEAST_CHARGED,
     LEAST_CHARGING_STATES,
@@ -295,10 +296,10 @@ class RegimeWatch(NamedTuple):
 
     def is_position_frozen(self, evidence: Evidence) -> bool:
         """Return whether the battery drives the vehicle, although its position has not moved for minutes."""
-        return (evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_LONG_S
-                and self._has_driven(evidence))
+        return (evidence.has_moved is False and evidence.stood_s >= FROZEN_AFTER_S
+                and self.has_driven(evidence))
 
-    def _has_driven(self, evidence: Evidence) -> bool:
+    def has_driven(self, evidence: Evidence) -> bool:
         """Return whether consumers and heater take less than the battery gave in the last minute."""
         window = self._window(STANDING_AFTER_S)
         powers_w = self._powers_w(window)
@@ -310,7 +311,7 @@ class RegimeWatch(NamedTuple):
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
         is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
-        if is_at_rest and not self._has_driven(evidence):
+        if is_at_rest and not self.has_driven(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns

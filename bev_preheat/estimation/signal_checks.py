@@ -22,6 +22,7 @@ from bev_preheat.numerics import FLOATS
 from bev_preheat.tunables import (
     COMPARED_STATES,
     EMPTY_BELOW,
+    FROZEN_AFTER_S,
     FULLER_SOC,
     GOES_ON_WITHIN,
     LEAST_JUMPS,
@@ -176,16 +177,19 @@ def _in_words(state: SeenState) -> str:
 
 class FeedWatch(NamedTuple):
     """
-    The time between valid battery states, compared with the allowed time.
+    The time between valid battery states, compared with the allowed time, and whether their values change.
 
     `latest_s` [s] is the latest state's stamp, None: unknown; `has_expired`: it is too old, and no other has
     arrived. `too_long_s` are the latest gaps that were too long [s], `in_time` is the number of others since.
+    `values` are those of the latest state, which have been the same since `same_since_s` [s].
     """
 
     latest_s: float | None = None
     has_expired: bool = False
     too_long_s: tuple[float, ...] = ()
     in_time: int = 0
+    values: tuple[float | None, ...] = ()
+    same_since_s: float = 0.0
 
     def expired(self) -> FeedWatch:
         """Return the watch whose latest state is too old."""
@@ -193,25 +197,35 @@ class FeedWatch(NamedTuple):
 
     def without_instants(self) -> FeedWatch:
         """Return the watch that does not know when the latest state arrived."""
-        return self._replace(latest_s=None, has_expired=False)
+        return self._replace(latest_s=None, has_expired=False, values=())
 
-    def seen(self, instant_s: float) -> FeedWatch:
-        """Return the watch after a state with the stamp `instant_s` [s]."""
+    def seen(self, instant_s: float, values: tuple[float | None, ...]) -> FeedWatch:
+        """Return the watch after a state with the stamp `instant_s` [s] and these values."""
+        same_since_s = self.same_since_s if values == self.values else instant_s
+        watch = self._replace(latest_s=instant_s, has_expired=False, values=values, same_since_s=same_since_s)
         if self.latest_s is None:
-            return self._replace(latest_s=instant_s, has_expired=False)
+            return watch
         if self.has_expired:
             gap_s = instant_s - self.latest_s
-            return FeedWatch(instant_s, too_long_s=(*self.too_long_s, gap_s)[-SLOW_GAPS:])
+            return watch._replace(too_long_s=(*self.too_long_s, gap_s)[-SLOW_GAPS:], in_time=0)
         in_time = self.in_time + 1
-        return FeedWatch(instant_s, too_long_s=(
-            self.too_long_s if self._is_slow and in_time < SLOW_GAPS else ()), in_time=in_time)
+        return watch._replace(
+            too_long_s=self.too_long_s if self._is_slow and in_time < SLOW_GAPS else (), in_time=in_time)
 
     @property
     def _is_slow(self) -> bool:
         return len(self.too_long_s) == SLOW_GAPS
 
-    def doubt(self, timeout_s: float) -> str:
-        """Return the sentence on a feed whose states are too old after `timeout_s` [s]; '' while it is steady."""
+    def doubt(self, timeout_s: float, is_driven: bool) -> str:
+        """
+        Return the sentence on a feed that is in doubt; '' while it is steady.
+
+        Its states are too old after `timeout_s` [s], or frozen: they stay the same although the battery drives.
+        """
+        same_s = 0.0 if self.latest_s is None else self.latest_s - self.same_since_s
+        if is_driven and same_s >= FROZEN_AFTER_S:
+            return (f'battery_state has had the same values for more than {FROZEN_AFTER_S:g} s, although by them '
+                    'the battery drives the vehicle: its source may hang')
         if not self._is_slow:
             return ''
         every_s = sum(self.too_long_s) / len(self.too_long_s)

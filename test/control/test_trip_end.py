@@ -5,9 +5,11 @@ from drawn_days import CONSUMERS_W, DAYS, DRIVE_W, SPEED_MPS, violations_of, Wor
 from hypothesis import example, given
 import pytest
 
-from bev_preheat.control.events import ProgressArrived
-from bev_preheat.control.inputs import Progress
+from bev_preheat.control.events import BatteryStateArrived, ProgressArrived
+from bev_preheat.control.inputs import Measurement, Progress
+from bev_preheat.estimation.signal_checks import CURRENT
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 
 
@@ -191,6 +193,28 @@ def test_a_frozen_position_is_refused_until_it_moves_and_the_vehicle_drives_on_b
     trip.report()
     assert trip.planner.state.inbox.refused_progress is None
     assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(1800.0 - 1000.0, abs=6.0)
+
+
+def test_a_charge_that_is_frozen_does_not_make_a_driving_vehicle_stand():
+    trip = Trip(has_position=False, minutes=120)
+    for number in range(480):
+        trip.soc = 0.6
+        trip.step(DRIVE_W * (1.1 if number % 2 else 0.9), CONSUMERS_W)
+    assert [verdict.signal for verdict in trip.planner.state.signal_verdicts] == [CURRENT]
+    assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(3600.0 - 2400.0, abs=6.0)
+
+
+def test_a_source_that_hangs_heats_nothing_until_its_values_change():
+    trip, doubted_s = Trip(has_position=False, minutes=60), []
+    for at_s in range(5, 605, 5):
+        trip.now_s += 5
+        trip.tell(BatteryStateArrived(Measurement(BatteryState(4.5, 0.7), trip.clock_ns, 380.0, 50.0)))
+        if trip.planner.state.signal_verdicts:
+            doubted_s.append(at_s)
+            assert (trip.command_w, trip.status) == (0.0, Status.INVALID_INPUT)
+    assert doubted_s == list(range(305, 605, 5))
+    trip.step(DRIVE_W, CONSUMERS_W)
+    assert trip.planner.state.signal_verdicts == ()
 
 
 def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
