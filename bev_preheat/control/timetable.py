@@ -95,8 +95,8 @@ class Timetable:
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
     `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one arrived;
     positions from before it belong to another one. `fixes` are in order of their instants. `undriven` is the
-    latest first position that is too far to be driven by then, `frozen` one that stays while the vehicle drives;
-    None: none.
+    latest first position that is too far to be driven by then, `frozen` a position that stays while the vehicle
+    drives; None: none.
     """
 
     planned: Mission
