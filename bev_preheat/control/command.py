@@ -92,8 +92,7 @@ class Commander(NamedTuple):
         """Return the Commander with a Command of 0 W for a reason, and the sentence on it, and that Command."""
         switch, doubt = self.switch, self.doubt
         if reason.meaning.is_doubt:
-            switch, doubt = switch.doubted(
-                now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s), reason
+            switch, doubt = switch.doubted(now_ns, _cause_in_words(reason, sentence)), reason
         elif reason.meaning.ends_by_plan:
             switch = switch.turned_off(now_ns)
         else:

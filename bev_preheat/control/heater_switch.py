@@ -10,7 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bev_preheat.numerics import NS_PER_S, S_PER_H
-from bev_preheat.tunables import FIRST_WAIT_S, INTERRUPTIONS_OVER_S, LEAST_LONGEST_WAIT_S, MOST_SWITCH_ONS
+from bev_preheat.tunables import HELD_OFF_S, MOST_SWITCH_ONS
+
+_HELD_OFF_NS, _HOUR_NS = round(HELD_OFF_S * NS_PER_S), round(S_PER_H * NS_PER_S)
 
 
 class HeatingPause(NamedTuple):
@@ -18,38 +20,28 @@ class HeatingPause(NamedTuple):
     The pause after doubt, and the switch-ons of the last hour; instants in nanoseconds.
 
     Only time that passes forward counts, as `elapsed_ns` [ns]: a clock that falls back neither ends a pause nor
-    prolongs it. `interruptions`, `switch_ons` and `doubted_ns` (None: no pause) are instants of that time;
-    the pause lasts `wait_ns` [ns], for a `cause` as text.
+    prolongs it. `switch_ons` and `doubted_ns` (None: no pause) are instants of that time; `cause` is a text.
     """
 
     now_ns: int | None = None
     elapsed_ns: int = 0
-    interruptions: tuple[int, ...] = ()
     switch_ons: tuple[int, ...] = ()
     doubted_ns: int | None = None
-    wait_ns: int = 0
     cause: str = ''
 
     def at(self, now_ns: int) -> HeatingPause:
         """Return the pause at an instant; a pause that is over is forgotten."""
         elapsed_ns = self.elapsed_ns + (0 if self.now_ns is None else max(0, now_ns - self.now_ns))
-        is_over = self.doubted_ns is None or self.doubted_ns + self.wait_ns <= elapsed_ns
+        is_over = self.doubted_ns is None or self.doubted_ns + _HELD_OFF_NS <= elapsed_ns
         return self._replace(
             now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
-            interruptions=_within(self.interruptions, elapsed_ns, INTERRUPTIONS_OVER_S),
-            switch_ons=_within(self.switch_ons, elapsed_ns, S_PER_H))
+            switch_ons=tuple(each_ns for each_ns in self.switch_ons if elapsed_ns - each_ns < _HOUR_NS))
 
-    def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
-        """Return the pause begun (again) for a cause as text; each interruption of heating makes it longer."""
-        interruptions, wait_ns = self.interruptions, self.wait_ns
-        if was_on:
-            interruptions = (*interruptions, self.elapsed_ns)
-            longest_s = max(minimum_off_time_s, LEAST_LONGEST_WAIT_S)
-            doublings = min(len(interruptions) - 1, 10)
-            wait_ns = round(min(FIRST_WAIT_S * 2.0 ** doublings, longest_s) * NS_PER_S)
-        elif self.doubted_ns is None:
+    def doubted(self, cause: str, was_on: bool) -> HeatingPause:
+        """Return the pause begun (again) for a cause as text, if the heater was on or paused."""
+        if not was_on and self.doubted_ns is None:
             return self
-        return self._replace(interruptions=interruptions, wait_ns=wait_ns, doubted_ns=self.elapsed_ns, cause=cause)
+        return self._replace(doubted_ns=self.elapsed_ns, cause=cause)
 
     def switched_on(self) -> HeatingPause:
         """Return the pause with one more switch-on of the heater."""
@@ -75,29 +67,24 @@ class HeatingPause(NamedTuple):
         """Why the heater stays off, and until when; '' if it may be switched on."""
         if self.doubted_ns is not None and self._doubt_left_ns() > 0:
             ago_s = (self.elapsed_ns - self.doubted_ns) / NS_PER_S
-            number = len(self.interruptions)
-            again = f' (interruption {number} in {INTERRUPTIONS_OVER_S / 60.0:g} min)' if number > 1 else ''
-            return (f'{self.cause} {ago_s:.0f} s ago; heating resumes after {self.wait_ns / NS_PER_S:g} s of '
-                    f'valid input{again}.')
+            return f'{self.cause} {ago_s:.0f} s ago; heating resumes after {HELD_OFF_S:g} s of valid input.'
         if self._hour_left_ns() > 0:
-            return (f'The heater was switched on {MOST_SWITCH_ONS} times within an hour; the next time is '
+            return (f'The heater was switched on {len(self.switch_ons)} times within an hour; the next time is '
                     f'possible in {self._hour_left_ns() / NS_PER_S:.0f} s.')
         return ''
 
     def _doubt_left_ns(self) -> int:
         if self.doubted_ns is None:
             return 0
-        return self.doubted_ns + self.wait_ns - self.elapsed_ns
+        return self.doubted_ns + _HELD_OFF_NS - self.elapsed_ns
 
     def _hour_left_ns(self) -> int:
-        if len(self.switch_ons) < MOST_SWITCH_ONS:
+        """Half of an hour's switch-ons come at once if need be, the others evenly."""
+        switch_ons = self.switch_ons
+        if len(switch_ons) < MOST_SWITCH_ONS // 2:
             return 0
-        return self.switch_ons[0] + round(S_PER_H * NS_PER_S) - self.elapsed_ns
-
-
-def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[int, ...]:
-    """Return the instants of the last `kept_s` [s]."""
-    return tuple(instant_ns for instant_ns in instants_ns if now_ns - instant_ns < kept_s * NS_PER_S)
+        again_ns = switch_ons[0] + _HOUR_NS if len(switch_ons) >= MOST_SWITCH_ONS else 0
+        return max(switch_ons[-1] + _HOUR_NS // MOST_SWITCH_ONS, again_ns) - self.elapsed_ns
 
 
 class HeaterSwitch(NamedTuple):
@@ -124,9 +111,9 @@ class HeaterSwitch(NamedTuple):
         """Return the switch off at once because the plan has no more use for heat; the least time off begins."""
         return HeaterSwitch(pause=self.pause, since_ns=now_ns if self.is_on else self.since_ns)
 
-    def doubted(self, now_ns: int, cause: str, minimum_off_time_s: float) -> HeaterSwitch:
+    def doubted(self, now_ns: int, cause: str) -> HeaterSwitch:
         """Return the switch off because something is in doubt, for a cause as text; a pause begins."""
-        return HeaterSwitch(pause=self.pause.at(now_ns).doubted(cause, self.is_on, minimum_off_time_s))
+        return HeaterSwitch(pause=self.pause.at(now_ns).doubted(cause, self.is_on))
 
     def allowed(self) -> HeaterSwitch:
         """Return the switch free to move at once: the reason to wait no longer holds; a pause continues."""
