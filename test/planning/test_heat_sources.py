@@ -169,6 +169,12 @@ def test_sources_are_named_in_the_order_of_their_use():
     assert cold.as_dictionary()['hvch_battery_power_w'] == cold.as_dictionary()['heat_source_power_w']['hvch']
 
 
+@pytest.mark.parametrize('vehicle', [ALONE, VEHICLE], ids=['hvch', 'sources'])
+def test_in_the_last_second_of_a_drive_heat_is_too_late_and_not_impossible(vehicle):
+    plan = planned(vehicle, 24.75, ROUTE.before(1.0), uncertainty=Uncertainty(1.0, 0))
+    assert plan.explanation.startswith('Further heat would arrive too late: ')
+
+
 def test_a_source_heats_only_when_it_may():
     stops = ROUTE.with_propulsion(np.where(np.arange(len(ROUTE)) % 4 == 0, 0.0, 1.0))
     stops = replace(stops, speed_mps=np.where(stops.propulsion_power_w == 0.0, 0.0, stops.speed_mps))
