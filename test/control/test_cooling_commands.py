@@ -242,3 +242,16 @@ def test_a_chiller_that_refuses_is_told_by_its_own_words(start_c, estimation):
     # It serves again.
     assert entry.message == 'the command is served'
     assert supervisor.state.latest_command.power_w('chiller') == pytest.approx(3000.0)
+
+
+def test_a_chiller_that_refuses_each_command_is_named_between_them_and_serves_again():
+    told = {}
+    goal = Goal(25.0, maximum_arrival_temperature_c=35.0)
+    for seen in driven(400.0, goal=goal, charger=None, sensors=Sensors()):
+        now_ns, asked_w = seen.planner.state.now_ns, seen.command.power_w('chiller')
+        answer = (0.0, Refusal.OTHER, 'cold oil') if seen.at_s < 200.0 else (asked_w,)
+        seen.planner.step(now_ns, SourceStatusArrived(HeaterStatus(now_ns, asked_w, *answer), 'chiller'))
+        told[seen.at_s] = seen.decision.explanation
+    assert all(told[at_s].startswith('The chiller does not cool (OTHER): cold oil. Without further cooling')
+               for at_s in told if 10.0 < at_s < 110.0 or 140.0 < at_s < 200.0)
+    assert asked_w > 0.0 and told[seen.at_s].startswith('Cooling')
