@@ -24,6 +24,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.explanation import why
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.phases import DrivePhase
@@ -106,6 +107,17 @@ def planned_at(temperature_c, most_c=42.0, car=CAR):
         ROUTE, NOW_NS, target_temperature_c=25.0, maximum_arrival_temperature_c=most_c),))))
     supervisor.step(NOW_NS, BatteryStateArrived(Measurement(BatteryState(temperature_c, 0.5), NOW_NS)))
     return supervisor
+
+
+@pytest.mark.parametrize('temperature_c, most_c, begins, change', [
+    (49.0, 42.0, 'in ', 'A warmer battery or a lower highest'),
+    (55.0, 25.0, 'now', 'More time, more power for it or')])
+def test_the_answer_to_why_speaks_of_cooling(temperature_c, most_c, begins, change):
+    sections = why(planned_at(temperature_c, most_c).state, NOW_NS).sections
+    assert dict(sections['plan'])['target [degC]'] == f'25.00 … {most_c:.2f}'
+    assert dict(sections['plan'])['cooling begins'].startswith(begins)
+    (_, sentence), = sections['what would have to change']
+    assert sentence.startswith(change)
 
 
 @pytest.mark.parametrize('commander, status, begin, end', [
