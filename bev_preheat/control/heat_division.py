@@ -139,20 +139,25 @@ class HeatDivision:
         return switch.power_w
 
     def _pays(self, source: HeatSource, heat_w: float) -> bool:
-        """Return whether a start pays: the plan uses the source for its least time, and that saves the price."""
+        """
+        Return whether a start pays: the plan uses the source for its least time, and that saves the price.
+
+        Heat that the others cannot give pays at any price, also for less time if the arrival ends the use.
+        """
         plan = self._plan
         first = int(plan.time_s.searchsorted(self._elapsed_s, side='right')) - 1
         # A plan of a moment ago may have been made without the source.
         power_w = plan.source_power_w.get(source.name, np.zeros(len(plan.command_w)))
         unused = np.flatnonzero(power_w[first:] < LEAST_SOURCE_W)
         lasts_s = plan.time_s.item(first + unused.item(0) if len(unused) else -1) - self._elapsed_s
-        if lasts_s < source.minimum_on_time_s or source.switch_on_wh == 0.0:
-            return lasts_s >= source.minimum_on_time_s
+        is_long = lasts_s >= source.minimum_on_time_s
+        if source.switch_on_wh == 0.0 if is_long else len(unused) > 0:
+            return is_long
         most = [most for name, most in self._by_merit.items() if name != source.name]
         others = Sources([most_heat_w for most_heat_w, _ in most], [most_w for _, most_w in most], 0)
         saved_w = others.electric_w(heat_w) - self._merit.electric_w(heat_w)
         return (abs(others.capped_w(heat_w) - heat_w) > LEAST_SOURCE_W
-                or float(saved_w) * lasts_s > source.switch_on_wh * JOULES_PER_WH)
+                or (is_long and float(saved_w) * lasts_s > source.switch_on_wh * JOULES_PER_WH))
 
 
 def may_be_held_on(moment: Moment, plan: Plan) -> bool:

@@ -94,7 +94,7 @@ MEANINGS = {
         otherwise='A warmer battery or a lower highest temperature would start the cooling sooner.'),
     Status.COOLING: Meaning(
         'Cooling', 'cool', is_of_plan=True,
-        otherwise='The cooling stops when the battery arrives cold enough without more of it.'),
+        otherwise='The cooling stops when the battery arrives cold enough without further cooling.'),
     Status.TARGET_UNREACHABLE: Meaning(
         'Target out of reach', 'warn', Level.WARN,
         otherwise='More time, more power for it or a start closer to the target would reach it.',

@@ -267,3 +267,10 @@ def test_a_chiller_that_refuses_each_command_is_named_between_them_and_serves_ag
     assert all(told[at_s].startswith('The chiller does not cool (OTHER): cold oil. Without further cooling')
                for at_s in told if 10.0 < at_s < 110.0 or 140.0 < at_s < 200.0)
     assert asked_w > 0.0 and told[seen.at_s].startswith('Cooling')
+
+
+def test_a_chiller_whose_least_time_exceeds_the_rest_of_the_drive_cools_until_the_arrival():
+    car = replace(CAR, heat_sources=tuple(
+        replace(source, minimum_on_time_s=900.0) if source.cools else source for source in CAR.heat_sources))
+    *_, last = driven(car=car, goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None)
+    assert last.car.plant.temperature_c == pytest.approx(42.0, abs=0.7)
