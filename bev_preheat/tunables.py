@@ -240,6 +240,7 @@ LAG_STEP = 0.05                         # 1  | of the logarithm of the heat's la
 COMPARED_EVERY_S = 5.0                  # s  | between two comparisons of model and sensor: saves time
 SEEN_OVER_S = 60.0                      # s  | over which the heater's power is averaged from the battery's
 CONFIRMED_WITHIN_S = 3.0                # s  | until an answer of 0 W is a refusal: answers take a moment
+REFUSED_S = 120.0                       # s  | … which holds this long without a command: no flicker
 RESTING_W = 100.0                       # W  | its electronics and the offset of its measurement are no heat
 COMPARED_OVER_NS = 60_000_000_000       # ns | a minute over which answer and battery power are compared
 LEAST_DIFFERENCE_W = 500.0              # W  | … and by which they must differ for a doubt

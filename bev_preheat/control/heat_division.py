@@ -3,7 +3,7 @@
 Divides the heat of a command among the heat sources, by merit and steps, each with a `HeaterSwitch` of its own.
 
 A source with steps runs at the step nearest to its part. Once on it runs at its least power at least, and once off
-it rests; the others take its part then.
+it rests; the others take its part then. The least times of the HVCH are those of the settings.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.numerics import JOULES_PER_WH, NS_PER_S
 from bev_preheat.planning.heat_mix import mix_in_segment, parts, Sources
 from bev_preheat.planning.status import Status
-from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_SOURCE_W, ROUNDING_W
+from bev_preheat.tunables import (
+    HELD_ABOVE_TARGET_K,
+    HELD_BELOW_HIGHEST_K,
+    LEAST_MIXED_SHARE,
+    LEAST_SOURCE_W,
+    ROUNDING_W,
+)
+from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatSource, HVCH
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -25,13 +32,13 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg
     from bev_preheat.planning.plan import Plan
 
-# Those of the sources with least times or a price of a start, by name.
+# Those of the HVCH and of the sources with least times or a price of a start, by name.
 Switches: TypeAlias = tuple[tuple[str, HeaterSwitch], ...]
 
 
 def at_rest(switches: Switches, now_ns: int) -> Switches:
-    """Return Switches that are off from an instant [ns] on, unless they are already."""
-    return tuple((name, switch.turned_off(now_ns)) for name, switch in switches)
+    """Return Switches that are off from an instant [ns] on; that of all heat stands for the HVCH then."""
+    return tuple((name, switch.turned_off(now_ns)) for name, switch in switches if name != HVCH)
 
 
 class Powers(NamedTuple):
@@ -55,8 +62,12 @@ class HeatDivision:
         now_ns, temperature_c = moment.now_ns, moment.temperature_c
         plan, leg = decision.commanded or decision.plan, decision.leg
         assert temperature_c is not None and plan is not None and leg is not None
-        self._now_ns, self._vehicle, self._plan = now_ns, moment.vehicle, plan
-        self._sources = {source.name: source for source in moment.vehicle.heat_sources}
+        self._now_ns, self._plan = now_ns, plan
+        hvch = HeatSource(
+            HVCH, Table.constant(1.0), Table.constant(1.0), power_steps_w=moment.vehicle.steps_w(HVCH),
+            minimum_on_time_s=moment.settings.minimum_on_time_s,
+            minimum_off_time_s=moment.settings.minimum_off_time_s)
+        self._sources = {source.name: source for source in (hvch, *moment.vehicle.heat_sources)}
         self._elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
         share, hvch_w = decision.command_share, heater_limit_w(moment, leg)
@@ -72,7 +83,7 @@ class HeatDivision:
         self.limit_w = 0.0 if is_closed else float(self._merit.ends_w[-1])
         self.most_cold_w = -float(self._merit.cold_ends_w[-1]) if mix.cools else 0.0
         self._switches, self._held = dict(switches), dict[str, tuple[float, float]]()
-        for source in filter(lambda source: source.is_switched, moment.vehicle.heat_sources):
+        for source in filter(lambda source: source.is_switched, self._sources.values()):
             self._hold(source, decision.status is Status.OUT_OF_CHARGE or (
                 not source.cools and (is_closed or not may_be_held_on(moment, plan))))
         self.held_w: float = sum(heat_w for heat_w, _ in self._held.values())
@@ -82,12 +93,14 @@ class HeatDivision:
         name, switch = source.name, self._switches.get(source.name, HeaterSwitch())
         heat_w, most_w = self._by_merit.get(name, (0.0, 0.0))
         if most_w == 0.0 == self._asked.get(name, (0.0, 0.0))[1]:
-            switch = switch.turned_off(self._now_ns)
+            switch = switch.forced_off() if name == HVCH else switch.turned_off(self._now_ns)
         elif is_free and switch.is_on:
             switch = switch.allowed()
         elif most_w > 0.0 and switch.is_on and switch.must_wait(self._now_ns, source.minimum_on_time_s, 0.0):
             most_w /= self._shares.get(name, 1.0)
-            least_w = min(source.power_steps_w[0] if source.power_steps_w else switch.power_w, most_w)
+            least_w = source.power_steps_w[0] if source.power_steps_w else min(
+                switch.power_w, most_w * (LEAST_MIXED_SHARE if name == HVCH else 1.0))
+            least_w = min(least_w, most_w)
             self._held[name] = heat_w * least_w / most_w, least_w
         self._switches[name] = switch
 
@@ -112,34 +125,39 @@ class HeatDivision:
 
     def _switched(self, name: str, wanted_w: float, most_w: float, heat_w: float) -> float:
         """Return the command [W] of a source for `wanted_w` of `most_w`, as a part of a heat as HVCH power [W]."""
-        steps_w = self._vehicle.steps_w(name)
-        if steps_w:
-            wanted_w = min((step_w for step_w in (0.0, *steps_w) if step_w <= most_w + ROUNDING_W),
+        source = self._sources[name]
+        if source.power_steps_w:
+            wanted_w = min((step_w for step_w in (0.0, *source.power_steps_w) if step_w <= most_w + ROUNDING_W),
                            key=lambda step_w: abs(step_w - wanted_w))
         if name not in self._switches:
             return wanted_w
-        source, switch = self._sources[name], self._switches[name]
-        if not switch.is_on and name not in self._asked and not self._pays(source, heat_w):
+        switch = self._switches[name]
+        if not switch.is_on and name not in self._asked and name != HVCH and not self._pays(source, heat_w):
             wanted_w = 0.0
         switch = self._switches[name] = switch.asked(
             self._now_ns, wanted_w, wanted_w, source.minimum_on_time_s, source.minimum_off_time_s)
         return switch.power_w
 
     def _pays(self, source: HeatSource, heat_w: float) -> bool:
-        """Return whether a start pays: the plan uses the source for its least time, and that saves the price."""
+        """
+        Return whether a start pays: the plan uses the source for its least time, and that saves the price.
+
+        Heat that the others cannot give pays at any price, also for less time if the arrival ends the use.
+        """
         plan = self._plan
         first = int(plan.time_s.searchsorted(self._elapsed_s, side='right')) - 1
         # A plan of a moment ago may have been made without the source.
         power_w = plan.source_power_w.get(source.name, np.zeros(len(plan.command_w)))
         unused = np.flatnonzero(power_w[first:] < LEAST_SOURCE_W)
         lasts_s = plan.time_s.item(first + unused.item(0) if len(unused) else -1) - self._elapsed_s
-        if lasts_s < source.minimum_on_time_s or source.switch_on_wh == 0.0:
-            return lasts_s >= source.minimum_on_time_s
+        is_long = lasts_s >= source.minimum_on_time_s
+        if source.switch_on_wh == 0.0 if is_long else len(unused) > 0:
+            return is_long
         most = [most for name, most in self._by_merit.items() if name != source.name]
         others = Sources([most_heat_w for most_heat_w, _ in most], [most_w for _, most_w in most], 0)
         saved_w = others.electric_w(heat_w) - self._merit.electric_w(heat_w)
         return (abs(others.capped_w(heat_w) - heat_w) > LEAST_SOURCE_W
-                or float(saved_w) * lasts_s > source.switch_on_wh * JOULES_PER_WH)
+                or (is_long and float(saved_w) * lasts_s > source.switch_on_wh * JOULES_PER_WH))
 
 
 def may_be_held_on(moment: Moment, plan: Plan) -> bool:

@@ -15,7 +15,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import FLOATS, NS_PER_S
-from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W, RESTING_W
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W, REFUSED_S, RESTING_W
 from bev_preheat.vehicle.description import HeatSource, HVCH, Vehicle
 from bev_preheat.vehicle.heater_controller import Refusal
 
@@ -152,7 +152,8 @@ class HeaterAnswers(NamedTuple):
 
     `commanded` is the power as commanded; `history` has the confirmed power while the answers are used, otherwise
     the commanded one. `doubt` is the sentence on answers that are contradicted, `problem` that on the latest
-    unreadable one; '' for none. `status` None: no answer yet, commands count as served.
+    unreadable one; '' for none. `status` None: no answer yet, commands count as served. A refused command is given
+    again, if without it nothing is commanded, from `refused_until_ns` [ns] on.
     """
 
     name: str = HVCH
@@ -161,6 +162,7 @@ class HeaterAnswers(NamedTuple):
     status: HeaterStatus | None = None
     doubt: str = ''
     problem: str = ''
+    refused_until_ns: int = 0
 
     def with_answer(self, status: HeaterStatus, now_ns: int, settings: Settings) -> HeaterAnswers:
         """Return the answers with a HeaterStatus; raise InvalidInput if its stamp is implausible."""
@@ -184,7 +186,9 @@ class HeaterAnswers(NamedTuple):
 
     def with_command(self, now_ns: int, power_w: float, settings: Settings) -> HeaterAnswers:
         """Return the answers after a command [W]; it counts as served while no answer is used."""
+        is_refused = self.commanded.heating_for_s(now_ns) >= CONFIRMED_WITHIN_S and self.refusal(now_ns, settings)
         return self._replace(
+            refused_until_ns=now_ns + round(REFUSED_S * NS_PER_S) if is_refused else self.refused_until_ns,
             commanded=self.commanded.noted(now_ns, power_w), history=self.history if self.are_used(
                 now_ns, settings) else self.history.noted(now_ns, power_w))
 
@@ -210,7 +214,8 @@ class HeaterAnswers(NamedTuple):
         status = self.status
         if status is None or not self.are_used(now_ns, settings) or status.has_heat:
             return ''
-        if status.refusal not in HOLD_AT_ONCE and self.commanded.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
+        if (status.refusal not in HOLD_AT_ONCE and now_ns >= self.refused_until_ns
+                and self.commanded.heating_for_s(now_ns) < CONFIRMED_WITHIN_S):
             return ''
         reason = status.sentence or status.refusal.name.lower().replace('_', ' ')
         if status.refusal is Refusal.NOT_REFUSED:
@@ -242,7 +247,7 @@ class HeaterAnswers(NamedTuple):
 
     def without_instants(self) -> HeaterAnswers:
         """Return the answers without the latest one, because the clock was restarted."""
-        return self._replace(status=None)
+        return self._replace(status=None, refused_until_ns=0)
 
     def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
         """Return the HeaterAnswerReport of an instant; None before the first answer."""

@@ -17,6 +17,7 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.dynamics import Energies, is_described
 from bev_preheat.planning.explanation import explain, NO_POWER, NOT_POSSIBLE, TOO_LATE
 from bev_preheat.planning.full_power import heat_until_arrival
+from bev_preheat.planning.heat_mix import HeatMix
 from bev_preheat.planning.installed_methods import find_methods, installed_method
 from bev_preheat.planning.limits import drive_as_planned, notes_on_route, schedule_within_gates
 from bev_preheat.planning.methods import is_best, KeptValues, plan_by_values, plan_optimal_switch, plan_paper
@@ -340,9 +341,10 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     shortfall_k = max(0.0, target_c - arrival_c, arrival_c - most_c)
     soc_shortfall = max(0.0, reserve - arrival_soc)
     most_w = trip.vehicle.hvch.maximum_power_w
+    left_w = trip.mix.most_heat_w if isinstance(trip.mix, HeatMix) else most_w - trip.route.cabin_heating_power_w
     unheated_because = (
-        NOT_POSSIBLE if note or sources_w or most_w == 0.0 else
-        TOO_LATE if (trip.route.cabin_heating_power_w < most_w).any() else NO_POWER)
+        NOT_POSSIBLE if note else TOO_LATE if (left_w > 0.0).any() else
+        NOT_POSSIBLE if sources_w or most_w == 0.0 else NO_POWER)
     cooled = np.flatnonzero(schedule.heater_power_w < -HEATED_W)
     cooling_start_s = float(trip.time_s[cooled[0]]) if len(cooled) else None
     return Plan(

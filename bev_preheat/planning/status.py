@@ -89,11 +89,15 @@ MEANINGS = {
     Status.NOT_NEEDED: Meaning('Warm enough', 'good', is_of_plan=True),
     Status.WAITING: Meaning('Waiting to heat', 'wait', is_of_plan=True, ends_by_plan=True),
     Status.HEATING: Meaning('Heating', 'heat', is_of_plan=True),
-    Status.WAITING_TO_COOL: Meaning('Waiting to cool', 'wait', is_of_plan=True, ends_by_plan=True),
-    Status.COOLING: Meaning('Cooling', 'cool', is_of_plan=True),
+    Status.WAITING_TO_COOL: Meaning(
+        'Waiting to cool', 'wait', is_of_plan=True, ends_by_plan=True,
+        otherwise='A warmer battery or a lower highest temperature would start the cooling sooner.'),
+    Status.COOLING: Meaning(
+        'Cooling', 'cool', is_of_plan=True,
+        otherwise='The cooling stops when the battery arrives cold enough without further cooling.'),
     Status.TARGET_UNREACHABLE: Meaning(
         'Target out of reach', 'warn', Level.WARN,
-        otherwise='More time, more heater power or a warmer start would reach the target.',
+        otherwise='More time, more power for it or a start closer to the target would reach it.',
         obstacle='the target was out of reach', is_of_plan=True, is_alarm=True),
     Status.SOC_LIMITED: Meaning(
         'Limited by the charge', 'warn', Level.WARN,

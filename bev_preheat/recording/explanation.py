@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from bev_preheat.control.state import State
@@ -88,25 +89,26 @@ def _inputs(state: State, now_ns: int) -> Rows:
 
 
 def _plan(plan: Plan, state: State, now_ns: int) -> Rows:
-    rows = [('target [degC]', f'{plan.target_temperature_c:.2f}'),
+    most_c = plan.maximum_arrival_temperature_c
+    at_most = '' if math.isinf(most_c) else f' … {most_c:.2f}'
+    rows = [('target [degC]', f'{plan.target_temperature_c:.2f}{at_most}'),
             ('predicted on arrival [degC]',
              f'{plan.arrival_temperature_c:.2f} +- {state.decision.arrival_deviation_k:.2f}'),
             ('charge on arrival [1]', f'{plan.arrival_soc:.4f}')]
-    begins_s = _begins_s(state, now_ns)
-    if begins_s is not None:
-        rows.append(('heating begins', 'now' if begins_s <= 0.0 else f'in {duration_text(begins_s)}'))
+    for what, start_s in ('heating', plan.heating_start_s), ('cooling', plan.cooling_start_s):
+        begins_s = _from_now_s(state, now_ns, start_s)
+        if begins_s is not None:
+            rows.append((f'{what} begins', 'now' if begins_s <= 0.0 else f'in {duration_text(begins_s)}'))
     return rows
 
 
-def _begins_s(state: State, now_ns: int) -> float | None:
-    decision = state.decision
-    if decision.plan is None or decision.plan.heating_start_s is None:
-        return None
-    return (decision.plan_start_ns - now_ns) / NS_PER_S + decision.plan.heating_start_s
+def _from_now_s(state: State, now_ns: int, start_s: float | None) -> float | None:
+    return None if start_s is None else (state.decision.plan_start_ns - now_ns) / NS_PER_S + start_s
 
 
 def _otherwise(state: State, now_ns: int) -> Rows:
-    decision, begins_s = state.decision, _begins_s(state, now_ns)
+    decision = state.decision
+    begins_s = None if decision.plan is None else _from_now_s(state, now_ns, decision.plan.heating_start_s)
     otherwise = decision.status.meaning.otherwise
     sentences = [('for another answer', otherwise)] if otherwise else []
     if decision.status is Status.WAITING and begins_s is not None:

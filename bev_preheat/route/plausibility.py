@@ -44,7 +44,8 @@ def _warnings(route: Route, vehicle: Vehicle) -> Iterator[tuple[str, str]]:
             ('auxiliary_power_w', MOST_AUXILIARY_W, 'usual cars take at most')):
         values = getattr(route, field)
         at = int(np.abs(values).argmax())
-        if abs(values[at]) > MOST_BEYOND_MAXIMUM * most:
+        # Without a heater another source warms the cabin.
+        if abs(values[at]) > MOST_BEYOND_MAXIMUM * most > 0.0:
             yield (field, f'{figure(values[at])} W {_when(route, at)}; {why} {figure(most, 3)} W; check the unit')
     ambient_c = route.ambient_temperature_c
     at = int(ambient_c.argmax())

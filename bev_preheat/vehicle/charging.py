@@ -142,7 +142,7 @@ def _cooling_by_source(node: dict[str, FileData], heat_sources: dict[str, HeatSo
     coolers = [source.name for source in heat_sources.values() if source.cools and source.only_while != 'driving']
     if name not in coolers:
         problems.append(f'charging.cooling.heat_source: {quoted(name)} is not allowed; it must be a source of '
-                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has no such"}')
+                        f'heat_sources that cools a standing car: {", ".join(coolers) or "the file has none"}')
         return None
     if not values.keys() <= {'set_point_c', 'proportional_band_k'}:
         problems.append('charging.cooling: heat_source states the powers; set_point_c and proportional_band_k are '

@@ -10,6 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, quoted
 from bev_preheat.files.checked_yaml import FileData
+from bev_preheat.tunables import LEAST_SOURCE_W
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath, HeatSource, HVCH, step_problems
 
@@ -57,15 +58,19 @@ def read_heat_source(name: str, node: dict[str, FileData], efficiency: float, pr
     curves = []
     for key, (low, high), unit in (('maximum_power_w', SOURCE_RANGE_W, ' W'),
                                    ('heat_per_watt', HEAT_PER_WATT_RANGE, '')):
-        value, place = node[key], f'heat_sources.{name}.{key}'
+        value, place, known = node[key], f'heat_sources.{name}.{key}', len(problems)
         table = (read_table(place, value, problems, 'ambient_c') if isinstance(value, dict) else
                  Table.constant(float(value)))
-        cools = table.values[0][0] < 0.0 and key == 'heat_per_watt'
+        numbers = [] if len(problems) > known else [number for row in table.values for number in row]
+        cools = key == 'heat_per_watt' and next(filter(None, numbers), 0.0) < 0.0
         if cools:
             low, high = -high, -low
-        bad = [number for row in table.values for number in row if not low <= number <= high]
+        bad = [number for number in numbers if not low <= number <= high]
         problems += [f'{place}: {figure(number)} is not allowed; it must be {low:g} ... {high:g}{unit}'
                      for number in bad[:1]]
+        if unit and 0.0 < max(numbers, default=0.0) < LEAST_SOURCE_W:
+            problems.append(f'{place}: {figure(max(numbers))} W at most is not allowed; it must be at least '
+                            f'{LEAST_SOURCE_W:g} W; check the unit')
         curves.append(table)
     power, heat = curves
     hvch_watts = heat.changed(lambda value: value / efficiency)

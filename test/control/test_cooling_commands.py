@@ -24,6 +24,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.explanation import why
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.phases import DrivePhase
@@ -106,6 +107,17 @@ def planned_at(temperature_c, most_c=42.0, car=CAR):
         ROUTE, NOW_NS, target_temperature_c=25.0, maximum_arrival_temperature_c=most_c),))))
     supervisor.step(NOW_NS, BatteryStateArrived(Measurement(BatteryState(temperature_c, 0.5), NOW_NS)))
     return supervisor
+
+
+@pytest.mark.parametrize('temperature_c, most_c, begins, change', [
+    (49.0, 42.0, 'in ', 'A warmer battery or a lower highest'),
+    (55.0, 25.0, 'now', 'More time, more power for it or')])
+def test_the_answer_to_why_speaks_of_cooling(temperature_c, most_c, begins, change):
+    sections = why(planned_at(temperature_c, most_c).state, NOW_NS).sections
+    assert dict(sections['plan'])['target [degC]'] == f'25.00 … {most_c:.2f}'
+    assert dict(sections['plan'])['cooling begins'].startswith(begins)
+    (_, sentence), = sections['what would have to change']
+    assert sentence.startswith(change)
 
 
 @pytest.mark.parametrize('commander, status, begin, end', [
@@ -242,3 +254,23 @@ def test_a_chiller_that_refuses_is_told_by_its_own_words(start_c, estimation):
     # It serves again.
     assert entry.message == 'the command is served'
     assert supervisor.state.latest_command.power_w('chiller') == pytest.approx(3000.0)
+
+
+def test_a_chiller_that_refuses_each_command_is_named_between_them_and_serves_again():
+    told = {}
+    goal = Goal(25.0, maximum_arrival_temperature_c=35.0)
+    for seen in driven(400.0, goal=goal, charger=None, sensors=Sensors()):
+        now_ns, asked_w = seen.planner.state.now_ns, seen.command.power_w('chiller')
+        answer = (0.0, Refusal.OTHER, 'cold oil') if seen.at_s < 200.0 else (asked_w,)
+        seen.planner.step(now_ns, SourceStatusArrived(HeaterStatus(now_ns, asked_w, *answer), 'chiller'))
+        told[seen.at_s] = seen.decision.explanation
+    assert all(told[at_s].startswith('The chiller does not cool (OTHER): cold oil. Without further cooling')
+               for at_s in told if 10.0 < at_s < 110.0 or 140.0 < at_s < 200.0)
+    assert asked_w > 0.0 and told[seen.at_s].startswith('Cooling')
+
+
+def test_a_chiller_whose_least_time_exceeds_the_rest_of_the_drive_cools_until_the_arrival():
+    car = replace(CAR, heat_sources=tuple(
+        replace(source, minimum_on_time_s=900.0) if source.cools else source for source in CAR.heat_sources))
+    *_, last = driven(car=car, goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None)
+    assert last.car.plant.temperature_c == pytest.approx(42.0, abs=0.7)

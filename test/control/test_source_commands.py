@@ -292,6 +292,14 @@ def test_it_does_not_start_for_less_than_its_least_time():
     assert drive.plant.temperature_c == pytest.approx(25.0, abs=0.3)
 
 
+def test_the_hvch_keeps_its_least_times_beside_a_heat_pump():
+    """The parameters of the node say so: 20 s on, 120 s off; the noise of a reading asks for more or less heat."""
+    drive = Drive(CAR, 'hvch', goal=Goal(30.0), route=route_of(40), temperature_noise_k=0.1)
+    assert drive.uses and all(end_s - since_s >= 20.0 for since_s, end_s, _ in drive.uses)
+    assert all(pause_s >= 120.0 for pause_s in drive.pauses_s)
+    assert drive.plant.temperature_c == pytest.approx(30.0, abs=0.8)
+
+
 @pytest.mark.parametrize(('price_wh', 'is_used'), [(0.0, True), (20.0, True), (900.0, False)])
 def test_a_start_that_saves_less_than_its_price_is_left_to_the_hvch(price_wh, is_used):
     drive = Drive(car_with(switch_on_wh=price_wh), start_c=18.0, route=route_of(minutes=20))

@@ -56,6 +56,11 @@ def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.
      'heat_sources.pump.heat_per_watt.ambient_c: [5.0, -5.0] must rise from point to point'),
     ({'pump': {**PUMP, 'heat_per_watt': {'ambient_c': [-5, 5], 'temperature_c': [0, 9], 'values': [2, 1]}}}, {},
      'heat_sources.pump.heat_per_watt.values: must have 2 x 2 values, one for each point of its axes'),
+    # In kilowatts; a chiller that rests at its first point.
+    ({'pump': {**PUMP, 'maximum_power_w': 2.6}}, {}, 'heat_sources.pump.maximum_power_w: 2.6 W at most is not '
+     'allowed; it must be at least 10 W; check the unit'),
+    ({'chiller': {'maximum_power_w': 3000, 'heat_per_watt': {'temperature_c': [10, 30], 'values': [0, -2]}}}, {},
+     'heat_sources.chiller.heat_per_watt: 0 is not allowed; it must be -10 ... -0.05'),
     (SOURCES, {'heat_path': {'heater_lag_s': 30}}, 'heat_path.heater_lag_s: 30 s is not allowed beside '
      'heat_sources, whose lag is not described; it must be 0'),
     ({'pump': {**PUMP, 'power_steps_w': [2000, 1000]}}, {},
@@ -70,6 +75,14 @@ def test_refused_in_words(sources, changes, problem):
     with pytest.raises(InvalidInput) as refusal:
         vehicle_with(sources, **changes)
     assert f'the file: {problem}' in refusal.value.problems
+
+
+def test_of_a_table_with_the_wrong_shape_no_value_is_blamed():
+    transposed = {'ambient_c': [-5, 5], 'temperature_c': [0, 9, 20], 'values': [[2, 3], [2, 3], [1, 2]]}
+    with pytest.raises(InvalidInput) as refusal:
+        vehicle_with({'pump': {**PUMP, 'heat_per_watt': transposed}})
+    assert refusal.value.problems == [
+        'the file: heat_sources.pump.heat_per_watt.values: must have 2 x 3 values, one for each point of its axes']
 
 
 def test_the_mix_takes_the_least_power_of_all_mixes():
@@ -154,6 +167,12 @@ def test_sources_are_named_in_the_order_of_their_use():
     assert 'Sources' not in planned(temperature_c=30.0).explanation
     assert list(cold.as_dictionary()['heat_source_power_w']) == ['hvch', 'motor', 'heat_pump']
     assert cold.as_dictionary()['hvch_battery_power_w'] == cold.as_dictionary()['heat_source_power_w']['hvch']
+
+
+@pytest.mark.parametrize('vehicle', [ALONE, VEHICLE], ids=['hvch', 'sources'])
+def test_in_the_last_second_of_a_drive_heat_is_too_late_and_not_impossible(vehicle):
+    plan = planned(vehicle, 24.75, ROUTE.before(1.0), uncertainty=Uncertainty(1.0, 0))
+    assert plan.explanation.startswith('Further heat would arrive too late: ')
 
 
 def test_a_source_heats_only_when_it_may():

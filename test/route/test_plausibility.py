@@ -49,3 +49,7 @@ def test_no_route_that_comes_with_the_package_is_warned_of(route, vehicle):
 def test_a_wrong_unit_is_named(route, field):
     (warning,) = unit_warnings([ROUTE, route], VEHICLE)
     assert warning.startswith(f'{field}: ') and warning.endswith('; check the unit')
+
+
+def test_in_a_car_without_a_heater_the_cabin_is_warmed_by_another_source():
+    assert unit_warnings([ROUTE], replace(VEHICLE, hvch=replace(VEHICLE.hvch, maximum_power_w=0.0))) == []
