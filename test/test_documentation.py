@@ -171,12 +171,19 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(path), f'{name_of(page)} links to {target}'
 
 
-def test_code_comments_name_pages_that_exist():
-    for folder in ('bev_preheat', 'config', 'scripts', 'studies', 'test'):
+def test_code_comments_name_files_that_exist():
+    folders = 'bev_preheat', 'config', 'scripts', 'studies', 'test'
+    files = {path.name for path in ROOT.glob('*.py')}.union(
+        path.name for folder in (*folders, 'docs') for path in (ROOT / folder).rglob('*.py'))
+    for folder in folders:
         for path in (ROOT / folder).rglob('*'):
             if path.suffix in ('.py', '.yaml', '.txt', '.bash'):
-                for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', path.read_text()):
+                text = path.read_text()
+                for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', text):
                     assert (ROOT / name).exists(), f'{name_of(path)} names {name}'
+                if folder != 'test':
+                    for name in re.findall(r'\b\w+\.py\b', text):
+                        assert name in files, f'{name_of(path)} names {name}'
 
 
 def test_tests_that_make_runs_exist():
