@@ -264,6 +264,8 @@ def test_every_status_is_explained(generated):
     assert [(int(number), name) for number, name, *_ in rows] == [
         (status.value, status.name) for status in Status]
     assert all(meaning and level in ('OK', 'WARN', 'ERROR') for *_, meaning, level in rows)
+    steadied = (ROOT / 'docs/reference/statuses.md').read_text().partition('A change among')[2].partition(' is')[0]
+    assert set(re.findall(r'`(\w+)`', steadied)) == {each.name for each in Status if each.meaning.is_of_plan}
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'msg_defs').glob('*/*.*')), ids=lambda path: path.stem)

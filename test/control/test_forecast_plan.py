@@ -190,4 +190,4 @@ def test_heat_sources_heat_until_arrival_at_a_target_that_is_too_far(asked, shar
 def test_what_is_only_suspected_is_never_said_to_be_certain():
     plan = plan_preheating(VEHICLE, ROUTE, BatteryState(-7.0, 0.8), GOAL)
     suspected = SuspectedFault(Heater.DEAD, 0.9993, 0.0, 300.0, 2.0, None)
-    assert in_words(plan, reserve=0.0, suspected=(('hvch', suspected),)).startswith('The heater may be dead (99 %). ')
+    assert in_words(plan, reserve=0.0, suspected=(('hvch', suspected),)).startswith('The heater may be dead (99 %')
