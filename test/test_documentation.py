@@ -130,6 +130,11 @@ def test_the_key_figures_are_those_of_the_tables():
         assert figure in {f'{float(each):.{digits}f}' for each in shown}, figure
 
 
+def test_the_scenarios_are_counted():
+    number = len(list((ROOT / 'config/scenarios').glob('*.yaml')))
+    assert f'Of the {number} of `preheat scenario`' in (ROOT / 'docs/explanation/how_good.md').read_text()
+
+
 def test_the_readme_is_a_page():
     assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
 
