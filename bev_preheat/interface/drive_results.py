@@ -40,6 +40,11 @@ class SessionResult(Result):
     charger_heating = Part[str](
         'choice.decision.value', "Decision on heating at the charger: 'unable', 'never', 'always' or 'limited'.")
 
+    @property
+    def charger_heating_sentence(self) -> str:
+        """The decision as a sentence; '' for a car that cannot heat at the charger."""
+        return self.choice.sentence()
+
     problem = Part[str | None](
         'session.problem', "Reason for which the departure's state of charge is not reached; None: it is.")
     time_s = Part['FloatArray']('session.time_s', 'Instants [s], (N + 1,).')
