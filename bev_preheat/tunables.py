@@ -150,7 +150,7 @@ LEAST_SCATTER_W = 300.0    # W    | other consumers and sensors
 MOST_BLOCK_EVIDENCE = 3.0  # nats | of one block: one outlier does not decide
 FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic makes large errors likely
 
-# estimation/prior.py, state_file.py, soak.py: before the first reading
+# estimation/prior.py, state_file.py, control/learning.py: before the first reading
 LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
 DESCRIBED_PLACE_DEVIATION = 0.2      # 1 | of the sensor's place of `thermal`, over its distance to the mean
@@ -177,6 +177,8 @@ UNMODELLED_K = 0.2                     # K  | other masses, other places of the 
 UNDESCRIBED_SHARE = 0.15               # 1  | … without `thermal`, of the shell's excess: 40 simulated drives
 UNSEEN_LAG_S = 150.0                   # s  | … of a shell that no reading shows
 UNSEEN_SHARE = 0.25                    # 1  | … of its heat on arrival, which the sensor shows: 55 simulated drives
+
+# estimation/before_restart.py: what outlasts the process
 OLDEST_CHOICE_NS = 86_400_000_000_000  # ns | a day: by then the driver has forgotten it
 JUST_BEGUN_NS = 60_000_000_000         # ns | a route plan that is older than a minute begins no trip
 NOWHERE_M = 100.0                      # m  | a route no longer than an error of positions leads nowhere
@@ -279,7 +281,7 @@ EARLIEST_NS = 1_577_836_800_000_000_000   # ns | a clock before 2020 was never s
 FURTHEST_SKIP_NS = 1_296_000_000_000_000  # ns | 15 days: a longer skip, or absence, comes from a wrong clock
 PLANNING_STEP_S = 30.0                    # s  | longest step of the time until a departure
 
-# control/target_choice.py, charger_heat.py, charging_doubt.py: what pays
+# control/target_choice.py, target.py, charger_heat.py: what pays
 FIRST_LOOK_K = 5.0        # K | between the targets of the first look, and above the usual one
 LEAST_GAIN_SHARE = 5e-4   # 1 | of the cost, for another target: less is jitter
 MOST_MOVE_K = 2.0         # K | a search; the heater warms by less in its time, so nothing is missed
@@ -370,7 +372,7 @@ EDGE_SHARE = 0.9                # 1  | of a pass's width: a path that reaches it
 LOOK_WH = 0.25                  # Wh | … that saves more than this
 NO_WORSE_W = 10.0               # W  | deficits of power that differ by less are alike
 
-# planning/steps_ahead.py, limited_drive.py, gated_heat.py, bracketing.py …: rounding and ends of searches
+# planning/steps_ahead.py, limited_drive.py, limits.py, bracketing.py …: rounding and ends of searches
 ARRIVAL_TOLERANCE_K = 5e-6       # K    | of a run that meets the target: 1 mWh for a large pack
 MOST_TRIALS = 60                 # n    | a secant needs two to four; a search ends in any case
 HALVINGS = 50                    # n    | of a bracket: to the last digit

@@ -130,6 +130,11 @@ def test_the_key_figures_are_those_of_the_tables():
         assert figure in {f'{float(each):.{digits}f}' for each in shown}, figure
 
 
+def test_the_scenarios_are_counted():
+    number = len(list((ROOT / 'config/scenarios').glob('*.yaml')))
+    assert f'Of the {number} of `preheat scenario`' in (ROOT / 'docs/explanation/how_good.md').read_text()
+
+
 def test_the_readme_is_a_page():
     assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
 
@@ -171,12 +176,19 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(path), f'{name_of(page)} links to {target}'
 
 
-def test_code_comments_name_pages_that_exist():
-    for folder in ('bev_preheat', 'config', 'scripts', 'studies', 'test'):
+def test_code_comments_name_files_that_exist():
+    folders = 'bev_preheat', 'config', 'scripts', 'studies', 'test'
+    files = {path.name for path in ROOT.glob('*.py')}.union(
+        path.name for folder in (*folders, 'docs') for path in (ROOT / folder).rglob('*.py'))
+    for folder in folders:
         for path in (ROOT / folder).rglob('*'):
             if path.suffix in ('.py', '.yaml', '.txt', '.bash'):
-                for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', path.read_text()):
+                text = path.read_text()
+                for name in re.findall(r'docs/[\w/-]+\.(?:md|py)', text):
                     assert (ROOT / name).exists(), f'{name_of(path)} names {name}'
+                if folder != 'test':
+                    for name in re.findall(r'\b\w+\.py\b', text):
+                        assert name in files, f'{name_of(path)} names {name}'
 
 
 def test_tests_that_make_runs_exist():
@@ -257,6 +269,8 @@ def test_every_status_is_explained(generated):
     assert [(int(number), name) for number, name, *_ in rows] == [
         (status.value, status.name) for status in Status]
     assert all(meaning and level in ('OK', 'WARN', 'ERROR') for *_, meaning, level in rows)
+    steadied = (ROOT / 'docs/reference/statuses.md').read_text().partition('A change among')[2].partition(' is')[0]
+    assert set(re.findall(r'`(\w+)`', steadied)) == {each.name for each in Status if each.meaning.is_of_plan}
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'msg_defs').glob('*/*.*')), ids=lambda path: path.stem)

@@ -16,11 +16,11 @@ NAMES = {name for name in vars(tunables) if name.isupper()}
 UNIT_IN_NAME = {
     '_K': 'K', '_S': 's', '_NS': 'ns', '_W': 'W', '_WH': 'Wh', '_M': 'm', '_A': 'A', '_J': 'J', '_K_PER_S': 'K/s',
     '_K_PER_KW': 'K/kW', '_WH_PER_K': 'Wh/K', '_PER_S': '1/s', '_SHARE': '1', '_SOC': '1'}
-ROOMS = ('control', 'estimation', 'planning', 'signals')
+ROOMS = ('control', 'estimation', 'planning')
 # Sizes of arrays and caches, formats, limits of files and texts, units, closed forms: no numbers to be tuned.
 OTHERS = {
     'CHARGE', 'DAYS_A_WEEK', 'FORMATS_WITH_CARS', 'FORMAT_KEY', 'GOLDEN', 'HEALTHY', 'KELVIN_K', 'LATEST_NS',
-    'LOG_ROOT_2_PI', 'LONGEST_STATE_SENTENCE', 'LONGEST_ZONE_NAME', 'MOST_CARS', 'MOST_KEPT_SEGMENTS',
+    'LONGEST_STATE_SENTENCE', 'LONGEST_ZONE_NAME', 'MOST_CARS', 'MOST_KEPT_SEGMENTS',
     'MOST_REMEMBERED', 'NO_CHANGES', 'PASSES', 'PLACES', 'PLACE_DEVIATIONS', 'PLACE_LAGS_S',
     'PLACE_LAG_DEVIATIONS', 'PLACE_WEIGHTS', 'ROUNDING_NS', 'SHARES', 'SHIFTS', 'SIZE',
     'SOC_STEPS', 'STATE_FILE_FORMAT', 'STATE_FORMAT', 'STUCK', 'TEMPERATURE_RANGE_C', 'TEMPERATURE_STEPS_K',

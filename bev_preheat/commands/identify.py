@@ -10,11 +10,13 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.parser import given_options
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.drawing.identification_figures import report_pictures
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.input_files import check_input
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.identification.trips import LEAST_TRIPS, MOST_TRIPS
 from bev_preheat.optional_packages import require
@@ -118,8 +120,11 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
         # Before hours of reading.
         raise InvalidInput(
             f'LOG: {len(arguments.logs)} logs; at most {MOST_TRIPS} are fitted; leave out the shortest')
-    if arguments.state_file is not None and (arguments.logs or arguments.report or arguments.json):
-        raise InvalidInput('--state-file: not allowed with logs, --report or --json: it needs no fit')
+    if arguments.state_file is not None:
+        for option in ['logs'] * bool(arguments.logs) + given_options(
+                arguments, ('report', 'json', 'signals', 'repair')):
+            raise InvalidInput(f'--state-file: not allowed with {option}: it needs no fit')
+        check_input(arguments.state_file)
 
 
 def _export_learned(arguments: Namespace, start_file: Path) -> int:

@@ -21,6 +21,7 @@ from bev_preheat.commands.situation import (
     PROSPECT_OPTIONS,
     read_prospect,
     read_situation,
+    ROUTE_OPTIONS,
     target_of,
     warn,
 )
@@ -121,7 +122,7 @@ def _situation(vehicle: Vehicle, leg: Leg, target_c: float) -> tuple[Vehicle, Ro
 def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [*(['--min-soc'] if arguments.min_soc else []),
              *([] if math.isinf(arguments.max_arrival_temperature) else ['--max-arrival-temperature']),
-             *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS))]
+             *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS, *ROUTE_OPTIONS))]
     if given:
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg has its own')
 

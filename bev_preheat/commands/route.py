@@ -10,7 +10,7 @@ import shlex
 
 import numpy as np
 
-from bev_preheat.commands.parser import completed_by, option_group, Subparsers
+from bev_preheat.commands.parser import completed_by, given_options, option_group, option_of, Subparsers
 from bev_preheat.commands.situation import (
     add_route_options,
     add_signal_arguments,
@@ -60,10 +60,9 @@ def add_parser(subparsers: Subparsers) -> None:
     add_route_options(parser)
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
-    of_logs = option_group(parser, 'drive logs')
-    add_signal_arguments(of_logs)
-    of_logs.add_argument('--step', type=float, metavar='SECONDS',
-                         help=f'duration of a segment (default {DEFAULT_STEP_S:g})')
+    parser.add_argument('--step', type=float, metavar='SECONDS',
+                        help=f'duration of a segment (default {DEFAULT_STEP_S:g})')
+    add_signal_arguments(option_group(parser, 'drive logs'))
     option_group(parser, LESS_COMMON).add_argument(
         '--averages', type=float, action='extend', nargs='+', metavar='SECONDS',
         help='of a drive cycle: compare its energy with that of mean speeds over these durations')
@@ -103,7 +102,7 @@ def _load(arguments: Namespace,
     if arguments.legs:
         _refuse_route_options(arguments)
         if arguments.step is not None:
-            raise InvalidInput('--step: only with --log; a description of legs states its own segment_duration_s')
+            raise InvalidInput('--step: not allowed with --legs, whose file states segment_duration_s')
         made = load_legs(arguments.legs, vehicle)
         return made.name, made.route, made.remarks, [legs_file(arguments.legs)], ()
     if arguments.source:
@@ -117,8 +116,7 @@ def _load(arguments: Namespace,
 
 def _refuse_route_options(arguments: Namespace) -> None:
     """Raise InvalidInput if an option for --from is given without it."""
-    given = [f'--{option}' for option in (*ROUTE_OPTIONS, 'averages')
-             if getattr(arguments, option.replace('-', '_')) is not None]
+    given = given_options(arguments, (*ROUTE_OPTIONS, 'averages'))
     if given:
         raise InvalidInput(f'{", ".join(given)}: only with --from; descriptions of legs and drive logs have their '
                            'own temperatures and times')
@@ -141,10 +139,10 @@ def _driven(arguments: Namespace,
 
 def _command(arguments: Namespace) -> str:
     words = ['preheat', 'route']
-    for option in ('legs', 'from', 'log', 'signals', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
-        value = getattr(arguments, 'source' if option == 'from' else option.replace('-', '_'))
+    for name in ('legs', 'from', 'log', 'signals', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
+        value = getattr(arguments, 'source' if name == 'from' else name)
         if value is not None:
-            words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
+            words += [option_of(name), *map(str, value if isinstance(value, list) else [value])]
     return shlex.join([*words, '--repair'] if arguments.repair else words)
 
 

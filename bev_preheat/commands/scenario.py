@@ -11,7 +11,7 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by
+from bev_preheat.commands.parser import completed_by, given_options
 from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.situation import warn
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
@@ -53,6 +53,10 @@ def run(arguments: Namespace) -> int:
     """Run, print and write; returns 0 if all expectations are met."""
     from bev_preheat.simulation.scenario import load_scenario
     from bev_preheat.simulation.scenario_drive import evaluate_chain
+    if not arguments.nodes and arguments.logs is not None:
+        raise InvalidInput('--logs: only with --nodes')
+    for option in given_options(arguments, ('nodes', 'json', 'record')) if arguments.list else ():
+        raise InvalidInput(f'{option}: not allowed with --list')
     arguments.logs = _folder('--logs', arguments.logs)
     arguments.record = _folder('--record', arguments.record)
     if arguments.record is not None:
@@ -64,7 +68,7 @@ def run(arguments: Namespace) -> int:
     warn(*(f'scenario {scenario.name}: {warning}' for _, scenario in scenarios
            for warning in scenario.warnings))
     if arguments.list:
-        console = result_console(arguments.json)
+        console = result_console()
         for _, scenario in scenarios:
             console.print(Text.assemble((scenario.name, 'bold'), f': {scenario.description}'))
         return 0

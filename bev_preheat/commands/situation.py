@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
 
 # Options of `add_route_options`.
-ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
+ROUTE_OPTIONS = 'ambient', 'free_speed', 'stop_duration', 'vehicle_id', 'consumption'
 # The title of options that few need.
 LESS_COMMON = 'less common options'
 AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'

@@ -184,7 +184,7 @@ def _deviation_sentence(worth: Worth, shown: TargetWorth, deviation: TimeDeviati
 def check_charger_arguments(arguments: Namespace) -> None:
     """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     several = arguments.chargers is not None
-    others, needed = ((*OF_ONE, *PROSPECT_OPTIONS, *OF_RANGE), ('end_soc',)) if several else (
+    others, needed = ((*OF_ONE, 'target', *PROSPECT_OPTIONS, *OF_RANGE), ('end_soc',)) if several else (
         OF_SEVERAL, OF_ONE[:1] if arguments.charging_times is None else ())
     problems = [f'{option}: {"not allowed with" if several else "only with"} --chargers'
                 for option in given_options(arguments, others)]

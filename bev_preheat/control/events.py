@@ -23,9 +23,8 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.vehicle.description import HVCH, Vehicle
 
-# Topics of the planner's inputs; an event of a message is recorded by its topic.
-BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
-    'battery_state', 'route_plan', 'route_progress', HEATER_STATUS)
+# Topics of the planner's inputs, as those in `control.heater`; an event of a message is recorded by its topic.
+BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS = 'battery_state', 'route_plan', 'route_progress'
 # The source of the refusal of a current route that a new vehicle or new settings do not fit.
 MISFIT = 'vehicle'
 # Sums of the same durations in other steps differ by less.

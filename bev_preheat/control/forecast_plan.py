@@ -313,7 +313,7 @@ def in_words(plan: Plan, heater: HeaterReport | None = None, forecast: Forecast 
     for name, fault in () if refusal else suspected:
         if fault.lasts_s >= SUSPECT_SAID_S:
             sentence += (f'The {"heater" if name == HVCH else name} may be {fault.heater.value} '
-                         f'({100.0 * fault.probability:.0f} %). ')
+                         f'({min(100.0 * fault.probability, 99.0):.0f} %). ')
     sentence += f'{unserved} ' if unserved else ''
     sentence += explain(plan, **told)
     if forecast is not None and plan.heating_end_s is not None:

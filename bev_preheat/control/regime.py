@@ -318,7 +318,7 @@ class RegimeWatch(NamedTuple):
         if evidence.power_w is None:
             since_ns = self.course.standing_since_ns()
             return ('', None) if since_ns is None else (
-                'the state of charge stays where the route takes from it', since_ns)
+                'the state of charge hardly falls on a route that takes from it', since_ns)
         power_w = self._low_power_w(evidence)
         if power_w is None:
             return '', None

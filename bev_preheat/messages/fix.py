@@ -25,7 +25,7 @@ def fix_from_message(message: NavSatFix, now_ns: int, oldest_s: float, ahead_s: 
     more than `oldest_s` [s] old or more than `ahead_s` [s] ahead. An unusable covariance counts as unknown.
     """
     problems = stamp_problems(message.header.stamp) or _age_problems(
-        message.header.stamp, now_ns, oldest_s, ahead_s, 'position')
+        message.header.stamp, now_ns, oldest_s, ahead_s)
     status = message.status.status
     if status < NavSatStatus.STATUS_FIX:
         meaning = 'no fix' if status == NavSatStatus.STATUS_NO_FIX else 'not known'
@@ -39,11 +39,11 @@ def fix_from_message(message: NavSatFix, now_ns: int, oldest_s: float, ahead_s: 
     return Fix(nanoseconds(message.header.stamp), message.latitude, message.longitude, _deviation_m(message))
 
 
-def _age_problems(stamp: Time, now_ns: int, oldest_s: float, ahead_s: float, what: str) -> list[str]:
+def _age_problems(stamp: Time, now_ns: int, oldest_s: float, ahead_s: float) -> list[str]:
     """Return the problem of a stamp more than `oldest_s` [s] before now [ns], or `ahead_s` [s] after it."""
     age_s = (now_ns - nanoseconds(stamp)) / NS_PER_S
     return [] if -ahead_s <= age_s <= oldest_s else [
-        f'header.stamp: the {what} is {age_beyond(age_s, ahead_s, oldest_s)}']
+        f'header.stamp: the position is {age_beyond(age_s, ahead_s, oldest_s)}']
 
 
 def _deviation_m(message: NavSatFix) -> float | None:

@@ -15,14 +15,13 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.events import (
     BATTERY_STATE,
-    HVCH_STATUS,
     ROUTE_PLAN,
     ROUTE_PROGRESS,
     RouteArrived,
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.heater import SOURCE_STATUS
+from bev_preheat.control.heater import HEATER_STATUS, SOURCE_STATUS
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_event
@@ -65,9 +64,9 @@ INPUTS = {
                       has_many_sources=True),
     ROUTE_PROGRESS: Input(RouteProgress, 'where the vehicle is, if known',
                           lambda message, state, routes, hint: progress_event(message, hint)),
-    HVCH_STATUS: Input(HvchStatus, "the heater controller's answer, if there is one",
-                       lambda message, state, routes, hint: heater_status_event(
-                           message, state.vehicle.hvch.maximum_power_w)),
+    HEATER_STATUS: Input(HvchStatus, "the heater controller's answer, if there is one",
+                         lambda message, state, routes, hint: heater_status_event(
+                             message, state.vehicle.hvch.maximum_power_w)),
     SOURCE_STATUS: Input(HeatSourceStatus, 'the same of the other heat sources',
                          lambda message, state, routes, hint: source_status_event(message, state.vehicle),
                          has_many_sources=True, depth=20),

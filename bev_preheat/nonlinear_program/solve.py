@@ -108,7 +108,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     throughout, and the better result counts. If the charge is not enough for the trip, no solver is asked: there
     is no optimum, and not heating is the best possible. If the drive's power is short only because of the highest
     temperature, the battery may get warmer. If the solvers do not converge, corners of the maps are rounded
-    minimally (`smooth_maps`); limits then hold within 10 W. `corrections` of the vehicle need no programs of their
+    minimally; limits then hold within 10 W. `corrections` of the vehicle need no programs of their
     own, unlike a corrected vehicle. `heating_price` is that of a Problem. Raises InvalidInput as `plan_preheating`
     does, SolverFailure if IPOPT finds neither an optimum nor the constraints that cannot be kept.
     """

@@ -12,8 +12,7 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
-from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
-from bev_preheat.control.heater import SOURCE_STATUS
+from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import beginning_of, mcap_messages
 from bev_preheat.messages.fields import nanoseconds
@@ -227,7 +226,7 @@ def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[Recorded
         stamp_ns = _stamp_ns(message)
         if abs(ahead_ns) > SAME_CLOCK_NS or (not commands and abs(stamp_ns - received_ns) > SAME_CLOCK_NS
                                              and topic == BATTERY_STATE):
-            is_stamped = topic in (BATTERY_STATE, ROUTE_PROGRESS, HVCH_STATUS, SOURCE_STATUS) and stamp_ns
+            is_stamped = topic != ROUTE_PLAN and stamp_ns
             now_ns = stamp_ns if is_stamped else received_ns + ahead_ns
         else:
             now_ns = stamp_ns if 0 <= received_ns - stamp_ns <= TRANSPORT_NS else received_ns

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import mcap_messages
+from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_DAY, NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.recording.records import Beginning, MESSAGE_KINDS, RecordedState, RecordedStep
+from bev_preheat.recording.records import Beginning, RecordedState, RecordedStep
 from bev_preheat.recording.ring import recordings_in
 from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
 
@@ -163,8 +164,8 @@ def _read_part(path: Path) -> Flight:
                                 routes.get(recorded.route_ns)))
         elif channel == STEP_CHANNEL:
             step = RecordedStep.from_dictionary(_plain(path, data))
-            kinds = {event.get('kind') for event in step.events} & MESSAGE_KINDS
-            topic = next(iter(kinds), None)
+            # An event of a message has its topic as kind.
+            topic = next(iter(INPUTS.keys() & {event.get('kind') for event in step.events}), None)
             given.append(Given(step, None if topic is None else latest.get(topic)))
         else:
             topic = channel.rpartition('/')[2]

@@ -20,20 +20,15 @@ import numpy as np
 from bev_preheat.control.departures import clock_time, DailyPrice, GridPrices, PricePeriod, zone_of
 from bev_preheat.control.events import (
     ActivationChanged,
-    BATTERY_STATE,
     DeparturesSkipped,
     Event,
-    HVCH_STATUS,
     PreheatingSwitched,
     PreparationEnded,
     PreparationWanted,
     Reconfigured,
     RivalsChanged,
-    ROUTE_PLAN,
-    ROUTE_PROGRESS,
     RouteUnreadable,
 )
-from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, quoted, shortened
@@ -214,8 +209,6 @@ def learned_of(values: Any) -> Learned | None:
 
 # Topics of the planner's output.
 COMMAND, SOURCE_COMMAND = 'hvch_command', 'heat_source_command'
-# The kinds of events whose message is recorded before the step; the kind is the topic, the source of the event.
-MESSAGE_KINDS = frozenset((BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS, SOURCE_STATUS))
 WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
     'PreparationWanted', 'PreparationEnded', 'Reconfigured', 'RouteRefused')
 # Events whose fields are plain values.

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from bev_preheat.control.events import BATTERY_STATE, Event, HVCH_STATUS, Reconfigured, ROUTE_PLAN
-from bev_preheat.control.heater import SOURCE_STATUS
+from bev_preheat.control.events import BATTERY_STATE, Event, Reconfigured, ROUTE_PLAN
+from bev_preheat.control.heater import HEATER_STATUS, SOURCE_STATUS
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.control.state import State
 from bev_preheat.control.state_bytes import state_of
@@ -27,7 +27,6 @@ from bev_preheat.recording.records import (
     FAIL,
     GoalNumbers,
     learned_of,
-    MESSAGE_KINDS,
     read_message,
     RECONFIGURED,
     RecordedStep,
@@ -130,13 +129,13 @@ class Player:
             vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
             return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
                                 learned_of(values['learned']) if self._changes.has_recorded_vehicle else None)
-        if kind not in MESSAGE_KINDS:
+        if kind not in INPUTS:
             return event_of(values, self._goals)
         message = self._message(given)
         if kind == ROUTE_PLAN:
             for change in self._changes.signals:
                 change.alter_route(message)
-        elif kind in (HVCH_STATUS, SOURCE_STATUS) and self._alter_heater is not None:
+        elif kind in (HEATER_STATUS, SOURCE_STATUS) and self._alter_heater is not None:
             self._alter_heater(message)
         elif kind == BATTERY_STATE:
             if self._alter is not None:

@@ -20,7 +20,6 @@ from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS, TripColumns
 from bev_preheat.vehicle.variants import ScaledCurve
 
-MOST_STEPS = 1_000_000
 ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16
 MOST_AXIS = 1024
 MOST_FACTORS = 4

@@ -86,6 +86,8 @@ def test_version_is_that_of_the_manifest(said):
     (['sweep', '--seed', '1e9'],
      "preheat sweep: error: argument --seed: '1e9' is not a whole number; use digits only; "
      'see preheat sweep --help'),
+    (['scenario', 'nominal', '--logs', '.'], 'preheat: error: --logs: only with --nodes'),
+    (['scenario', '--list', '--json', 'x.json'], 'preheat: error: --json: not allowed with --list'),
     (['plan', *SITUATION, 'home.csv'],
      'preheat plan: error: unrecognized arguments: home.csv; see preheat plan --help'),
     (['vehicle', 'list', 'small_car'],

@@ -93,7 +93,7 @@ def test_the_comparison_with_averages_is_printed(preheat):
 @pytest.mark.parametrize('arguments, problem', [
     ((*MAKE, '--legs', 'winter_comute'), "'winter_comute' is unknown; did you mean 'winter_commute'"),
     ((*MAKE, '--legs', 'reference', '--step', '10'),
-     '--step: only with --log; a description of legs states its own segment_duration_s'),
+     '--step: not allowed with --legs, whose file states segment_duration_s'),
     ((*MAKE, '--legs', 'reference', '--ambient', '3'), '--ambient: only with --from'),
     ((*MAKE, '--log', 'nowhere.csv'), 'nowhere.csv: no such file'),
     ((*MAKE, '--from', 'nowhere.gpx'), 'nowhere.gpx: no such file'),

@@ -109,6 +109,7 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
     (['--end-soc', '30'], "the top of the vehicle's soc_range; 0.3?"),
     (['--departure-soc', '0.8'], '--departure-soc: not allowed with --chargers'),
     (['--target-range', '20', '25'], '--target-range: not allowed with --chargers'),
+    (['--target', '20'], '--target: not allowed with --chargers'),
     (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
     (['--chargers', 'nowhere'], "charger 'nowhere' is unknown; known: reference"),
     (['--route', 'winter_commute', '--only', 'village'], 'chargers[0] (village).at_min: 20 is beyond the ')])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from steady_drives import steady_leg, VEHICLE
 
-from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask
+from bev_preheat.control.forecast_plan import ForecastPlanner, in_words, PlanningTask
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import (
@@ -23,9 +23,9 @@ from bev_preheat.estimation.estimate import (
     TEMPERATURE,
     UNDER_WAY,
 )
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import Goal
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import MOST_REVEALED_K
 from bev_preheat.vehicle import load_vehicle
@@ -185,3 +185,9 @@ def test_heat_sources_heat_until_arrival_at_a_target_that_is_too_far(asked, shar
     assert found.commanded.source_power_w['hvch'][-1] == pytest.approx(share * 5000.0)
     assert found.commanded.source_power_w['heat_pump'][-1] == 2500.0
     assert found.plan.arrival_temperature_c < found.commanded.arrival_temperature_c
+
+
+def test_what_is_only_suspected_is_never_said_to_be_certain():
+    plan = plan_preheating(VEHICLE, ROUTE, BatteryState(-7.0, 0.8), GOAL)
+    suspected = SuspectedFault(Heater.DEAD, 0.9993, 0.0, 300.0, 2.0, None)
+    assert in_words(plan, reserve=0.0, suspected=(('hvch', suspected),)).startswith('The heater may be dead (99 %')

@@ -273,6 +273,7 @@ def test_a_charge_that_stays_tells_standing(step, within_s, command_w):
                             command_w=command_w)
     assert 900 + 120 <= first_at(reports, Regime.STANDING) <= 900 + within_s
     assert reports[-1][1].regime is Regime.STANDING
+    assert reports[-1][1].evidence == 'the state of charge hardly falls on a route that takes from it'
 
 
 def test_a_slow_stretch_after_a_fast_one_is_no_standing():

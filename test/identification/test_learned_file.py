@@ -71,6 +71,8 @@ def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp
     ('--state-file state.json --vehicle reference',
      'nothing learned about this vehicle file; name the file with which the planner ran'),
     ('--state-file state.json --vehicle small_car drive.csv', '--state-file: not allowed with logs'),
+    ('--state-file state.json --vehicle small_car --repair', '--state-file: not allowed with --repair'),
+    ('--state-file nowhere.json --vehicle small_car', 'nowhere.json: no such file'),
     ('--state-file other.json --vehicle small_car', 'it is not a state file of this planner'),
     ('--vehicle small_car', 'LOG: missing')])
 @pytest.mark.usefixtures('state_file')

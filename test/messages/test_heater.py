@@ -4,9 +4,14 @@
 import math
 
 import pytest
+import yaml
 
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
+from bev_preheat.control.heater import FAULTS, IN_WORDS
+from bev_preheat.estimation.hypotheses import Heater, HEATERS
+from bev_preheat.messages.diagnostics import HEATER_LEVELS, HEATER_SENTENCES
 from bev_preheat.messages.heater import source_status_event
+from bev_preheat.simulation.scenario import SCHEMA
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HeatSourceStatus
 
@@ -34,3 +39,10 @@ def test_the_answer_of_a_source_has_its_name():
     event = event_of(name='heat_pump', requested_power=2000.0, active_power=1500.0)
     assert isinstance(event, SourceStatusArrived)
     assert (event.name, event.status.active_w) == ('heat_pump', 1500.0)
+
+
+def test_each_verdict_on_the_heater_has_its_words():
+    assert set(HEATERS) == HEATER_LEVELS.keys() == HEATER_SENTENCES.keys() == set(Heater)
+    assert FAULTS.keys() == IN_WORDS.keys() == set(Heater) - {Heater.ANSWERS}
+    expected = yaml.safe_load(SCHEMA.read_text())['definitions']['expect']['properties']
+    assert expected['heater']['enum'] == [each.value for each in Heater]

@@ -13,18 +13,18 @@ from bev_preheat.control.events import PreparationEnded, PreparationWanted, Reco
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS
-from bev_preheat.recording.records import event_of, event_values, GoalNumbers, MESSAGE_KINDS, PLAIN_EVENTS
+from bev_preheat.recording.records import event_of, event_values, GoalNumbers, PLAIN_EVENTS
 
 
 def test_no_event_is_left_out():
     every = {each for each in vars(events).values()
              if isinstance(each, type) and issubclass(each, events.Event)} - {events.Event}
-    of_messages = {event for event in every if event.source in MESSAGE_KINDS} - {Reconfigured}
+    of_messages = {event for event in every if event.source in INPUTS} - {Reconfigured}
     others = {*PLAIN_EVENTS.values(), PreparationWanted, PreparationEnded, Reconfigured}
     assert every == of_messages | others
     # Each topic has an event for a message that can be read, and one for a message that cannot.
-    assert {event.source for event in of_messages} == MESSAGE_KINDS == set(INPUTS)
-    assert all(sum(event.source == topic for event in of_messages) >= 2 for topic in MESSAGE_KINDS)
+    assert {event.source for event in of_messages} == set(INPUTS)
+    assert all(sum(event.source == topic for event in of_messages) >= 2 for topic in INPUTS)
 
 
 def test_goals_are_told_apart_by_number():

@@ -234,6 +234,7 @@ def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, said, mo
     (['--soc', '1.2'], 'state of charge: 1.2 is not allowed; it must be 0 ... 1'),
     (['--vehicle', 'referenz'], "vehicle 'referenz' is unknown; did you mean 'reference'"),
     (['--days', '--plot', 'days.png'], '--plot: not allowed with --days'),
+    (['--days', '--methods', 'paper'], '--methods: not allowed with --days'),
     (['--signals', '--fault', 'dead'], '--fault: not allowed with --signals')])
 def test_bad_options_are_refused(arguments, extra, message, refused):
     assert message in refused(*arguments, *extra)

@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from bev_preheat.commands.parser import completed_by, option_group, Subparsers
+from bev_preheat.commands.parser import completed_by, given_options, option_group, Subparsers
 from bev_preheat.commands.situation import load_planned_vehicle, MethodNames, target_of, warn
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -103,12 +103,11 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: Namespace) -> int:
     """Run the study; returns 0 whether or not the requirements are met."""
     kind = 'days' if arguments.days else 'signals' if arguments.signals else ''
-    refused = {'--plot': arguments.plot is not None, '--progress': arguments.progress,
-               '--no-power': arguments.no_power, '--traffic': arguments.traffic != 0.0,
-               '--fault': kind == 'signals' and arguments.fault != 'none'}
-    names = [name for name, is_given in refused.items() if kind and is_given]
-    if names:
-        raise InvalidInput(f'{", ".join(names)}: not allowed with --{kind}')
+    refused = [*given_options(arguments, ('plot', 'methods', 'progress', 'no_power')),
+               *['--traffic'] * (arguments.traffic != 0.0),
+               *['--fault'] * (kind == 'signals' and arguments.fault != 'none')]
+    if kind and refused:
+        raise InvalidInput(f'{", ".join(refused)}: not allowed with --{kind}')
     trips = DEFAULT_TRIPS[kind] if arguments.trips is None else arguments.trips
     arguments.route = arguments.route or (list(ROUTES_OF_DAYS) if kind == 'days' else ['reference'])
     check_study_arguments(
