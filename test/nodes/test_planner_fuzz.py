@@ -30,6 +30,8 @@ TIMEOUT_S, TOLERANCE_S, LEASE_S, HVCH_W = 5.0, 1.0, 2.5, 7000.0
 HELD_S, SAME_BATTERY_K = 2.0, 4.0
 # A clock that jumps back further was reset: earlier measurements are meaningless.
 RESTART_S = 1.0
+# On the way a route plan that begins this far ahead has begun (docs/explanation/safety.md).
+AHEAD_S = 60.0
 # A state that is older than the latest by no more than this is dropped.
 OVERTAKEN_S = 1.0
 NEVER = -10**30
@@ -178,12 +180,21 @@ class Fuzz:
             stamped(message, start_ns)
         self._planner.give(message)
         if good:
+            if self._is_on_the_way() and 0 < start_ns - self.book.now_ns <= AHEAD_S * NS_PER_S:
+                start_ns = self.book.now_ns
             self.book = replace(self.book, is_route_refused=False, is_update_due=False,
                                 route=(start_ns, duration_s, tuple(cabin_w), route_id))
         else:
             self.book = replace(
                 self.book, is_route_refused=True, is_update_due=True,
                 route=self.book.route if self._is_update(message) else ())
+
+    def _is_on_the_way(self):
+        """Return whether a trip has begun and has not ended by time."""
+        if not self.book.route:
+            return False
+        start_ns, duration_s, cabin_w, _ = self.book.route
+        return 0 <= self.book.now_ns - start_ns < duration_s * len(cabin_w) * NS_PER_S
 
     def _is_update(self, message):
         """Return whether the previous trip may continue after a refused route (docs/explanation/safety.md)."""
