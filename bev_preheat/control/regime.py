@@ -34,6 +34,7 @@ from bev_preheat.tunables import (
     LEAST_CHARGED,
     LEAST_CHARGING_STATES,
     MIRRORED_UP_TO,
+    MOVES_WITHIN_NS,
     NOT_PARKED_SHARE,
     PARKED_AFTER_S,
     PARKED_SHARE,
@@ -297,7 +298,7 @@ class RegimeWatch(NamedTuple):
     def is_position_frozen(self, evidence: Evidence) -> bool:
         """Return whether the battery drives the vehicle, although its position has not moved for minutes."""
         return (evidence.has_moved is False and evidence.stood_s >= FROZEN_AFTER_S
-                and self.has_driven(evidence))
+                and self._has_driven_unsteadily(evidence))
 
     def has_driven(self, evidence: Evidence) -> bool:
         """Return whether consumers and heater take less than the battery gave in the last minute."""
@@ -308,10 +309,20 @@ class RegimeWatch(NamedTuple):
         heater_w = max(sample.command_w for sample in window)
         return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + DRIVES_W)
 
+    def _has_driven_unsteadily(self, evidence: Evidence) -> bool:
+        """
+        Return whether it has driven by a power that varies: unplanned consumers of one that stands are steady.
+
+        The latest power may be that of a vehicle that starts, whose next position moves.
+        """
+        until_ns = evidence.stamp_ns - MOVES_WITHIN_NS
+        return self.has_driven(evidence) and STANDS_WITHIN_W < _variation_w(
+            [sample for sample in self._window(STANDING_AFTER_S) if sample.stamp_ns <= until_ns])
+
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
         is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
-        if is_at_rest and not self.has_driven(evidence):
+        if is_at_rest and not self._has_driven_unsteadily(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns
@@ -345,12 +356,10 @@ class RegimeWatch(NamedTuple):
         powers_w = self._powers_w(window)
         if not powers_w or min(powers_w) < STANDS_ABOVE_W:
             return None
-        commands_w = [sample.command_w for sample in window]
-        heater_w = sum(commands_w) / len(commands_w)
+        heater_w = sum(sample.command_w for sample in window) / len(window)
         mean_w = sum(powers_w) / len(powers_w)
-        varies_w = max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
         most_w = planned.others_w + heater_w + STANDS_WITHIN_W
-        return None if mean_w > most_w or varies_w > STANDS_WITHIN_W else mean_w
+        return None if mean_w > most_w or _variation_w(window) > STANDS_WITHIN_W else mean_w
 
     def _is_parked(self, evidence: Evidence) -> bool:
         """Whether the consumers of a vehicle that stands are off, by the power of the last minute."""
@@ -365,6 +374,13 @@ class RegimeWatch(NamedTuple):
             return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
         consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
         return consumers_w < PARKED_SHARE * others_w * len(powers_w)
+
+
+def _variation_w(window: list[_PowerSample]) -> float:
+    """Return by how much the power [W] of samples varies more than their command."""
+    powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+    commands_w = [sample.command_w for sample in window]
+    return max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
 
 
 def _is_mirrored(evidence: Evidence) -> bool:

@@ -195,6 +195,22 @@ def test_a_frozen_position_is_refused_until_it_moves_and_the_vehicle_drives_on_b
     assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(1800.0 - 1000.0, abs=6.0)
 
 
+def test_a_vehicle_that_stands_with_consumers_on_no_plan_stays_at_its_place():
+    trip = Trip(minutes=60)
+    for _ in range(480):
+        # The fridge of a trailer, heated seats: 5 kW, as steady as no drive is.
+        trip.step(0.0, CONSUMERS_W + 5000.0)
+        trip.report()
+    assert (trip.planner.state.inbox.refused_progress, trip.status) == (None, Status.WAITING)
+    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=NS_PER_S)
+    # It drives on, and the next position follows.
+    trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
+    trip.here_m += SPEED_MPS * 5.0
+    trip.report()
+    trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
+    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=5 * NS_PER_S)
+
+
 def test_a_charge_that_is_frozen_does_not_make_a_driving_vehicle_stand():
     trip = Trip(has_position=False, minutes=120)
     for number in range(480):
