@@ -143,7 +143,8 @@ class RegimeWatch(NamedTuple):
 
     `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
     been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known,
-    `told_soc` the highest one since `power_supply_status` has been CHARGING; None: it is not.
+    `told_soc` the highest one since `power_supply_status` has been CHARGING, `told_ns` [ns] the instant; None: it is
+    not. `tells_regeneration`: it was CHARGING for a shorter time than any charge lasts.
     """
 
     report: RegimeReport = UNKNOWN_REGIME
@@ -151,17 +152,24 @@ class RegimeWatch(NamedTuple):
     low_since_ns: int | None = None
     course: ChargeCourse = ChargeCourse()
     told_soc: float | None = None
+    told_ns: int | None = None
+    tells_regeneration: bool = False
 
     def seen(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
         report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
-        course, told_soc, soc = self.course, self.told_soc, evidence.soc
+        course, told_soc, told_ns, soc = self.course, self.told_soc, self.told_ns, evidence.soc
         if samples and not 0 <= now_ns - samples[-1].stamp_ns <= SHORT_GAP_S * NS_PER_S:
             report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
-            course, told_soc = ChargeCourse(), None
+            course, told_soc, told_ns = ChargeCourse(), None, None
         course = ChargeCourse() if evidence.power_w is not None or soc is None else course.seen(
             now_ns, soc, evidence.planned, evidence.command_w, evidence.full_j)
-        supply = evidence.supply
+        supply, tells_regeneration = evidence.supply, self.tells_regeneration
+        if supply is SupplyStatus.CHARGING:
+            told_ns = now_ns if told_ns is None else told_ns
+        elif told_ns is not None:
+            tells_regeneration = tells_regeneration or now_ns - told_ns < STANDING_AFTER_S * NS_PER_S
+            told_ns = None
         if supply is not SupplyStatus.CHARGING or course.latest is None or soc is None:
             told_soc = None
         else:
@@ -173,7 +181,7 @@ class RegimeWatch(NamedTuple):
         return RegimeWatch(report, (
             *dropwhile(lambda sample: sample.stamp_ns < oldest_ns, samples),
             _PowerSample(now_ns, evidence.power_w, evidence.command_w, supply)),
-            low_since_ns, course, told_soc)._judged(evidence)
+            low_since_ns, course, told_soc, told_ns, tells_regeneration)._judged(evidence)
 
     def has_seen_late(self, before: RegimeWatch) -> bool:
         """Return whether the charge shows standing or charging only now, some time after its beginning."""
@@ -253,8 +261,9 @@ class RegimeWatch(NamedTuple):
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return '', 0
         window = self._window(after_s)
-        by_status = len(window) >= LEAST_CHARGING_STATES and all(
-            sample.supply is SupplyStatus.CHARGING for sample in window)
+        told = self._window(STANDING_AFTER_S) if self.tells_regeneration else window
+        by_status = len(told) >= LEAST_CHARGING_STATES and all(
+            sample.supply is SupplyStatus.CHARGING for sample in told)
         planned = evidence.planned
         regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
         says_otherwise = evidence.has_moved is not False and all(
