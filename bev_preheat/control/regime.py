@@ -143,8 +143,8 @@ class RegimeWatch(NamedTuple):
 
     `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
     been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known,
-    `told_soc` the highest one since `power_supply_status` has been CHARGING, `told_ns` [ns] the instant; None: it is
-    not. `tells_regeneration`: it was CHARGING for a shorter time than any charge lasts.
+    `told_soc` the highest one since `power_supply_status` has been CHARGING, `told_ns` [ns] the instant; None: it
+    is not. `tells_regeneration`: it was CHARGING for a shorter time than any charge lasts.
     """
 
     report: RegimeReport = UNKNOWN_REGIME
