@@ -46,6 +46,7 @@ LEAST_CURRENT_CHANGES = 20      # n   | a correlation of fewer is chance
 CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-circuit voltage moves more slowly
 LEAST_DEVIATION_A = 5.0         # A   | of few changes: below it, noise of the sensors correlates
 LEAST_DEVIATION_OF_ALL_A = 1.5  # A   | of CURRENT_CHANGES changes; offsets of sensors are smaller, too
+ZERO_AFTER_S = 3.0              # s   | 0 A sooner after another current is a field that is not filled
 PROVES_CORRELATION = 0.7        # 1   | measured drives show -0.99
 LEAST_MOVED = 0.0025            # 1   | of the charge, shows a direction: above the noise of displays
 LEAST_MOVED_STEPS = 0.9         # n   | … in steps of the charge's signal, less rounding
