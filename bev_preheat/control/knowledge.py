@@ -74,9 +74,9 @@ class Knowledge(NamedTuple):
     """
     The regime and the signals of one vehicle.
 
-    A current was seen last at `current_ns` [ns], None: never; a field that is 0 always, or between currents, is not
-    filled. `soc_steps` are those of the states of charge with a current. `charged_ns` [ns] is the instant at which the vehicle was charged last,
-    on the way; None: it has driven since.
+    A current was seen last at `current_ns` [ns], None: never; a field that is 0 always, or between currents, is
+    not filled. `soc_steps` are those of states of charge with a current. `charged_ns` [ns] is the instant at which
+    the vehicle was charged last, on the way; None: it has driven since.
     """
 
     feed: FeedWatch = FeedWatch()
