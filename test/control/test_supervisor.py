@@ -164,7 +164,7 @@ def test_a_current_of_0_between_others_is_not_filled_but_one_that_stays_is():
     for second, current_a in enumerate([0.0, 50.0, 0.0, 0.0, 45.0, 0.0, 0.0, 0.0, 0.0]):
         supervisor.accept_battery(replace(measured(at(second)), voltage_v=420.0, current_a=current_a), at(second))
         known_a.append(supervisor.state.measurement.current_a)
-    assert known_a == [None, 50.0, None, None, 45.0, None, None, 0.0, 0.0]
+    assert known_a == [None, 50.0, None, 0.0, 45.0, None, 0.0, 0.0, 0.0]
 
 
 # Age
