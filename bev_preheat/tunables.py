@@ -198,6 +198,7 @@ STANDING_AFTER_S = 60.0            # s  | of low power, or at one place: a stop 
 STANDING_AFTER_LONG_S = 300.0      # s  | … or this long, where the route may plan a slow stretch
 PARKED_AFTER_S = 120.0             # s  | … or this long, with the consumers off
 DRIVES_W = 2000.0                  # W  | least power of the route where the car should drive
+ROAD_SHARE = 0.5                   # 1  | of the route's power: consumers of a car that stands take less
 STANDS_WITHIN_W = 1000.0           # W  | by which a standing car exceeds consumers and heater at most
 STANDS_ABOVE_W = -500.0            # W  | more power into the battery is regeneration
 PARKED_SHARE = 0.5                 # 1  | of the route's consumers: the car is off

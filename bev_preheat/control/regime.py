@@ -38,6 +38,7 @@ from bev_preheat.tunables import (
     NOT_PARKED_SHARE,
     PARKED_AFTER_S,
     PARKED_SHARE,
+    ROAD_SHARE,
     SHORT_GAP_S,
     STANDING_AFTER_LONG_S,
     STANDING_AFTER_S,
@@ -307,31 +308,34 @@ class RegimeWatch(NamedTuple):
     def is_position_frozen(self, evidence: Evidence) -> bool:
         """Return whether the battery drives the vehicle, although its position has not moved for minutes."""
         return (evidence.has_moved is False and evidence.stood_s >= FROZEN_AFTER_S
-                and self._has_driven_unsteadily(evidence))
+                and self._has_driven_by_road(evidence))
 
-    def has_driven(self, evidence: Evidence) -> bool:
-        """Return whether consumers and heater take less than the battery gave in the last minute."""
+    def has_driven(self, evidence: Evidence, least_w: float = DRIVES_W) -> bool:
+        """Return whether consumers and heater take less, by `least_w` [W], than the battery gave in a minute."""
         window = self._window(STANDING_AFTER_S)
         powers_w = self._powers_w(window)
         if not powers_w:
             return False
         heater_w = max(sample.command_w for sample in window)
-        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + DRIVES_W)
+        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + least_w)
 
-    def _has_driven_unsteadily(self, evidence: Evidence) -> bool:
+    def _has_driven_by_road(self, evidence: Evidence) -> bool:
         """
-        Return whether it has driven by a power that varies: unplanned consumers of one that stands are steady.
+        Return whether it has driven by a power that varies, with regeneration or much of the route's.
 
-        The latest power may be that of a vehicle that starts, whose next position moves.
+        The unplanned consumers of a vehicle that stands are steady or small. The latest power may be that of one
+        that starts, whose next position moves.
         """
         until_ns = evidence.stamp_ns - MOVES_WITHIN_NS
-        return self.has_driven(evidence) and STANDS_WITHIN_W < _variation_w(
-            [sample for sample in self._window(STANDING_AFTER_S) if sample.stamp_ns <= until_ns])
+        window = [sample for sample in self._window(STANDING_AFTER_S) if sample.stamp_ns <= until_ns]
+        return self.has_driven(evidence) and _variation_w(window) > STANDS_WITHIN_W and (
+            min(self._powers_w(window), default=0.0) < STANDS_ABOVE_W
+            or self.has_driven(evidence, ROAD_SHARE * evidence.planned.propulsion_w))
 
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
         is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
-        if is_at_rest and not self._has_driven_unsteadily(evidence):
+        if is_at_rest and not self._has_driven_by_road(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns
