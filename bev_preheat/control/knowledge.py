@@ -146,7 +146,9 @@ class Knowledge(NamedTuple):
             drive is not None and not report.is_at_rest and not report.suspicion and not doubts.needed)
         return knowledge._replace(
             feed=feed, temperature=temperature, regimes=regimes, charged_ns=charged_ns, doubts=doubts,
-        ), Known(seen, kept, command_w, heat_w, is_described, is_described and report.is_doubtful,
+        ), Known(seen, kept, command_w, heat_w, is_described, is_described and (
+            # It stands, or its position comes in long steps.
+            report.is_doubtful or (has_moved is False and seen.power_w is None)),
                  TEMPERATURE not in doubts and is_one_battery, STATE_OF_CHARGE not in doubts and is_one_battery,
                  report.since_ns if has_moved is None and regimes.has_seen_late(self.regimes) else None)
 
