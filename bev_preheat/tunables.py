@@ -231,6 +231,7 @@ ESTIMATORS_KEPT = 3                # n | … of 20 min; a coarse charge shows a 
 KNOWN_TO_M = 10.0                       # m  | accuracy of a distance: within it the car is on time
 CORRECTED_BY_M = 100.0                  # m  | positions are corrected by up to this
 END_KNOWN_TO = 0.01                     # 1  | share of the route: chargers lie off the road
+MOST_REPLACED = 100                     # n  | replaced route plans of a trip whose stamps are remembered
 PACE_OVER_NS = 5_000_000_000            # ns | five seconds of the pace are averaged
 MOVES_WITHIN_NS = 10_000_000_000        # ns | ten seconds without moving KNOWN_TO_M: it stands
 AROUND_NS = 60_000_000_000              # ns | the place is uncertain: power of a minute around it counts

@@ -23,6 +23,7 @@ from bev_preheat.tunables import (
     CORRECTED_BY_M,
     END_KNOWN_TO,
     KNOWN_TO_M,
+    MOST_REPLACED,
     MOVES_WITHIN_NS,
     PACE_OVER_NS,
     STANDING_AFTER_S,
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 # vehicle drives. A vehicle that stands or charges so close to the end of a leg has arrived there: its place at the
 # charger is not a point of the road.
 FASTEST_MPS = LIMITS['speed_mps'][1]
-# So many stamps of replaced route plans are remembered.
-REPLACED_PLANS = 100
 # Fixes are this far apart or more.
 SPACED_NS = NS_PER_S
 
@@ -138,7 +137,7 @@ class Timetable:
             return self.revised(planned)
         return replace(Timetable.of(planned, now_ns), begun_ns=min(self.begun_ns, planned.start_ns),
                        stood_before_ns=self.stood_ns, stood_ns=self.stood_ns, replaced_ns=(
-                           *self.replaced_ns, self.planned.start_ns)[-REPLACED_PLANS:])
+                           *self.replaced_ns, self.planned.start_ns)[-MOST_REPLACED:])
 
     def outdated(self, planned: Mission, now_ns: int) -> str:
         """Return why a route plan received at an instant [ns] is older than the current one; '' if not."""
