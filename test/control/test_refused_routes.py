@@ -99,6 +99,14 @@ def test_a_route_that_was_over_when_it_arrived_ends_no_trip(route_id):
     assert supervisor.state.inbox.refused_route.endswith('The current route goes on.')
 
 
+def test_an_old_route_lifts_no_refusal():
+    supervisor = heating_supervisor(steady_mission())
+    supervisor.refuse_route(ERROR, SAME)
+    with pytest.raises(InvalidInput):
+        supervisor.accept_mission(steady_mission(start_ns=NOW_NS - ns(DURATION_S + 300.0)))
+    assert outcome(supervisor, NOW_NS) == OFF
+
+
 def test_a_route_plan_that_was_replaced_does_not_come_back():
     supervisor = heating_supervisor(steady_mission(start_ns=NOW_NS - ns(300.0)))
     supervisor.accept_mission(steady_mission(start_ns=NOW_NS))
