@@ -177,6 +177,14 @@ class Fuzz:
             start_ns = max(start_ns, 1)
             stamped(message, start_ns)
         self._planner.give(message)
+        before, now_ns = self.book.route, self.book.now_ns
+        has_trip = bool(before) and now_ns < before[0] + before[1] * len(before[2]) * NS_PER_S
+        if good and has_trip and start_ns + duration_s * count * NS_PER_S <= now_ns:
+            # Over when it arrived: it changes nothing.
+            return
+        if good and has_trip and before[0] <= now_ns <= start_ns <= now_ns + 60 * NS_PER_S:
+            # The vehicle is on the way: a start within a minute counts as now.
+            start_ns = now_ns
         if good:
             self.book = replace(self.book, is_route_refused=False, is_update_due=False,
                                 route=(start_ns, duration_s, tuple(cabin_w), route_id))
