@@ -123,6 +123,12 @@ class Refusals(NamedTuple):
         return self._with(_Refusal(
             ROUTE_PLAN, f'{ROUTE_PLAN} refused: {error}. {consequence}', objection != '')), not objection
 
+    def of_outdated_route(self, error: InvalidInput) -> Refusals:
+        """Return the Refusals with that of an older route plan, which says nothing about the current trip."""
+        holds = any(refusal.holds for refusal in self.in_order if refusal.source == ROUTE_PLAN)
+        return self._with(_Refusal(
+            ROUTE_PLAN, f'{ROUTE_PLAN} refused: {error}. The current route goes on.', False, holds))
+
     def of_misfit(self, error: InvalidInput) -> Refusals:
         """Return the Refusals with that of a current route that does not fit a new vehicle or new settings."""
         return self._with(_Refusal(MISFIT, f'{ROUTE_PLAN} refused: {error}'))

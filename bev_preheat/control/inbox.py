@@ -305,6 +305,10 @@ class Inbox(NamedTuple):
         before = self.cancelled_before
         if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
             return self._dropped(), None
+        outdated = '' if self.timetable is None else self.timetable.outdated(mission, now_ns)
+        if outdated:
+            refusal = InvalidInput(outdated)
+            return self._replace(refusals=self.refusals.of_outdated_route(refusal)), refusal
         inbox = self._replace(cancelled_before=None)._with_choices(cancelled_trip=None)
         inbox = inbox._beginning_or_going_on(mission, now_ns)
         return inbox._replace(refusals=inbox.refusals.after_route()), None

@@ -42,6 +42,7 @@ from bev_preheat.tunables import (
     NEAR_START_SHARE,
     SIGNAL_DOUBT_SHOWN_S,
     UNPLUGGED_AFTER_S,
+    ZERO_AFTER_S,
 )
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.plausibility import energy_between_kwh
@@ -73,14 +74,14 @@ class Knowledge(NamedTuple):
     """
     The regime and the signals of one vehicle.
 
-    A current is known once `has_seen_current`: a field that has always been 0 is not filled. `soc_steps` are those
-    of the states of charge with a current. `charged_ns` [ns] is the instant at which the vehicle was charged last,
-    on the way; None: it has driven since.
+    A current was seen last at `current_ns` [ns], None: never; a field that is 0 always, or between currents, is
+    not filled. `soc_steps` are those of states of charge with a current. `charged_ns` [ns] is the instant at which
+    the vehicle was charged last, on the way; None: it has driven since.
     """
 
     feed: FeedWatch = FeedWatch()
     source: SourceWatch = SourceWatch()
-    has_seen_current: bool = False
+    current_ns: int | None = None
     soc_steps: Resolution = Resolution(SOC_STEPS)
     sign: CurrentSign = CurrentSign()
     scale: CurrentScale = CurrentScale()
@@ -99,6 +100,7 @@ class Knowledge(NamedTuple):
         """Return the Knowledge without instants, because the clock was restarted; the current's sign stays."""
         return self._replace(
             feed=self.feed.without_instants(), source=self.source.without_instants(),
+            current_ns=None if self.current_ns is None else 0,
             sign=self.sign.without_instants(), scale=self.scale.without_instants(),
             temperature=self.temperature.without_instants(), regimes=RegimeWatch(), charged_ns=None,
             doubts=self.doubts.without_instants())
@@ -144,7 +146,9 @@ class Knowledge(NamedTuple):
             drive is not None and not report.is_at_rest and not report.suspicion and not doubts.needed)
         return knowledge._replace(
             feed=feed, temperature=temperature, regimes=regimes, charged_ns=charged_ns, doubts=doubts,
-        ), Known(seen, kept, command_w, heat_w, is_described, is_described and report.is_doubtful,
+        ), Known(seen, kept, command_w, heat_w, is_described, is_described and (
+            # It stands, or its position comes in long steps.
+            report.is_doubtful or (has_moved is False and seen.power_w is None)),
                  TEMPERATURE not in doubts and is_one_battery, STATE_OF_CHARGE not in doubts and is_one_battery,
                  report.since_ns if has_moved is None and regimes.has_seen_late(self.regimes) else None)
 
@@ -181,8 +185,10 @@ class Knowledge(NamedTuple):
         source = self.source.seen(measurement.seen)
         doubts = doubts.noted(SOURCE, source.doubt, now_ns)
         without = replace(measurement, voltage_v=None, current_a=None)
-        if voltage_v is None or current_a is None or (current_a == 0.0 and not self.has_seen_current):
+        if voltage_v is None or current_a is None or (current_a == 0.0 and (
+                self.current_ns is None or now_ns - self.current_ns < ZERO_AFTER_S * NS_PER_S)):
             return self._replace(source=source), doubts.noted(STATE_OF_CHARGE, '', now_ns).at(now_ns), without
+        current_ns = self.current_ns if current_a == 0.0 else now_ns
         check, at = electrical_check(vehicle), (voltage_v, current_a, state.temperature_c, state.soc)
         charge_doubt = check.charge_doubt(*at)
         doubts = doubts.noted(STATE_OF_CHARGE, charge_doubt, now_ns)
@@ -191,7 +197,7 @@ class Knowledge(NamedTuple):
         if voltage_doubt:
             doubts = doubts.noted(VOLTAGE, voltage_doubt, now_ns, shown_until_ns)
         if voltage_doubt or SOURCE in doubts:
-            return self._replace(source=source, has_seen_current=True), doubts.at(now_ns), without
+            return self._replace(source=source, current_ns=current_ns), doubts.at(now_ns), without
         soc_steps = self.soc_steps.seen(state.soc)
         sample = CurrentSample(instant_s, voltage_v, current_a, state.soc)
         sign = self.sign.seen(sample, soc_steps.step, vehicle.battery.capacity_as)
@@ -202,7 +208,7 @@ class Knowledge(NamedTuple):
         if current_doubt:
             doubts = doubts.noted(CURRENT, current_doubt, now_ns, shown_until_ns)
         return self._replace(
-            source=source, has_seen_current=True, soc_steps=soc_steps, sign=sign, scale=scale,
+            source=source, current_ns=current_ns, soc_steps=soc_steps, sign=sign, scale=scale,
         ), doubts.at(now_ns), without if current_doubt else measurement
 
 

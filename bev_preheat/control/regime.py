@@ -34,9 +34,11 @@ from bev_preheat.tunables import (
     LEAST_CHARGED,
     LEAST_CHARGING_STATES,
     MIRRORED_UP_TO,
+    MOVES_WITHIN_NS,
     NOT_PARKED_SHARE,
     PARKED_AFTER_S,
     PARKED_SHARE,
+    ROAD_SHARE,
     SHORT_GAP_S,
     STANDING_AFTER_LONG_S,
     STANDING_AFTER_S,
@@ -142,7 +144,8 @@ class RegimeWatch(NamedTuple):
 
     `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
     been that of a vehicle that stands; None: it is not. `course` is that of the charge while no power is known,
-    `told_soc` the highest one since `power_supply_status` has been CHARGING; None: it is not.
+    `told_soc` the highest one since `power_supply_status` has been CHARGING, `told_ns` [ns] the instant; None: it
+    is not. `tells_regeneration`: it was CHARGING for a shorter time than any charge lasts.
     """
 
     report: RegimeReport = UNKNOWN_REGIME
@@ -150,17 +153,24 @@ class RegimeWatch(NamedTuple):
     low_since_ns: int | None = None
     course: ChargeCourse = ChargeCourse()
     told_soc: float | None = None
+    told_ns: int | None = None
+    tells_regeneration: bool = False
 
     def seen(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
         report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
-        course, told_soc, soc = self.course, self.told_soc, evidence.soc
+        course, told_soc, told_ns, soc = self.course, self.told_soc, self.told_ns, evidence.soc
         if samples and not 0 <= now_ns - samples[-1].stamp_ns <= SHORT_GAP_S * NS_PER_S:
             report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
-            course, told_soc = ChargeCourse(), None
+            course, told_soc, told_ns = ChargeCourse(), None, None
         course = ChargeCourse() if evidence.power_w is not None or soc is None else course.seen(
             now_ns, soc, evidence.planned, evidence.command_w, evidence.full_j)
-        supply = evidence.supply
+        supply, tells_regeneration = evidence.supply, self.tells_regeneration
+        if supply is SupplyStatus.CHARGING:
+            told_ns = now_ns if told_ns is None else told_ns
+        elif told_ns is not None:
+            tells_regeneration = tells_regeneration or now_ns - told_ns < STANDING_AFTER_S * NS_PER_S
+            told_ns = None
         if supply is not SupplyStatus.CHARGING or course.latest is None or soc is None:
             told_soc = None
         else:
@@ -172,7 +182,7 @@ class RegimeWatch(NamedTuple):
         return RegimeWatch(report, (
             *dropwhile(lambda sample: sample.stamp_ns < oldest_ns, samples),
             _PowerSample(now_ns, evidence.power_w, evidence.command_w, supply)),
-            low_since_ns, course, told_soc)._judged(evidence)
+            low_since_ns, course, told_soc, told_ns, tells_regeneration)._judged(evidence)
 
     def has_seen_late(self, before: RegimeWatch) -> bool:
         """Return whether the charge shows standing or charging only now, some time after its beginning."""
@@ -252,8 +262,9 @@ class RegimeWatch(NamedTuple):
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return '', 0
         window = self._window(after_s)
-        by_status = len(window) >= LEAST_CHARGING_STATES and all(
-            sample.supply is SupplyStatus.CHARGING for sample in window)
+        told = self._window(STANDING_AFTER_S) if self.tells_regeneration else window
+        by_status = len(told) >= LEAST_CHARGING_STATES and all(
+            sample.supply is SupplyStatus.CHARGING for sample in told)
         planned = evidence.planned
         regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0
         says_otherwise = evidence.has_moved is not False and all(
@@ -297,21 +308,34 @@ class RegimeWatch(NamedTuple):
     def is_position_frozen(self, evidence: Evidence) -> bool:
         """Return whether the battery drives the vehicle, although its position has not moved for minutes."""
         return (evidence.has_moved is False and evidence.stood_s >= FROZEN_AFTER_S
-                and self.has_driven(evidence))
+                and self._has_driven_by_road(evidence))
 
-    def has_driven(self, evidence: Evidence) -> bool:
-        """Return whether consumers and heater take less than the battery gave in the last minute."""
+    def has_driven(self, evidence: Evidence, least_w: float = DRIVES_W) -> bool:
+        """Return whether consumers and heater take less, by `least_w` [W], than the battery gave in a minute."""
         window = self._window(STANDING_AFTER_S)
         powers_w = self._powers_w(window)
         if not powers_w:
             return False
         heater_w = max(sample.command_w for sample in window)
-        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + DRIVES_W)
+        return sum(powers_w) > len(powers_w) * (evidence.planned.others_w + heater_w + least_w)
+
+    def _has_driven_by_road(self, evidence: Evidence) -> bool:
+        """
+        Return whether it has driven by a power that varies, with regeneration or much of the route's.
+
+        The unplanned consumers of a vehicle that stands are steady or small. The latest power may be that of one
+        that starts, whose next position moves.
+        """
+        until_ns = evidence.stamp_ns - MOVES_WITHIN_NS
+        window = [sample for sample in self._window(STANDING_AFTER_S) if sample.stamp_ns <= until_ns]
+        return self.has_driven(evidence) and _variation_w(window) > STANDS_WITHIN_W and (
+            min(self._powers_w(window), default=0.0) < STANDS_ABOVE_W
+            or self.has_driven(evidence, ROAD_SHARE * evidence.planned.propulsion_w))
 
     def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
         """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
         is_at_rest = evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S
-        if is_at_rest and not self.has_driven(evidence):
+        if is_at_rest and not self._has_driven_by_road(evidence):
             return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
             return '', self.low_since_ns
@@ -345,12 +369,10 @@ class RegimeWatch(NamedTuple):
         powers_w = self._powers_w(window)
         if not powers_w or min(powers_w) < STANDS_ABOVE_W:
             return None
-        commands_w = [sample.command_w for sample in window]
-        heater_w = sum(commands_w) / len(commands_w)
+        heater_w = sum(sample.command_w for sample in window) / len(window)
         mean_w = sum(powers_w) / len(powers_w)
-        varies_w = max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
         most_w = planned.others_w + heater_w + STANDS_WITHIN_W
-        return None if mean_w > most_w or varies_w > STANDS_WITHIN_W else mean_w
+        return None if mean_w > most_w or _variation_w(window) > STANDS_WITHIN_W else mean_w
 
     def _is_parked(self, evidence: Evidence) -> bool:
         """Whether the consumers of a vehicle that stands are off, by the power of the last minute."""
@@ -365,6 +387,13 @@ class RegimeWatch(NamedTuple):
             return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
         consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
         return consumers_w < PARKED_SHARE * others_w * len(powers_w)
+
+
+def _variation_w(window: list[_PowerSample]) -> float:
+    """Return by how much the power [W] of samples varies more than their command."""
+    powers_w = [sample.power_w for sample in window if sample.power_w is not None]
+    commands_w = [sample.command_w for sample in window]
+    return max(powers_w) - min(powers_w) - (max(commands_w) - min(commands_w))
 
 
 def _is_mirrored(evidence: Evidence) -> bool:

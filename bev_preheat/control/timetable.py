@@ -23,6 +23,7 @@ from bev_preheat.tunables import (
     CORRECTED_BY_M,
     END_KNOWN_TO,
     KNOWN_TO_M,
+    MOST_REPLACED,
     MOVES_WITHIN_NS,
     PACE_OVER_NS,
     STANDING_AFTER_S,
@@ -117,6 +118,8 @@ class Timetable:
     delay_before_charge_ns: int | None = None
     # The standing before the route plan was replaced [ns].
     stood_before_ns: int = 0
+    # The stamps of the trip's route plans that were replaced [ns], the latest ones.
+    replaced_ns: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, planned: Mission, known_ns: int | None = None) -> Self:
@@ -133,7 +136,20 @@ class Timetable:
         if planned.has_instants_of(self.planned):
             return self.revised(planned)
         return replace(Timetable.of(planned, now_ns), begun_ns=min(self.begun_ns, planned.start_ns),
-                       stood_before_ns=self.stood_ns, stood_ns=self.stood_ns)
+                       stood_before_ns=self.stood_ns, stood_ns=self.stood_ns, replaced_ns=(
+                           *self.replaced_ns, self.planned.start_ns)[-MOST_REPLACED:])
+
+    def outdated(self, planned: Mission, now_ns: int) -> str:
+        """Return why a route plan received at an instant [ns] is older than the current one; '' if not."""
+        current, over_ns = self.planned, now_ns - planned.arrival_ns
+        if self.end is not None or planned.has_instants_of(current):
+            return ''
+        if over_ns >= 0:
+            return (f'header.stamp: by its times route {quoted(planned.route_id)} ended '
+                    f'{over_ns / NS_PER_S:.0f} s before it arrived; the stamp is the start of segment 0')
+        is_replaced = (planned.route_id == current.route_id and planned.start_ns != current.start_ns
+                       and planned.start_ns in self.replaced_ns)
+        return 'header.stamp: a later route plan has replaced this one; an update has a new stamp' * is_replaced
 
     def on_the_way(self, now_ns: int) -> Timetable:
         """Return the Timetable of a vehicle that drives now [ns]: a start within a minute counts as now."""

@@ -142,9 +142,9 @@ class SourceWatch(NamedTuple):
 
 
 def _sentence(one: SeenState, other: SeenState, jumps: tuple[bool, ...]) -> str:
-    if one.name != other.name:
-        names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
-        return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
+    if _have_other_names(one, other):
+        return (f'battery_state comes from two batteries: {quoted(one.name)} and {quoted(other.name)}; remap the '
+                'topic to the traction battery')
     share = 100.0 * sum(jumps) / len(jumps)
     jumping = _jumping(one, other)
     # A noisy sensor looks like a second battery that differs in one signal.
@@ -155,7 +155,12 @@ def _sentence(one: SeenState, other: SeenState, jumps: tuple[bool, ...]) -> str:
 
 def is_one_battery(one: SeenState, other: SeenState) -> bool:
     """Return whether two states may be of one battery."""
-    return one.name == other.name and not _jumping(one, other)
+    return not _have_other_names(one, other) and not _jumping(one, other)
+
+
+def _have_other_names(one: SeenState, other: SeenState) -> bool:
+    # A name that is not given contradicts none: some sources read it now and then.
+    return one.name != other.name and '' not in (one.name, other.name)
 
 
 def _jumping(one: SeenState, other: SeenState) -> list[str]:

@@ -107,7 +107,7 @@ def _read_voltage_and_current(message: BatteryStateMessage) -> tuple[float, floa
     Return the voltage [V] and the current [A], positive = discharging; (None, None): unknown.
 
     An unset voltage reads 0. A current of 0 means a parked vehicle or an unset field: only a field that has had
-    another value is known to be set (control.knowledge).
+    another value is known to be set, and 0 soon after that value is not (control.knowledge).
     """
     voltage_v, current_a = float(message.voltage), -float(message.current)
     is_known = 0.0 < voltage_v <= HIGHEST_VOLTAGE_V and abs(current_a) <= HIGHEST_CURRENT_A

@@ -115,6 +115,16 @@ def test_a_descent_that_no_route_knows_is_taken_back():
     assert (car.planner.state.regime.regime, car.delay_s) == (Regime.DRIVING, 0.0)
 
 
+def test_a_place_in_steps_of_a_kilometre_is_no_fault_of_the_heater():
+    car, suspected = Car((leg(45),), reports_power=False, temperature_c=2.0), set()
+    for driven_s in range(1, 2000):
+        # A fifth more than planned, in hills.
+        car.go(1, DRIVE_W * (1.56 if driven_s // 60 % 2 else 0.84))
+        car.tell(1000.0 * (25 * driven_s // 1000))
+        suspected.add(car.planner.state.estimate.heater.suspected)
+    assert suspected == {None} and car.heated_s(0) > 900
+
+
 def test_a_parked_car_is_not_heated_for_longer_than_stated():
     car = Car()
     car.go(300, DRIVE_W)

@@ -90,6 +90,37 @@ def test_a_refused_update_remains_known_until_a_valid_route_comes():
         'the next valid battery state on.'}, None)
 
 
+@pytest.mark.parametrize('route_id', ['home', 'yesterday'])
+def test_a_route_that_was_over_when_it_arrived_ends_no_trip(route_id):
+    supervisor = heating_supervisor(steady_mission())
+    with pytest.raises(InvalidInput, match='ended 300 s before it arrived'):
+        supervisor.accept_mission(steady_mission(route_id, start_ns=NOW_NS - ns(DURATION_S + 300.0)))
+    assert feed(supervisor, at(1.0))[0] > 0.0
+    assert supervisor.state.inbox.refused_route.endswith('The current route goes on.')
+
+
+def test_an_old_route_lifts_no_refusal():
+    supervisor = heating_supervisor(steady_mission())
+    supervisor.refuse_route(ERROR, SAME)
+    with pytest.raises(InvalidInput):
+        supervisor.accept_mission(steady_mission(start_ns=NOW_NS - ns(DURATION_S + 300.0)))
+    assert supervisor.state.decision.explanation.startswith('route_plan refused: header.stamp')
+
+
+def test_a_route_plan_that_was_replaced_does_not_come_back():
+    supervisor = heating_supervisor(steady_mission(start_ns=NOW_NS - ns(300.0)))
+    supervisor.accept_mission(steady_mission(start_ns=NOW_NS))
+    with pytest.raises(InvalidInput, match='a later route plan has replaced this one'):
+        supervisor.accept_mission(steady_mission(start_ns=NOW_NS - ns(300.0)))
+    assert feed(supervisor, at(1.0))[0] > 0.0
+    assert supervisor.state.mission.arrival_ns == HOME_END_NS
+    # Another trip may have any stamp; a vehicle that is earlier has a new one.
+    for route_id, early_s in (('home', 200.0), ('work', 300.0)):
+        mission = steady_mission(route_id, start_ns=NOW_NS - ns(early_s))
+        supervisor.accept_mission(mission)
+        assert supervisor.state.mission.arrival_ns == mission.arrival_ns
+
+
 # Other refusals
 
 DROPPED = {

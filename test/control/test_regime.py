@@ -102,6 +102,16 @@ def test_a_status_that_never_changes_hides_a_charger_for_a_minute_at_most(supply
     assert first_at(watch(bends_w, supply=supply), Regime.CHARGING) is None
 
 
+@pytest.mark.parametrize('is_known', [True, False], ids=['power', 'status alone'])
+def test_a_status_that_told_braking_tells_no_descent_but_a_charger(is_known):
+    # It brakes for 5 s in each 20 s, rolls down a hill for 40 s, and charges unsteadily at last.
+    powers_w = ([17400.0] * 15 + [-20000.0] * 5) * 3 + [-8000.0, -15000.0] * 20 + [17400.0] * 20
+    powers_w += [-2000.0, -9000.0] * 60
+    reports = watch(powers_w if is_known else [None] * len(powers_w), supply=lambda at_s: (
+        SupplyStatus.CHARGING if powers_w[at_s - START_S] < 0.0 else SupplyStatus.DISCHARGING))
+    assert 120 + 60 <= first_at(reports, Regime.CHARGING) <= 120 + 61
+
+
 @pytest.mark.parametrize('step', [0.001, 0.005, 0.01])
 def test_a_status_that_the_falling_charge_contradicts_is_no_charging(step):
     # 17.4 kW take 1 % in 155 s.

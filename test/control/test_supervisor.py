@@ -157,6 +157,16 @@ def test_a_command_from_outside_is_0_w_with_a_lease():
         0.0, at(1.5), Status.SHUTTING_DOWN)
 
 
+# A current that is filled in some of the states
+
+def test_a_current_of_0_between_others_is_not_filled_but_one_that_stays_is():
+    supervisor, known_a = Stepwise(VEHICLE, SETTINGS), []
+    for second, current_a in enumerate([0.0, 50.0, 0.0, 0.0, 45.0, 0.0, 0.0, 0.0, 0.0]):
+        supervisor.accept_battery(replace(measured(at(second)), voltage_v=420.0, current_a=current_a), at(second))
+        known_a.append(supervisor.state.measurement.current_a)
+    assert known_a == [None, 50.0, None, 0.0, 45.0, None, 0.0, 0.0, 0.0]
+
+
 # Age
 
 def test_a_silent_battery_heats_until_the_timeout():

@@ -195,6 +195,23 @@ def test_a_frozen_position_is_refused_until_it_moves_and_the_vehicle_drives_on_b
     assert trip.planner.state.decision.plan.arrival_time_s == pytest.approx(1800.0 - 1000.0, abs=6.0)
 
 
+# The fridge of a trailer and heated seats; the cabin's thermostat: 2 of 3 times 7 kW.
+@pytest.mark.parametrize('unplanned_w', [(5000.0,), (7000.0, 7000.0, 0.0)])
+def test_a_vehicle_that_stands_with_consumers_on_no_plan_stays_at_its_place(unplanned_w):
+    trip = Trip(minutes=60)
+    for number in range(480):
+        trip.step(0.0, CONSUMERS_W + unplanned_w[number % len(unplanned_w)])
+        trip.report()
+    assert (trip.planner.state.inbox.refused_progress, trip.status) == (None, Status.WAITING)
+    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=NS_PER_S)
+    # It drives on, and the next position follows.
+    trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
+    trip.here_m += SPEED_MPS * 5.0
+    trip.report()
+    trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
+    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=5 * NS_PER_S)
+
+
 def test_a_charge_that_is_frozen_does_not_make_a_driving_vehicle_stand():
     trip = Trip(has_position=False, minutes=120)
     for number in range(480):

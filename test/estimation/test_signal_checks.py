@@ -38,6 +38,12 @@ def test_names_tell_them_apart():
     assert "'front' and 'rear'" in doubt or "'rear' and 'front'" in doubt
 
 
+def test_a_name_that_is_given_now_and_then_is_no_second_battery():
+    assert feed([(5.0, 0.8, 400.0, 'WBY' if number % 10 == 0 else '') for number in range(100)]) == (None, '')
+    # One without a name shows in the values.
+    assert feed([(5.0, 0.8, 400.0, 'front'), (20.0, 0.5, 24.0, '')] * 5)[0] == 4
+
+
 def test_a_single_outlier_is_no_second_battery():
     states = [TRACTION] * 50
     states[20], states[40] = AUXILIARY, AUXILIARY

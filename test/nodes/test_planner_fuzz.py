@@ -69,6 +69,10 @@ class Book:
     arrived_ns: int = NEVER
     # Start [ns], duration of a segment [s], cabin power in each [W], route_id; (): none.
     route: tuple = ()
+    # From when its trip counts [ns]: on the way from now on, if it starts within a minute.
+    begins_ns: int = NEVER
+    # The latest valid route has begun, and was not cancelled.
+    has_begun_ns: int = -NEVER
     is_state_refused: bool = False
     is_route_refused: bool = False
     # The latest route was refused, and no valid one has arrived since.
@@ -179,39 +183,43 @@ class Fuzz:
             start_ns = max(start_ns, 1)
             stamped(message, start_ns)
         self._planner.give(message)
+        now_ns, is_under_way = self.book.now_ns, self.book.has_begun_ns <= self.book.now_ns
+        if good and self._is_over(start_ns + duration_s * count * NS_PER_S):
+            # Over when it arrived: it changes nothing.
+            return
         if good:
-            if self._is_on_the_way() and 0 < start_ns - self.book.now_ns <= AHEAD_S * NS_PER_S:
-                start_ns = self.book.now_ns
-            self.book = replace(self.book, is_route_refused=False, is_update_due=False,
-                                route=(start_ns, duration_s, tuple(cabin_w), route_id))
+            # A trip may be under way: it has begun, and a vehicle that stands is late.
+            begins_ns = now_ns if is_under_way and 0 < start_ns - now_ns <= AHEAD_S * NS_PER_S else start_ns
+            self.book = replace(self.book, is_route_refused=False, is_update_due=False, begins_ns=begins_ns,
+                                has_begun_ns=begins_ns, route=(start_ns, duration_s, tuple(cabin_w), route_id))
         else:
             self.book = replace(
                 self.book, is_route_refused=True, is_update_due=True,
                 route=self.book.route if self._is_update(message) else ())
 
-    def _is_on_the_way(self):
-        """Return whether a trip has begun and has not ended by time."""
+    def _is_over(self, end_ns):
+        """Return whether a route that ends at an instant [ns] is over already, during a trip that is not."""
         if not self.book.route:
             return False
-        start_ns, duration_s, cabin_w, _ = self.book.route
-        return 0 <= self.book.now_ns - start_ns < duration_s * len(cabin_w) * NS_PER_S
+        _, duration_s, cabin_w, _ = self.book.route
+        return end_ns <= self.book.now_ns < self.book.begins_ns + duration_s * len(cabin_w) * NS_PER_S
 
     def _is_update(self, message):
         """Return whether the previous trip may continue after a refused route (docs/explanation/safety.md)."""
         if not self.book.route or not message.charging_planned or not message.route_id:
             return False
-        start_ns, duration_s, cabin_w, route_id = self.book.route
+        _, duration_s, cabin_w, route_id = self.book.route
         durations_s = list(message.segment_duration)
         if message.route_id != route_id or not all(0.0 < one < 1e5 for one in durations_s):
             return False
         # In valid routes, nearly all arrays have the same length, or length 1.
         end_ns = nanoseconds(message.header.stamp) + sum(durations_s) * NS_PER_S
-        return end_ns >= start_ns + duration_s * len(cabin_w) * NS_PER_S - 1e6
+        return end_ns >= self.book.begins_ns + duration_s * len(cabin_w) * NS_PER_S - 1e6
 
     def give_cancellation(self):
         self._planner.give(RoutePlan(
             route_id=self.random.choice(('', 'home')), minimum_arrival_soc=nan))
-        self.book = replace(self.book, is_route_refused=False, route=())
+        self.book = replace(self.book, is_route_refused=False, route=(), has_begun_ns=-NEVER)
 
     def _spoil(self, columns, scalars):
         kind = self.random.random()
@@ -224,8 +232,8 @@ class Fuzz:
             scalars.update([self.random.choice(BAD_SCALARS)])
             scalars['charging_planned'] = True
         elif kind < 0.8:
-            columns[self.random.choice(('segment_duration', 'speed', 'propulsion_power',
-                                        'ambient_temperature'))] = []
+            # Without powers, the road load of the vehicle gives them.
+            columns[self.random.choice(('segment_duration', 'speed', 'ambient_temperature'))] = []
         elif kind < 0.995:
             columns['speed'] = [10.0] * (len(columns['segment_duration']) + 1)
             columns['propulsion_power'] = [10.0] * (len(columns['segment_duration']) + 2)
@@ -284,11 +292,12 @@ class Fuzz:
         assert -TOLERANCE_S <= age_s and book.now_ns < expires_ns, age_s
         start_ns, duration_s, cabin_w, _ = book.route
         on_the_way_s = (book.now_ns - start_ns) / NS_PER_S
-        assert 0.0 <= on_the_way_s < duration_s * len(cabin_w)
+        begun_s = (book.now_ns - book.begins_ns) / NS_PER_S
+        assert begun_s >= 0.0 and on_the_way_s < duration_s * len(cabin_w)
         # Planned in steps of 30 s or of the route's own, longer steps: a step has the mean.
         step_s = max(30.0, duration_s)
         least_w = min(cabin_w[int(max(on_the_way_s - step_s, 0.0) // duration_s):
-                              int((on_the_way_s + step_s) // duration_s) + 1])
+                              int((begun_s + step_s) // duration_s) + 1])
         assert power_w <= HVCH_W - least_w + 1e-6
         assert until_ns <= book.now_ns + round(LEASE_S * NS_PER_S)
         assert until_ns <= expires_ns
