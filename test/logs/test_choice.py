@@ -51,6 +51,12 @@ def chosen(signal, **units):
     ('battery_temperature_c', {'HVBat_T_Mean': 'kelvin'}, ('HVBat_T_Mean',)),
     ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
+    # A heater's channel in watts is its power, wherever the log states the unit.
+    ('battery_heater_w', {'Battery heater (kW)': 'kilowatt', 'Battery heater (A)': 'ampere'}, ('Battery heater (kW)',)),
+    ('heater_w', {'car__PTC': 'watt', 'car__PTC temp': 'degC'}, ('car.PTC',)),
+    ('battery_heater_w', {'batt_heater_w': 'watt'}, ('batt_heater_w',)),
+    ('cabin_heater_w', {'Cabin heater': 'kilowatt'}, ('Cabin heater',)),
+    ('battery_heater_w', {'Batterieheizung [W]': 'watt'}, ('Batterieheizung [W]',)),
     ('battery_temperature_c', {'bmsUnknownTempA': ''}, ()),
     ('ambient_c', {'t_env_c': 'degC'}, ('t_env_c',)), ('ambient_c', {'T_amb_C': 'degC'}, ('T_amb_C',)),
     ('ambient_c', {'VCU__VCU_AmbTemp': 'degC'}, ('VCU.VCU_AmbTemp',)),
