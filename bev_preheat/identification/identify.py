@@ -38,9 +38,6 @@ from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.vehicle.description import Vehicle
 
-# An estimate this close to a bound, in its coordinate, lies at it.
-AT_BOUND = 1e-4
-
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
              tell: Callable[[str], None] = lambda stage: None,
@@ -131,7 +128,7 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
         coordinate = float(fit.theta[at])
         estimate, low, high, prior_low, prior_high = (
             float(parameter.value(end)) for end in (coordinate, *interval, *_prior_interval(parameter)))
-        bound = next((end for end in (parameter.low, parameter.high) if abs(coordinate - end) < AT_BOUND), None)
+        bound = parameter.bound_at(coordinate)
         estimates.append(Estimated(
             name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
             max(high, estimate), prior_low, prior_high, name not in held,

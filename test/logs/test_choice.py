@@ -52,7 +52,7 @@ def chosen(signal, **units):
     ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
     # A heater's channel in watts is its power, wherever the log states the unit.
-    ('battery_heater_w', {'Battery heater (kW)': 'kilowatt', 'Battery heater (A)': 'ampere'}, ('Battery heater (kW)',)),
+    ('battery_heater_w', {'Battery heater (kW)': 'kilowatt', 'Battery heater': ''}, ('Battery heater (kW)',)),
     ('heater_w', {'car__PTC': 'watt', 'car__PTC temp': 'degC'}, ('car.PTC',)),
     ('battery_heater_w', {'batt_heater_w': 'watt'}, ('batt_heater_w',)),
     ('cabin_heater_w', {'Cabin heater': 'kilowatt'}, ('Cabin heater',)),
