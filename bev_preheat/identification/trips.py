@@ -20,6 +20,8 @@ from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 MOST_NEGATIVE_NOISE_W = 500.0
 SHORTEST_TRIP_S = 120.0
 LONGEST_TRIP_S = 3.0 * 86400.0
+# From this battery temperature on [deg C] cars cool their batteries; the model of a drive has no cooling.
+COOLED_FROM_C = 30.0
 # Longest interval between two samples of the power while the car draws more than LEAST_DRAWN_W.
 POWER_GAP_S = 30.0
 LEAST_DRAWN_W = 2000.0
@@ -212,6 +214,8 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     standing = speed_mps < STANDING_MPS if has_speed else np.full(
         len(grid_s), bool(at_stand) or idle_w.mean() < 0.0)
     temperature_c, weight = _readings(signals['battery_temperature_c'], grid_s, held('battery_temperature_c'))
+    if np.max(temperature_c) > COOLED_FROM_C:
+        remarks.append(f'battery above {COOLED_FROM_C:.0f} degC: leave the log out if the car cools it there')
     return Trip(name, temperature_c, held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
                 cabin_w, heater_w, speed_mps, signals['ambient_c'].at(grid_s), voltage_v, current_a,
                 tuple(remarks), _period_s(signals['battery_temperature_c'].time_s), weight)

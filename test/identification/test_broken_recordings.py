@@ -52,6 +52,13 @@ def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
 
 
+@pytest.mark.parametrize('above_k, told', [(19.0, False), (22.0, True)])
+def test_a_battery_that_the_car_may_have_cooled_is_named(above_k, told):
+    """With one log in which a chiller worked, a car's heat capacity came out a quarter too small."""
+    trip = trip_of(recording(battery_temperature_c=lambda at_c: at_c + above_k), VEHICLE)
+    assert any(remark.endswith('leave the log out if the car cools it there') for remark in trip.remarks) == told
+
+
 def test_the_heater_of_cabin_and_battery_counts_the_battery_once():
     heated_w = np.where(TIME_S < 600.0, 3000.0, 0.0)
     trip = trip_of(recording(cabin_heater_w=None, battery_heater_w=Series(TIME_S, heated_w),
