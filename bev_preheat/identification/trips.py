@@ -382,6 +382,7 @@ def refuse_poor(trips: Sequence[Trip]) -> None:
         problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
                         f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
                         'or a night at stand after a drive')
+        problems += [remark for remark in common_remarks(trips) if 'no sample for' in remark]
     if trips and all(trip.kind == 'charging session' for trip in trips):
         problems.append('none of the logs is a drive, a night or heated at stand; record at least one drive of '
                         '20 min')

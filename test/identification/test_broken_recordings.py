@@ -48,6 +48,15 @@ def test_a_broken_recording_is_answered_by_one_line(changes, line):
     assert problem.startswith('B: ') and line in problem
 
 
+def test_a_refusal_for_little_change_names_the_gap_that_cut_the_logs():
+    gap = (TIME_S > 500.0) & (TIME_S < 800.0)
+    cut = {key: Series(each.time_s[~gap], each.value[~gap]) for key, each in recording().signals.items()}
+    cut['battery_temperature_c'] = Series(TIME_S, np.where(TIME_S < 600.0, 5.0, 9.0))
+    trips = [trip_of(replace(recording(name), signals=cut), VEHICLE) for name in 'ABC']
+    with pytest.raises(InvalidInput, match='no sample for 300 s after 500 s'):
+        refuse_poor(trips)
+
+
 def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
 
