@@ -38,6 +38,9 @@ from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.vehicle.description import Vehicle
 
+# Least share of START's capacity that an aged battery has; makers guarantee 0.7 for eight years.
+OF_AGED = 0.6
+
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
              tell: Callable[[str], None] = lambda stage: None,
@@ -151,8 +154,8 @@ def _capacity(vehicle: Vehicle, electrical: Electrical) -> Estimated:
     prior = QUANTILE * CAPACITY_DEVIATION * start
     return Estimated(
         'capacity', 'capacity', 'Ah', start, electrical.capacity_ah, electrical.capacity_ah - reach,
-        electrical.capacity_ah + reach, start - prior, start + prior, reach < MOST_OF_PRIOR * prior, 0.0,
-        'START within 10 %: ageing, and the usable part of the charge', 'battery.capacity_ah')
+        electrical.capacity_ah + reach, OF_AGED * start, start + prior, reach < MOST_OF_PRIOR * prior, 0.0,
+        'START within 10 %, or aged by at most 40 %', 'battery.capacity_ah')
 
 
 def _resistance(vehicle: Vehicle, fit: ThermalFit) -> ResistanceCurve:

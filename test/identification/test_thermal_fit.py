@@ -148,6 +148,18 @@ def test_resistance_and_capacity_come_from_voltage_and_current():
     assert found.used == ('0', '1', '2', '3')
 
 
+@pytest.mark.costly
+@pytest.mark.parametrize('new_ah, is_unusual', [(140.0, False), (200.0, True)])
+def test_an_aged_battery_is_no_reason_for_distrust(new_ah, is_unusual):
+    from bev_preheat.identification.identify import identify
+    start = replace(VEHICLE, battery=replace(VEHICLE.battery, capacity_ah=new_ah))
+    trips = [trip_of(recording(name, battery_temperature_c=lambda at_c, k=k: at_c + k), start)
+             for k, name in enumerate('ABC')]
+    capacity = next(each for each in identify(start, trips, 'old').estimates if each.name == 'capacity')
+    assert capacity.estimate == pytest.approx(100.0, rel=0.05) and capacity.is_identified
+    assert capacity.is_unusual == is_unusual
+
+
 def test_resistance_over_charge_is_found_although_start_has_none():
     from bev_preheat.identification.electrical import fit_electrical
 
