@@ -42,6 +42,10 @@ def chosen(signal, **units):
      ('Cell temp 1', 'Cell temp 2')),
     ('speed_mps', {'Average speed': '', 'Max speed': '', 'Blower speed': ''}, ()),
     ('soc', {'12V SOC': '', 'Min SOC': '', 'Display SOC': ''}, ('Display SOC',)),
+    # As apps name the standard's PID 0x5B.
+    ('soc', {'Hybrid battery pack remaining life': 'percent'}, ('Hybrid battery pack remaining life',)),
+    ('soc', {'Hybrid/EV battery pack remaining charge (%)': 'percent', 'Remaining range (%)': 'percent'},
+     ('Hybrid/EV battery pack remaining charge (%)',)),
     ('soc', {'Battery Temp [%]': 'percent'}, ()), ('soc', {'Battery [%]': 'percent'}, ('Battery [%]',)),
     ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
@@ -53,6 +57,7 @@ def chosen(signal, **units):
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
     # A heater's channel in watts is its power, wherever the log states the unit.
     ('battery_heater_w', {'Battery heater (kW)': 'kilowatt', 'Battery heater': ''}, ('Battery heater (kW)',)),
+    ('heater_w', {'HTR_Status__HTR_Power': 'watt', 'HTR_Status__HTR_Current': 'ampere'}, ('HTR_Status.HTR_Power',)),
     ('heater_w', {'car__PTC': 'watt', 'car__PTC temp': 'degC'}, ('car.PTC',)),
     ('battery_heater_w', {'batt_heater_w': 'watt'}, ('batt_heater_w',)),
     ('cabin_heater_w', {'Cabin heater': 'kilowatt'}, ('Cabin heater',)),
