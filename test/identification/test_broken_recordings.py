@@ -57,6 +57,15 @@ def test_a_refusal_for_little_change_names_the_gap_that_cut_the_logs():
         refuse_poor(trips)
 
 
+@pytest.mark.parametrize('missing, told', [
+    ((0.0, 500.0), ['soc: begins after 500 s; only 500 ... 1199 s are used']),
+    ((700.0, 1200.0), ['soc: ends after 699 s; only 0 ... 699 s are used']), ((0.0, 100.0), [])])
+def test_a_signal_that_cuts_the_log_is_named(missing, told):
+    known = (TIME_S < missing[0]) | (TIME_S >= missing[1])
+    soc = Series(TIME_S[known], recording().signals['soc'].value[known])
+    assert [each for each in trip_of(recording(soc=soc), VEHICLE).remarks if 'are used' in each] == told
+
+
 def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
 

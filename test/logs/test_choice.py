@@ -57,7 +57,7 @@ def chosen(signal, **units):
     ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
     # A heater's channel in watts is its power, wherever the log states the unit.
     ('battery_heater_w', {'Battery heater (kW)': 'kilowatt', 'Battery heater': ''}, ('Battery heater (kW)',)),
-    ('heater_w', {'HTR_Status__HTR_Power': 'watt', 'HTR_Status__HTR_Current': 'ampere'}, ('HTR_Status.HTR_Power',)),
+    ('heater_w', {'HTR_S__HTR_Power': 'watt', 'HTR_S__HTR_Current': 'ampere'}, ('HTR_S.HTR_Power',)),
     ('heater_w', {'car__PTC': 'watt', 'car__PTC temp': 'degC'}, ('car.PTC',)),
     ('battery_heater_w', {'batt_heater_w': 'watt'}, ('batt_heater_w',)),
     ('cabin_heater_w', {'Cabin heater': 'kilowatt'}, ('Cabin heater',)),
