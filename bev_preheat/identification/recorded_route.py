@@ -27,7 +27,7 @@ BRIDGED_GAP_S, BRIDGED_GAP_INTERVALS = 10.0, 4.0
 MOST_BRIDGED = 0.2
 # Longest usual interval [s]; from SLOW_S on, the variation between the samples is unknown.
 LONGEST_INTERVAL_S, SLOW_S = 40.0, 5.0
-# No drive takes such power at stand for so long.
+# A car at stand that takes more power than this for longer is charged.
 LEAST_CHARGED_W, LEAST_CHARGED_S = 1000.0, 60.0
 # Instants closer than this [s] become one.
 SHORTEST_STEP_S = 0.05
