@@ -250,7 +250,10 @@ def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]
         time_s = ends_s if heater is None else heater.time_s
         completed['power_w'] = Series(time_s, np.zeros(len(time_s)))
         remarks.append('no power: taken as at stand' + ('' if heater is None else ', heated from a charger'))
-    if 'soc' not in signals:
+    if 'soc' in signals:
+        # Logged on change, the last reading holds.
+        completed['soc'] = Series(ends_s, signals['soc'].at(ends_s))
+    else:
         completed['soc'] = Series(ends_s, np.full(2, UNKNOWN_SOC))
         remarks.append(f'no soc: {UNKNOWN_SOC:g} is taken; at stand it hardly matters')
     return completed, remarks

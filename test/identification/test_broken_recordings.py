@@ -66,6 +66,13 @@ def test_a_signal_that_cuts_the_log_is_named(missing, told):
     assert [each for each in trip_of(recording(soc=soc), VEHICLE).remarks if 'are used' in each] == told
 
 
+def test_a_night_lasts_as_long_as_its_temperature_although_the_charge_is_logged_on_change():
+    signals = {key: each for key, each in night(hours=8.0).signals.items() if key != 'power_w'}
+    signals['soc'] = Series(np.array([0.0, 600.0]), np.array([0.6, 0.61]))
+    trip = trip_of(replace(night(), signals=signals), VEHICLE)
+    assert len(trip) == 8 * 3600 - 60 + 1 and trip.soc[[0, -1]].tolist() == [0.6, 0.61]
+
+
 def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
 
