@@ -52,7 +52,7 @@ FIGURES = {
         'charging_time_10_80_min': 'published charging time from 10 to 80 %% with a warm battery [min] (default: '
                                    "that of the curve, or of the class's curve)"},
     'heater, drivetrain, cabin': {
-        'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
+        'heater_power_kw': 'power of the coolant heater (HVCH) [kW], 0: none (default: assumed 6)',
         'drive_power_kw': 'maximum power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
         'regeneration_power_kw': 'maximum power of regeneration [kW] (default: assumed 60 %% of the power for '
                                  'driving)',

@@ -38,8 +38,8 @@ from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.numerics import ARRAYS
 from bev_preheat.vehicle.description import Vehicle
 
-# An estimate this close to a bound, in its coordinate, lies at it.
-AT_BOUND = 1e-4
+# Least share of START's capacity that an aged battery has; makers guarantee 0.7 for eight years.
+OF_AGED = 0.6
 
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
@@ -131,7 +131,7 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
         coordinate = float(fit.theta[at])
         estimate, low, high, prior_low, prior_high = (
             float(parameter.value(end)) for end in (coordinate, *interval, *_prior_interval(parameter)))
-        bound = next((end for end in (parameter.low, parameter.high) if abs(coordinate - end) < AT_BOUND), None)
+        bound = parameter.bound_at(coordinate)
         estimates.append(Estimated(
             name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
             max(high, estimate), prior_low, prior_high, name not in held,
@@ -154,8 +154,8 @@ def _capacity(vehicle: Vehicle, electrical: Electrical) -> Estimated:
     prior = QUANTILE * CAPACITY_DEVIATION * start
     return Estimated(
         'capacity', 'capacity', 'Ah', start, electrical.capacity_ah, electrical.capacity_ah - reach,
-        electrical.capacity_ah + reach, start - prior, start + prior, reach < MOST_OF_PRIOR * prior, 0.0,
-        'START within 10 %: ageing, and the usable part of the charge', 'battery.capacity_ah')
+        electrical.capacity_ah + reach, OF_AGED * start, start + prior, reach < MOST_OF_PRIOR * prior, 0.0,
+        'START within 10 %, or aged by at most 40 %', 'battery.capacity_ah')
 
 
 def _resistance(vehicle: Vehicle, fit: ThermalFit) -> ResistanceCurve:

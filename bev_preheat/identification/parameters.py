@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 NO_LAG_S = 0.01
 # Of a shell that START does not have: share of the heat capacity, and conductance to the core.
 NOMINAL_SHELL_SHARE, NOMINAL_SHELL_W_PER_K = 0.25, 300.0
+# An estimate this close to a bound, in its coordinate, lies at it.
+AT_BOUND = 1e-4
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,10 @@ class Parameter:
     def value(self, coordinate: float) -> float:
         """Return the parameter's value at a coordinate."""
         return math.exp(coordinate) if self.is_log else coordinate
+
+    def bound_at(self, coordinate: float) -> float | None:
+        """Return the bound, in the coordinate, at which a coordinate lies; None within them."""
+        return next((end for end in (self.low, self.high) if abs(coordinate - end) < AT_BOUND), None)
 
 
 # Names in the order of the thermal model's inputs.

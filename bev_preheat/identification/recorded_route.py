@@ -16,7 +16,7 @@ from bev_preheat.logs.recording import gaps, LEAST_GAP_S, Recording, Series
 from bev_preheat.logs.signal_map import SignalMap
 from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.vehicle.description import Defaults
+from bev_preheat.vehicle.description import Defaults, STANDING_MPS
 
 # Signals that a route is made of, or that reveal mix-ups of these.
 USED = ('speed_mps', 'ambient_c', 'power_w', 'voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'heater_w',
@@ -27,6 +27,8 @@ BRIDGED_GAP_S, BRIDGED_GAP_INTERVALS = 10.0, 4.0
 MOST_BRIDGED = 0.2
 # Longest usual interval [s]; from SLOW_S on, the variation between the samples is unknown.
 LONGEST_INTERVAL_S, SLOW_S = 40.0, 5.0
+# A car at stand that takes more power than this for longer is charged.
+LEAST_CHARGED_W, LEAST_CHARGED_S = 1000.0, 60.0
 # Instants closer than this [s] become one.
 SHORTEST_STEP_S = 0.05
 
@@ -50,7 +52,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     `repair` as for `read_recording`.
 
     Raises InvalidInput naming file, place and limit: missing signals, a doubt about the sign of power or current,
-    a power that is held, gaps too long or too many.
+    a power that is held, charging at stand, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
@@ -87,6 +89,11 @@ def _segments(path: str | Path, recording: Recording, defaults: Defaults,
     time_s, usual_s = _instants(path, found['speed_mps'], found['power_w'], remarks)
 
     cabin_w, battery_w = _heaters(path, recording, defaults, time_s, remarks)
+    charged_s = time_s[(found['speed_mps'].at(time_s) < STANDING_MPS)
+                       & (found['power_w'].at(time_s) < -LEAST_CHARGED_W)]
+    if len(charged_s) * usual_s > LEAST_CHARGED_S:
+        raise InvalidInput(f'{path}: the car is charged at stand, from {figure(charged_s[0])} s to '
+                           f'{figure(charged_s[-1])} s; cut this out of the log; drives are joined by --log A B')
     auxiliary_w = np.full(len(time_s), defaults.auxiliary_power_w)
     if 'auxiliary_w' in found:
         if found['auxiliary_w'].value.any():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.identification.check import predict, rms
-from bev_preheat.identification.parameters import STRUCTURES
+from bev_preheat.identification.parameters import NAMES, STRUCTURES
 from bev_preheat.identification.trips import LEAST_TRIPS
 from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
@@ -95,7 +95,10 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
     for structure in structures:
         tell(f'structure: {structure}')
         fit = fitter.fit(structure, whole)
-        if results and fit.cost > min(result.cost for result in results) - LEAST_MISFIT_GAIN:
+        # A shell whose share lies at its bound stands in for a lag, and plans would protect it from overheating.
+        has_no_shell = STRUCTURES[structure].has_shell and fitter.parameters['shell_share'].bound_at(
+            float(fit.theta[NAMES.index('shell_share')])) is not None
+        if results and (has_no_shell or fit.cost > min(result.cost for result in results) - LEAST_MISFIT_GAIN):
             continue
         fits[structure], errors_k, misfits = fit, [], []
         for at, electrical in enumerate(electricals):

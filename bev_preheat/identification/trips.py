@@ -20,6 +20,8 @@ from bev_preheat.vehicle.description import STANDING_MPS, Vehicle
 MOST_NEGATIVE_NOISE_W = 500.0
 SHORTEST_TRIP_S = 120.0
 LONGEST_TRIP_S = 3.0 * 86400.0
+# From this battery temperature on [deg C] cars cool their batteries; the model of a drive has no cooling.
+COOLED_FROM_C = 30.0
 # Longest interval between two samples of the power while the car draws more than LEAST_DRAWN_W.
 POWER_GAP_S = 30.0
 LEAST_DRAWN_W = 2000.0
@@ -181,9 +183,13 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     has_voltage = 'voltage_v' in signals and 'current_a' in signals
     of_power = ('voltage_v', 'current_a') if has_voltage else ('power_w',)
     needed = ('battery_temperature_c', 'soc', *of_power)
-    start_s = max(signals[key].time_s[0] for key in needed)
-    end_s = min(signals[key].time_s[-1] for key in needed)
-    start_s, end_s, hole = _longest_part(signals, of_power, start_s, end_s)
+    firsts, lasts = ({key: signals[key].time_s[at] for key in needed} for at in (0, -1))
+    late, early = max(needed, key=firsts.__getitem__), min(needed, key=lasts.__getitem__)
+    start_s, end_s, hole = _longest_part(signals, of_power, firsts[late], lasts[early])
+    used = f'only {start_s:.0f} ... {end_s:.0f} s are used'
+    cut = [f'{key}: {verb} after {at_s:.0f} s; {used}' for key, verb, at_s, lost_s in (
+        (late, 'begins', firsts[late], firsts[late] - min(firsts.values())),
+        (early, 'ends', lasts[early], max(lasts.values()) - lasts[early])) if lost_s > SHORTEST_TRIP_S]
     if end_s - start_s < SHORTEST_TRIP_S:
         raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log '
                            f'must last at least {SHORTEST_TRIP_S:.0f} s{f" ({hole})" if hole else ""}')
@@ -197,7 +203,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         at = np.searchsorted(series.time_s, grid_s, side='right') - 1
         return np.asarray(series.value[np.maximum(at, 0)])
 
-    remarks = [*map(partial(_without_path, name), recording.remarks), *at_stand, *filter(None, (hole,))]
+    remarks = [*map(partial(_without_path, name), recording.remarks), *at_stand, *cut, *filter(None, (hole,))]
     voltage_v, current_a = (signals[key].at(grid_s) if has_voltage else None for key in ('voltage_v', 'current_a'))
     has_speed = 'speed_mps' in recording.signals
     speed_mps = signals['speed_mps'].at(grid_s) if has_speed else np.zeros_like(grid_s)
@@ -212,6 +218,8 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     standing = speed_mps < STANDING_MPS if has_speed else np.full(
         len(grid_s), bool(at_stand) or idle_w.mean() < 0.0)
     temperature_c, weight = _readings(signals['battery_temperature_c'], grid_s, held('battery_temperature_c'))
+    if np.max(temperature_c) > COOLED_FROM_C:
+        remarks.append(f'battery above {COOLED_FROM_C:.0f} degC: leave the log out if the car cools it there')
     return Trip(name, temperature_c, held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
                 cabin_w, heater_w, speed_mps, signals['ambient_c'].at(grid_s), voltage_v, current_a,
                 tuple(remarks), _period_s(signals['battery_temperature_c'].time_s), weight)
@@ -242,7 +250,10 @@ def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]
         time_s = ends_s if heater is None else heater.time_s
         completed['power_w'] = Series(time_s, np.zeros(len(time_s)))
         remarks.append('no power: taken as at stand' + ('' if heater is None else ', heated from a charger'))
-    if 'soc' not in signals:
+    if 'soc' in signals:
+        # Logged on change, the last reading holds.
+        completed['soc'] = Series(ends_s, signals['soc'].at(ends_s))
+    else:
         completed['soc'] = Series(ends_s, np.full(2, UNKNOWN_SOC))
         remarks.append(f'no soc: {UNKNOWN_SOC:g} is taken; at stand it hardly matters')
     return completed, remarks
@@ -378,6 +389,7 @@ def refuse_poor(trips: Sequence[Trip]) -> None:
         problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
                         f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
                         'or a night at stand after a drive')
+        problems += [remark for remark in common_remarks(trips) if 'are used' in remark]
     if trips and all(trip.kind == 'charging session' for trip in trips):
         problems.append('none of the logs is a drive, a night or heated at stand; record at least one drive of '
                         '20 min')

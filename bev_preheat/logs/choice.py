@@ -72,11 +72,12 @@ def all_candidates(signal_map: SignalMap, units: Mapping[str, str]) -> dict[str,
 
 
 def _means(entry: str, name: str, unit: str, source: Source) -> bool:
-    """Return whether an entry matches a name, not that of its message alone unless the unit fits the signal."""
+    """Return whether an entry matches a name, also followed by `[unit]`; see `matches` for `touches_last`."""
     if not is_expression(entry) and unit and not is_stated(name, unit) and not measures(unit, source.signal):
         # battery_temp_min is not the battery_temp in minutes.
         return plain(entry) in (plain(name), plain(name.rpartition('.')[2]))
-    return matches(entry, name, not (is_stated(name, unit) and measures(unit, source.signal)))
+    touches_last = not (is_stated(name, unit) and measures(unit, source.signal))
+    return any(matches(entry, each, touches_last) for each in (name, f'{name} [{unit}]'))
 
 
 def _is_no_reading(entry: str, name: str, unit: str, source: Source) -> bool:

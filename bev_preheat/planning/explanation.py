@@ -114,6 +114,7 @@ def _outcome(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float
         return f'Heating: {arrival}, {target}.'
     if status is Status.TARGET_UNREACHABLE:
         means = (too_cold_because if plan.heating_start_s is None else
+                 'Heating whenever cabin heating and limits allow is not enough' if _pauses(plan) else
                  'Heating all the way is not enough' if plan.heating_start_s == 0.0 else
                  f'Heating from {from_now(plan.heating_start_s)} on is not enough')
         return f'{means}: {arrival}, {plan.shortfall_k:.1f} K below the {target}.'
@@ -135,6 +136,14 @@ def _outcome(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float
                 f'{plan.undeliverable_power_w / 1000:.1f} kW more than the battery can deliver; '
                 f'{heating}; {arrival}, {target}.')
     raise ValueError(f'{status!r} is not an outcome of planning')
+
+
+def _pauses(plan: Plan) -> bool:
+    """Return whether heating pauses after its start; at the end, heat that would arrive too late is left out."""
+    start_s = plan.heating_start_s or 0.0
+    heated = [each for each in plan.intervals if each.end_s > start_s]
+    end_s = plan.arrival_time_s if plan.heat is None else max((each.end_s for each in heated), default=start_s)
+    return end_s - start_s - sum(each.end_s - each.start_s for each in heated) > LEAST_TOLD_S
 
 
 def _cooled_in_words(plan: Plan, reserve: float, arrival: str, from_now: Callable[[float], str]) -> str:

@@ -63,7 +63,7 @@ IN_WH, IN_W, IN_T = ((1e-3, 'Wh'),), ((1e-3, 'W'),), ((1e3, 't'),)
 QUANTITIES = {name: DataSheetQuantity(name, plausible, confusions) for name, plausible, confusions in (
     ('usable_energy_kwh', (5, 1000), IN_WH), ('gross_energy_kwh', (5, 1000), IN_WH),
     ('battery_mass_kg', (40, 8000), ((1e-3, 'g'), *IN_T)), ('nominal_voltage_v', (80, 1250), ((1e3, 'kV'),)),
-    ('cells_in_series', (24, 400), ()), ('heater_power_kw', (0.1, 50), IN_W),
+    ('cells_in_series', (24, 400), ()), ('heater_power_kw', (0, 50), IN_W),
     ('charging_power_kw', (5, 2000), IN_W),
     ('charging_time_10_80_min', (4, 240), ((60.0, 'h'), (1.0 / 60.0, 's'))),
     ('drive_power_kw', (10, 1500), IN_W), ('regeneration_power_kw', (0, 1000), IN_W),
@@ -214,7 +214,7 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
         yield (f'--regeneration-power-kw: {regeneration_kw:g} kW is more than --drive-power-kw '
                f'{drive_kw:g} kW')
     heater_kw, cabin_kw = sheet.heater_power_kw, sheet.cabin_heating_power_kw
-    if heater_kw is not None and cabin_kw is not None and cabin_kw >= heater_kw:
+    if heater_kw and cabin_kw is not None and cabin_kw >= heater_kw:
         yield (f'--cabin-heating-power-kw: {cabin_kw:g} kW uses all of --heater-power-kw '
                f'{heater_kw:g} kW, so none is left for the battery; both draw from one heater')
 

@@ -48,8 +48,40 @@ def test_a_broken_recording_is_answered_by_one_line(changes, line):
     assert problem.startswith('B: ') and line in problem
 
 
+def test_a_refusal_for_little_change_names_the_gap_that_cut_the_logs():
+    gap = (TIME_S > 500.0) & (TIME_S < 800.0)
+    cut = {key: Series(each.time_s[~gap], each.value[~gap]) for key, each in recording().signals.items()}
+    cut['battery_temperature_c'] = Series(TIME_S, np.where(TIME_S < 600.0, 5.0, 9.0))
+    trips = [trip_of(replace(recording(name), signals=cut), VEHICLE) for name in 'ABC']
+    with pytest.raises(InvalidInput, match='no sample for 300 s after 500 s'):
+        refuse_poor(trips)
+
+
+@pytest.mark.parametrize('missing, told', [
+    ((0.0, 500.0), ['soc: begins after 500 s; only 500 ... 1199 s are used']),
+    ((700.0, 1200.0), ['soc: ends after 699 s; only 0 ... 699 s are used']), ((0.0, 100.0), [])])
+def test_a_signal_that_cuts_the_log_is_named(missing, told):
+    known = (TIME_S < missing[0]) | (TIME_S >= missing[1])
+    soc = Series(TIME_S[known], recording().signals['soc'].value[known])
+    assert [each for each in trip_of(recording(soc=soc), VEHICLE).remarks if 'are used' in each] == told
+
+
+def test_a_night_lasts_as_long_as_its_temperature_although_the_charge_is_logged_on_change():
+    signals = {key: each for key, each in night(hours=8.0).signals.items() if key != 'power_w'}
+    signals['soc'] = Series(np.array([0.0, 600.0]), np.array([0.6, 0.61]))
+    trip = trip_of(replace(night(), signals=signals), VEHICLE)
+    assert len(trip) == 8 * 3600 - 60 + 1 and trip.soc[[0, -1]].tolist() == [0.6, 0.61]
+
+
 def test_three_wrong_readings_are_no_jump():
     trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
+
+
+@pytest.mark.parametrize('above_k, told', [(19.0, False), (22.0, True)])
+def test_a_battery_that_the_car_may_have_cooled_is_named(above_k, told):
+    """With one log in which a chiller worked, a car's heat capacity came out a quarter too small."""
+    trip = trip_of(recording(battery_temperature_c=lambda at_c: at_c + above_k), VEHICLE)
+    assert any(remark.endswith('leave the log out if the car cools it there') for remark in trip.remarks) == told
 
 
 def test_the_heater_of_cabin_and_battery_counts_the_battery_once():

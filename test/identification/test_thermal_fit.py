@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from recorded import night, recording
 from bev_preheat.identification.check import predict
 from bev_preheat.identification.curves import CorrectedResistance, KNOTS_C, resistance_table
 from bev_preheat.identification.parameters import NAMES, parameters_of, Structure
-from bev_preheat.identification.structures import chosen_structure, StructureResult
+from bev_preheat.identification.structures import chosen_structure, StructureResult, try_structures
 from bev_preheat.identification.trips import trip_of
 from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
@@ -147,6 +148,18 @@ def test_resistance_and_capacity_come_from_voltage_and_current():
     assert found.used == ('0', '1', '2', '3')
 
 
+@pytest.mark.costly
+@pytest.mark.parametrize('new_ah, is_unusual', [(140.0, False), (200.0, True)])
+def test_an_aged_battery_is_no_reason_for_distrust(new_ah, is_unusual):
+    from bev_preheat.identification.identify import identify
+    start = replace(VEHICLE, battery=replace(VEHICLE.battery, capacity_ah=new_ah))
+    trips = [trip_of(recording(name, battery_temperature_c=lambda at_c, k=k: at_c + k), start)
+             for k, name in enumerate('ABC')]
+    capacity = next(each for each in identify(start, trips, 'old').estimates if each.name == 'capacity')
+    assert capacity.estimate == pytest.approx(100.0, rel=0.05) and capacity.is_identified
+    assert capacity.is_unusual == is_unusual
+
+
 def test_resistance_over_charge_is_found_although_start_has_none():
     from bev_preheat.identification.electrical import fit_electrical
 
@@ -180,6 +193,16 @@ def test_another_structure_must_explain_unseen_readings_better_by_more_than_chan
     # The only night decides nothing.
     found = chosen_structure([one, two], ['drive', 'drive', 'drive', 'night at stand'])
     assert found == (two if chosen else one).structure
+
+
+@pytest.mark.parametrize('share, tried', [(0.3, 2), (0.02, 1), (0.8, 1)])
+def test_a_shell_of_hardly_any_heat_capacity_or_nearly_all_is_not_chosen(share, tried):
+    """Such a file heated 2 K, at most 5 K, too little: the planner kept the shell of 2 % below 60 degC."""
+    costs = {'one mass': 99.0, 'two masses, sensor in the core': 1.0}
+    fitter = SimpleNamespace(trips=(), parameters=parameters_of(VEHICLE), fit=lambda structure, _: SimpleNamespace(
+        cost=costs[structure], theta=[share if name == 'shell_share' else 0.0 for name in NAMES]))
+    results, _ = try_structures(fitter, costs, None, (), lambda stage: None)
+    assert len(results) == tried
 
 
 @pytest.mark.parametrize('sensor', ['shell', 'core', 'mean'])

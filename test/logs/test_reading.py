@@ -257,6 +257,17 @@ def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
     assert recording.remarks == (f'{tmp_path}/a.csv: times have no unit; steps of 1000 are taken as milliseconds',)
 
 
+@pytest.mark.parametrize('step, seconds, taken', [
+    (120, 120.0, 'seconds'), (300, 300.0, 'seconds'), (900, 900.0, 'seconds'), (200, 0.2, 'milliseconds'),
+    (3000, 3.0, 'milliseconds')])
+def test_steps_of_whole_minutes_up_to_a_quarter_of_an_hour_are_no_milliseconds(tmp_path, step, seconds, taken):
+    rows = [f'{step * at},{12.0 - 0.1 * at:.1f},70,-3' for at in range(20)]
+    (tmp_path / 'night.csv').write_text('\n'.join(('time,batt_temp_c,soc_percent,ambient_c', *rows)))
+    recording = read_recording(tmp_path / 'night.csv')
+    assert recording.duration_s == pytest.approx(19 * seconds)
+    assert recording.remarks[0].endswith(f'times have no unit; steps of {step} are taken as {taken}')
+
+
 @pytest.mark.parametrize('is_home_assistant', [False, True])
 def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
     log = drive(600.0, 5.0)

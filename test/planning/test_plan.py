@@ -7,6 +7,7 @@ from math import nan
 import pickle
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bev_preheat.planning.plan import difference, energy_gap_wh
@@ -21,7 +22,7 @@ VEHICLE = load_vehicle('reference')
 
 def made_plan(target_c=25.0, charging_planned=True, method='paper', cabin_w=1978.0, vehicle=VEHICLE, **how):
     route = make_route({
-        'cabin_heating_power_w': [cabin_w], 'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0],
+        'cabin_heating_power_w': np.atleast_1d(cabin_w), 'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0],
         'speed_mps': [22.0], 'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
     return plan_preheating(vehicle, route, BatteryState(temperature_c=-3.0, soc=0.83),
                            Goal(target_c, charging_planned=charging_planned), method=method, **how)
@@ -51,6 +52,16 @@ def test_json_and_back_is_the_same(target_c):
 def test_a_plan_that_cannot_heat_says_why(cabin_w, told):
     # Heat arrives later than the car.
     assert made_plan(40.0, cabin_w=cabin_w, method='value_function', heat_lag_s=300.0).explanation.startswith(told)
+
+
+@pytest.mark.parametrize('cabin_w, told', [
+    ([1978.0] * 7, 'Heating all the way is not enough: '),
+    ([7000.0] * 2 + [0.0] * 5, 'Heating whenever cabin heating and limits allow is not enough: '),
+    ([0.0] * 3 + [7000.0] + [0.0] * 3, 'Heating whenever cabin heating and limits allow is not enough: '),
+    ([0.0] * 6 + [7000.0], 'Heating whenever cabin heating and limits allow is not enough: ')])
+def test_a_plan_that_must_pause_does_not_claim_to_heat_all_the_way(cabin_w, told):
+    # The heater's 5.5 kW are less than the cabin's 7 kW.
+    assert made_plan(40.0, cabin_w=cabin_w).explanation.startswith(told)
 
 
 def test_the_cabin_is_not_blamed_in_a_car_without_a_heater():

@@ -43,6 +43,20 @@ def problems_with(path):
     return problems_in(path, load_drive_logs, [path], DEFAULTS)
 
 
+@pytest.mark.parametrize('charged, refused', [
+    (slice(30, 100), True), (slice(60, 130), True), (slice(30, 60), False)])
+def test_a_log_with_charging_inside_or_at_its_end_is_no_drive(write, charged, refused):
+    columns = samples(130)
+    columns['speed_mps'][charged], columns['current_a'][charged] = 0.0, -240.0
+    path = write(columns)
+    if refused:
+        assert problems_with(path) == [
+            f': the car is charged at stand, from {charged.start} s to {charged.stop - 1} s; cut this out of the '
+            'log; drives are joined by --log A B']
+    else:
+        assert load_drive_logs([path], DEFAULTS).route.propulsion_power_w.min() < -50e3
+
+
 def with_value(name, index, value):
     columns = {key: list(values) for key, values in samples().items()}
     columns[name][index] = value

@@ -63,6 +63,12 @@ def test_open_circuit_voltage_times_charge_is_the_usable_energy(request, car, kw
     assert trapezoids_kwh(request.getfixturevalue(car)[1]) == pytest.approx(kwh, rel=1e-4)
 
 
+def test_a_car_without_a_heater_warms_its_cabin_otherwise(tmp_path):
+    _, contents = made(tmp_path, replace(LEAST, heater_power_kw=0.0, cabin_heating_power_kw=1.5))
+    assert contents['hvch']['maximum_power_w'] == 0.0
+    assert contents['defaults']['cabin_heating_power_w'] == 1500.0
+
+
 def test_resistance_is_that_of_the_published_cell_in_a_pack_of_this_size(id4):
     """96 cells in series, with as many 94 Ah cells of 0.819 mohm in parallel as the charge needs."""
     battery = id4[0].battery
@@ -182,7 +188,7 @@ def test_every_plausible_data_sheet_makes_a_usual_car_that_plans(tmp_path_factor
     ({'charging_power_kw': 135000.0}, '--charging-power-kw: 135000 kW is implausible; it must be '
      '5 ... 2000 kW; 135000 W would be 135 kW'),
     ({'heater_power_kw': 5500.0}, '--heater-power-kw: 5500 kW is implausible; it must be '
-     '0.1 ... 50 kW; 5500 W would be 5.5 kW'),
+     '0 ... 50 kW; 5500 W would be 5.5 kW'),
     ({'vehicle_mass_kg': 2.124}, '--vehicle-mass-kg: 2.124 kg is implausible; it must be '
      '400 ... 60000 kg; 2.124 t would be 2124 kg'),
     ({'rolling_resistance': 0.9}, '--rolling-resistance: 0.9 is implausible; it must be '
