@@ -113,6 +113,7 @@ class Fuzz:
             self.temperature_c = min(max(self.temperature_c, -20.0), 20.0)
             if self.random.random() < 0.02:
                 self.temperature_c = self.random.uniform(-20.0, 20.0)
+            fields['temperature'] = self.temperature_c
         elif kind < 0.7:
             fields.update([self.random.choice(BAD_STATES)])
         else:
@@ -247,6 +248,7 @@ class Fuzz:
                   self.random.uniform(0.0, 200.0) if kind < 0.97 else
                   self.random.uniform(-30.0, 0.0))
         self.book = replace(self.book, now_ns=self.book.now_ns + round(step_s * NS_PER_S))
+        self._note_clock()
         self._planner.repeat()
 
     def give_no_clock(self):
