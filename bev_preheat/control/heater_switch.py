@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bev_preheat.numerics import NS_PER_S, S_PER_H
-from bev_preheat.tunables import HELD_OFF_S, MOST_SWITCH_ONS
+from bev_preheat.tunables import AGAIN_WITHIN_S, HELD_OFF_AGAIN_S, HELD_OFF_S, MOST_SWITCH_ONS
 
-_HELD_OFF_NS, _HOUR_NS = round(HELD_OFF_S * NS_PER_S), round(S_PER_H * NS_PER_S)
+_HOUR_NS = round(S_PER_H * NS_PER_S)
 
 
 class HeatingPause(NamedTuple):
@@ -20,28 +20,35 @@ class HeatingPause(NamedTuple):
     The pause after doubt, and the switch-ons of the last hour; instants in nanoseconds.
 
     Only time that passes forward counts, as `elapsed_ns` [ns]: a clock that falls back neither ends a pause nor
-    prolongs it. `switch_ons` and `doubted_ns` (None: no pause) are instants of that time; `cause` is a text.
+    prolongs it. `switch_ons`, `interrupted_ns` (the latest interruption of heating, None: none) and `doubted_ns`
+    (None: no pause) are instants of that time; the pause lasts `wait_s` [s], for a `cause` as text.
     """
 
     now_ns: int | None = None
     elapsed_ns: int = 0
     switch_ons: tuple[int, ...] = ()
+    interrupted_ns: int | None = None
     doubted_ns: int | None = None
+    wait_s: float = 0.0
     cause: str = ''
 
     def at(self, now_ns: int) -> HeatingPause:
         """Return the pause at an instant; a pause that is over is forgotten."""
         elapsed_ns = self.elapsed_ns + (0 if self.now_ns is None else max(0, now_ns - self.now_ns))
-        is_over = self.doubted_ns is None or self.doubted_ns + _HELD_OFF_NS <= elapsed_ns
+        is_over = self.doubted_ns is None or self.doubted_ns + round(self.wait_s * NS_PER_S) <= elapsed_ns
         return self._replace(
             now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
             switch_ons=tuple(each_ns for each_ns in self.switch_ons if elapsed_ns - each_ns < _HOUR_NS))
 
     def doubted(self, cause: str, was_on: bool) -> HeatingPause:
         """Return the pause begun (again) for a cause as text, if the heater was on or paused."""
-        if not was_on and self.doubted_ns is None:
+        before_ns, wait_s = self.interrupted_ns, self.wait_s
+        if was_on:
+            is_again = before_ns is not None and self.elapsed_ns - before_ns < AGAIN_WITHIN_S * NS_PER_S
+            before_ns, wait_s = self.elapsed_ns, HELD_OFF_AGAIN_S if is_again else HELD_OFF_S
+        elif self.doubted_ns is None:
             return self
-        return self._replace(doubted_ns=self.elapsed_ns, cause=cause)
+        return self._replace(interrupted_ns=before_ns, doubted_ns=self.elapsed_ns, wait_s=wait_s, cause=cause)
 
     def switched_on(self) -> HeatingPause:
         """Return the pause with one more switch-on of the heater."""
@@ -67,7 +74,7 @@ class HeatingPause(NamedTuple):
         """Why the heater stays off, and until when; '' if it may be switched on."""
         if self.doubted_ns is not None and self._doubt_left_ns() > 0:
             ago_s = (self.elapsed_ns - self.doubted_ns) / NS_PER_S
-            return f'{self.cause} {ago_s:.0f} s ago; heating resumes after {HELD_OFF_S:g} s of valid input.'
+            return f'{self.cause} {ago_s:.0f} s ago; heating resumes after {self.wait_s:g} s of valid input.'
         if self._hour_left_ns() > 0:
             return (f'The heater was switched on {len(self.switch_ons)} times within an hour; the next time is '
                     f'possible in {self._hour_left_ns() / NS_PER_S:.0f} s.')
@@ -76,7 +83,7 @@ class HeatingPause(NamedTuple):
     def _doubt_left_ns(self) -> int:
         if self.doubted_ns is None:
             return 0
-        return self.doubted_ns + _HELD_OFF_NS - self.elapsed_ns
+        return self.doubted_ns + round(self.wait_s * NS_PER_S) - self.elapsed_ns
 
     def _hour_left_ns(self) -> int:
         """Half of an hour's switch-ons come at once if need be, the others evenly."""

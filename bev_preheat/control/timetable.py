@@ -22,6 +22,7 @@ from bev_preheat.route.segments import LIMITS
 from bev_preheat.tunables import (
     CORRECTED_BY_M,
     END_KNOWN_TO,
+    JUST_BEGUN_NS,
     KNOWN_TO_M,
     MOST_REPLACED,
     MOVES_WITHIN_NS,
@@ -144,7 +145,8 @@ class Timetable:
         current, over_ns = self.planned, now_ns - planned.arrival_ns
         if self.end is not None or planned.has_instants_of(current):
             return ''
-        if over_ns >= 0:
+        # An update that ends now says that the vehicle has arrived.
+        if over_ns >= (JUST_BEGUN_NS if planned.route_id == current.route_id else 0):
             return (f'header.stamp: by its times route {quoted(planned.route_id)} ended '
                     f'{over_ns / NS_PER_S:.0f} s before it arrived; the stamp is the start of segment 0')
         is_replaced = (planned.route_id == current.route_id and planned.start_ns != current.start_ns

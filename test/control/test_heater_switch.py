@@ -103,15 +103,15 @@ class Driven:
 
 
 @pytest.mark.parametrize('minimum_off_s', [0.0, 120.0])
-def test_each_interruption_costs_ten_seconds_until_half_of_the_hours_switch_ons_are_used(minimum_off_s):
+def test_an_interruption_costs_ten_seconds_the_next_ones_a_minute_and_later_three(minimum_off_s):
     driven = Driven(minimum_off_s)
     driven.step()
     waited_s = []
     for _ in range(12):
         driven.step(is_wrong=True)
         waited_s.append(driven.off_for_s())
-    # Then one in 3 min, the time on of a tenth of a second included.
-    assert waited_s == pytest.approx([10.0] * 9 + [180.0] * 3, abs=0.21)
+    # Half of the hour's switch-ons come as fast; then one in 3 min, the time on of a tenth of a second included.
+    assert waited_s == pytest.approx([10.0] + [60.0] * 8 + [180.0] * 3, abs=0.21)
 
 
 def test_an_interruption_each_two_minutes_leaves_half_of_the_hours_heat():

@@ -99,6 +99,13 @@ def test_a_route_that_was_over_when_it_arrived_ends_no_trip(route_id):
     assert supervisor.state.inbox.refused_route.endswith('The current route goes on.')
 
 
+def test_an_update_that_has_just_ended_is_the_arrival():
+    supervisor = heating_supervisor(steady_mission())
+    supervisor.accept_mission(steady_mission(start_ns=NOW_NS - ns(DURATION_S + 5.0)))
+    assert feed(supervisor, at(1.0))[0] == 0.0
+    assert supervisor.state.decision.status is Status.ARRIVED
+
+
 def test_an_old_route_lifts_no_refusal():
     supervisor = heating_supervisor(steady_mission())
     supervisor.refuse_route(ERROR, SAME)

@@ -185,7 +185,7 @@ class Fuzz:
             stamped(message, start_ns)
         self._planner.give(message)
         now_ns, is_under_way = self.book.now_ns, self.book.has_begun_ns <= self.book.now_ns
-        if good and self._is_over(start_ns + duration_s * count * NS_PER_S):
+        if good and self._is_over(start_ns + duration_s * count * NS_PER_S, route_id):
             # Over when it arrived: it changes nothing.
             return
         if good:
@@ -198,12 +198,15 @@ class Fuzz:
                 self.book, is_route_refused=True, is_update_due=True,
                 route=self.book.route if self._is_update(message) else ())
 
-    def _is_over(self, end_ns):
+    def _is_over(self, end_ns, route_id):
         """Return whether a route that ends at an instant [ns] is over already, during a trip that is not."""
         if not self.book.route:
             return False
-        _, duration_s, cabin_w, _ = self.book.route
-        return end_ns <= self.book.now_ns < self.book.begins_ns + duration_s * len(cabin_w) * NS_PER_S
+        _, duration_s, cabin_w, own_id = self.book.route
+        # An update that has just ended is the arrival.
+        over_ns = end_ns + (AHEAD_S * NS_PER_S if route_id == own_id else 0)
+        own_end_ns = self.book.begins_ns + duration_s * len(cabin_w) * NS_PER_S
+        return over_ns <= self.book.now_ns < own_end_ns
 
     def _is_update(self, message):
         """Return whether the previous trip may continue after a refused route (docs/explanation/safety.md)."""
