@@ -27,7 +27,7 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, LONGEST_SESSION_S
 from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import pays_from_per_h, Prices, TargetWorth
-from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
+from bev_preheat.estimation.estimate import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE, SOURCE_HEAT
 from bev_preheat.estimation.prior import factor_deviations, temperature_after
 from bev_preheat.numerics import FloatArray, FLOATS, JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
@@ -242,21 +242,24 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     Return the TimeDeviation of heating to the target of a Goal.
 
     The spreads are those of a car known only from its file (`estimation.prior`): heat capacity, leakage,
-    resistance, heater and consumption, each varied alone, with their squares added. The planner learns these on
-    the way and still reaches its target, so each car is planned as it is. The map of the charging power is that of
-    the file. At the charger each car heats as the file's car would, by its HeatingChoice under Prices.
+    resistance, heater, other heat sources and consumption, each varied alone, with their squares added. The
+    planner learns these on the way and still reaches its target, so each car is planned as it is. The map of the
+    charging power is that of the file. At the charger each car heats as the file's car would, by its HeatingChoice
+    under Prices.
     """
     heating = ChargerHeating(vehicle, stop_after(route, charger_power_w, departure_soc), prices)
     limits = [heating.choose(arrival_of(vehicle, plan)).limit for plan in (
         plan_unheated(vehicle, route, state, goal), plan_preheating(vehicle, route, state, goal))]
     squares = [0.0, 0.0, 0.0]
     for index, deviation in factor_deviations(vehicle.uncertainty).items():
+        if index == SOURCE_HEAT and not vehicle.heat_sources:
+            continue
         ends = []
         for factor in (math.exp(-deviation), math.exp(deviation)):
             car = corrected_vehicle(vehicle, Corrections(**{
                 name: factor if index == at else 1.0 for name, at in (
                     ('heat_capacity', HEAT_CAPACITY), ('leakage', LEAKAGE),
-                    ('resistance', RESISTANCE), ('heater_efficiency', HEATER))}))
+                    ('resistance', RESISTANCE), ('heater_efficiency', HEATER), ('source_heat', SOURCE_HEAT))}))
             driven = route.with_propulsion(factor) if index == PROPULSION else route
             stop = stop_after(driven, charger_power_w, departure_soc)
             without_s, heated_s = (

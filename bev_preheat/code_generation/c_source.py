@@ -54,7 +54,7 @@ RATES = ('soc', 'temperature_c', *INPUTS[1:])
 CIRCUIT = ('voltage_v', 'resistance_ohm')
 POWER_LIMITS = ('charge_w', 'discharge_w')
 # State, factors and inputs of a car known up to factors, and the nominal leakage.
-FACTORS = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion')
+FACTORS = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion', 'source_heat')
 ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
                     if field.name not in ('terminal_power_w', 'hidden_variance_w2'))
 LEAKAGE = tuple(field.name for field in fields(Leakage))

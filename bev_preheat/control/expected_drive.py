@@ -38,7 +38,7 @@ from bev_preheat.tunables import (
     STANDING_W,
 )
 from bev_preheat.vehicle.description import Defaults, Vehicle
-from bev_preheat.vehicle.variants import DriveInputs, with_other_sources
+from bev_preheat.vehicle.variants import DriveInputs
 
 # Places that are looked up.
 SHIFTS = 25
@@ -53,16 +53,18 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
 
     It is `of` the heat source of a number, and the others deliver their shares.
     """
-    own, hvch_watts = powers.each[of], 1.0
+    own, hvch_watts = powers.each[of], None
     intervals = []
     for from_ns, to_ns in pairwise(edges_ns):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
         if drive is not None and len(powers.each) > 1:
             ambient_c = float(drive.ambient_temperature_c)
             limits_w = [each.limit_w(limit_w, drive, powers.temperature_c) for each in powers.each]
-            drive, limit_w = with_other_sources(
-                drive, *powers.others_w(of, from_ns, to_ns, ambient_c, limits_w)), limits_w[of]
-            hvch_watts = own.hvch_watts(ambient_c, powers.temperature_c)
+            hvch_w, drawn_w, source_heat_w = powers.others_w(of, from_ns, to_ns, ambient_c, limits_w)
+            drive = replace(drive, heater_power_w=hvch_w, source_heat_w=source_heat_w,
+                            auxiliary_power_w=drive.auxiliary_power_w + drawn_w)
+            limit_w = limits_w[of]
+            hvch_watts = None if own.source is None else own.hvch_watts(ambient_c, powers.temperature_c)
         intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, own.history.mean_w(
             from_ns, to_ns), limit_w, hvch_watts))
     return tuple(intervals)

@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.control.decision import Decision, Moment
 from bev_preheat.control.heater import FAULTS
 from bev_preheat.control.inputs import OF_ROUTE, Terms
-from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, PROPULSION
+from bev_preheat.estimation.estimate import Estimate, FACTORS, nominal_heat_lag_s, OF_CAR
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.estimation.prior import prior_factor_covariance
@@ -46,7 +46,8 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.description import HeatPath, HVCH, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
-FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
+FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[
+    [index - FACTORS.start for index in OF_CAR]]
 
 # Words for `explain` on a plan without heating if the heater is the cause.
 UNHEATED: dict[Heater, dict[str, Any]] = {
@@ -159,7 +160,7 @@ class ForecastPlanner:
 
     def following(self, estimate: Estimate) -> ForecastPlanner:
         """Return the planner with the factors of an Estimate, if one has moved."""
-        logs = estimate.mean[FACTORS.start:PROPULSION]
+        logs = estimate.mean[[*OF_CAR]]
         lag_log = math.log(estimate.outside_lag_s / nominal_heat_lag_s(estimate.path))
         if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any() or (
                 abs(lag_log - self.lag_log) > LAG_STEP):
@@ -199,7 +200,8 @@ class ForecastPlanner:
         return replace(planner, forecast=forecast, kept=kept.latest), Decision(
             plan.status, None, plan, forecast=forecast, commanded=commanded,
             command_share=0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
-            model_factors=(*planner.factors, estimate.propulsion_factor)
+            model_factors=(*planner.factors[:4], estimate.propulsion_factor, *(
+                planner.factors[4:] if described.heat_sources else ()))
             if estimate.heater.heater is Heater.ANSWERS else ())
 
 

@@ -303,16 +303,23 @@ class SourcePowers(NamedTuple):
                     for each in self.each])
 
     def others_w(self, of: int, from_ns: int, to_ns: int, ambient_c: float,
-                 limits_w: Sequence[float]) -> tuple[float, float]:
-        """Return the mean power [W] of all but one source between instants, within limits, and as HVCH power."""
-        drawn_w = heat_w = 0.0
+                 limits_w: Sequence[float]) -> tuple[float, float, float]:
+        """
+        Return the mean powers [W] of all but one source between instants, within limits.
+
+        The HVCH's, the electrical power of the others, and their heat as HVCH power.
+        """
+        hvch_w = drawn_w = heat_w = 0.0
         for number, each in enumerate(self.each):
             if number != of:
                 power_w = limits_w[number] if each.share == inf else (
                     each.share * each.history.mean_w(from_ns, to_ns))
-                drawn_w += power_w
-                heat_w += power_w * each.hvch_watts(ambient_c, self.temperature_c)
-        return drawn_w, heat_w
+                if each.source is None:
+                    hvch_w = power_w
+                else:
+                    drawn_w += power_w
+                    heat_w += power_w * each.hvch_watts(ambient_c, self.temperature_c)
+        return hvch_w, drawn_w, heat_w
 
 
 class Answers(NamedTuple):

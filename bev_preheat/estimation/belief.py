@@ -36,6 +36,7 @@ from bev_preheat.estimation.estimate import (
     SENSOR_PLACE,
     SIZE,
     SOC,
+    SOURCE_HEAT,
     state_rates,
     TEMPERATURE,
     UNDER_WAY,
@@ -99,13 +100,13 @@ LOWEST, HIGHEST = np.concatenate((
 # (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge. Heat under way
 # does not wander: its noise alone told the place of the sensor in drives without heat.
 WANDER_IN_AN_HOUR = np.array(
-    [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.02, 0.02, 0.0, 0.1,
+    [0.25, 0.004, 0.01, 0.02, 0.02, 0.01, 0.1, 0.05, 0.05, 0.05, 0.02, 0.02, 0.0, 0.1,
      LOCAL_DEVIATION_K * math.sqrt(2.0 * 3600.0 / LOCAL_LAG_S)])
 WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 # Without a route the drive is unknown.
-WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
+WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
 # The same while the car charges or stands: its factors, lags and rises are not learned.
-HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
+HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 11, 10.0, 0.0])
 SHAPE = (len(SHARES), len(PLACES))
 NOISE_VARIANCES = np.full(len(PLACES), SIGNAL_NOISE_K**2)
 SOC_NOISE_VARIANCES = np.full(len(PLACES), SOC_NOISE**2)
@@ -186,6 +187,8 @@ class Belief:
         if learned.lags is None and vehicle.heat_path.heat_lag_s <= 0.0:
             mean[..., LAGS], covariance[..., LAGS, LAGS] = lags_of_places()
         covariance[..., PLACING, PLACING] = placing_variances
+        if not vehicle.heat_sources:
+            _reset(mean, covariance, SOURCE_HEAT, 0.0, 0.0)
         return cls(prior_weights(), mean, covariance, lags, path=vehicle.heat_path)
 
     # Events
@@ -231,13 +234,6 @@ class Belief:
                             for array in (self.mean, self.covariance))
         return replace(self, weights=prior_weights(self.weights.sum(axis=0)), mean=mean, covariance=covariance)
 
-    def with_car_of(self, faulty: Belief) -> Belief:
-        """Return the Belief of a healthy heater with the car that the Belief of another, faulty source knows."""
-        belief, own = faulty.of_healthy_heater(), self.of_healthy_heater()
-        mean, covariance = belief.mean.copy(), belief.covariance.copy()
-        _reset(mean, covariance, HEATER, own.mean[..., HEATER], own.covariance[..., HEATER, HEATER])
-        return replace(belief, mean=mean, covariance=covariance)
-
     def of_another_route(self) -> Belief:
         """Return the Belief with the prior of the propulsion power's factor, which belongs to a route."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
@@ -281,25 +277,27 @@ class Belief:
     # Time
 
     def _followed_in_core(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-                          limit_w: float, propulsion_w: float = 0.0) -> Belief:
+                          limit_w: float, propulsion_w: float = 0.0, is_hvch: bool = True) -> Belief:
         car = _car(vehicle)
         native_car, native = vehicle_in_core(car), self._native()
         lost = native.follow(
             native_car, terms_of(vehicle.heat_path), _elapsing(duration_s), drive, car.battery.leakage,
-            [power_w + drive.heater_power_w for power_w in heater_power_w(command_w, limit_w)],
+            _heats_w(drive, command_w, limit_w, is_hvch),
             _hidden_s2(drive, duration_s), (
                 propulsion_w, drive.propulsion_power_w, *_propulsion_noise(drive.propulsion_power_w, duration_s)))
         return self._of(native)._bounded(lost)
 
     def _followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
-                  propulsion_w: float = 0.0) -> Belief:
+                  propulsion_w: float = 0.0, is_hvch: bool = True) -> Belief:
         """
-        Return the Belief after `duration_s` [s] in a DriveInputs under a heater command, within its limit [W].
+        Return the Belief after `duration_s` [s] in a DriveInputs under a source's command, within its limit [W].
 
-        The drive has floats; its heater power is that of other heat sources. If its terminal power was measured,
-        that teaches the propulsion power: `propulsion_w` [W] is the measured power minus all other consumers.
+        The drive has floats; its heat is that of all sources but the commanded one. If its terminal power was
+        measured, that teaches the propulsion power: `propulsion_w` [W] is the measured power minus all other
+        consumers.
         """
-        belief = self.mixed(duration_s).moved(vehicle, duration_s, drive, command_w, limit_w)
+        belief = self.mixed(duration_s).moved(
+            vehicle, duration_s, drive, command_w, limit_w, is_hvch)
         return belief if drive.terminal_power_w is None else belief.with_propulsion_power(
             propulsion_w, drive.propulsion_power_w, duration_s)
 
@@ -394,13 +392,14 @@ class Belief:
         return replace(belief, mean=mean, covariance=covariance)
 
     def moved(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-              limit_w: float) -> Belief:
+              limit_w: float, is_hvch: bool = True) -> Belief:
         """Return the Belief after `duration_s` [s] in a DriveInputs, without anything seen; see `followed`."""
-        heater_w = np.array(heater_power_w(command_w, limit_w)) + drive.heater_power_w
+        heater_w, source_heat_w = (np.array(heat_w)[:, np.newaxis, np.newaxis] for heat_w in _heats_w(
+            drive, command_w, limit_w, is_hvch))
         wander = _elapsing(duration_s).wander
         hidden_s2 = _hidden_s2(drive, duration_s)
         after, slopes = moved_with_slopes(
-            _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]),
+            _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w, source_heat_w=source_heat_w),
             duration_s)
         step, mean = _unchanged(), self.mean.copy()
         step[..., MOVING, :] = slopes
@@ -544,6 +543,15 @@ class Belief:
                 *zip(PLACING, placing[places].T, placing_variances[places].T)):
             _reset(mean, covariance, index, value, variance)
         return mean, covariance
+
+
+def _heats_w(drive: DriveInputs, command_w: float, limit_w: float,
+             is_hvch: bool) -> tuple[list[float], list[float]]:
+    """Return the HVCH's power and other sources' heat [W] of each hypothesis on the source with the command."""
+    own_w = heater_power_w(command_w, limit_w)
+    one_w, others_w = (drive.heater_power_w, drive.source_heat_w)[::1 if is_hvch else -1]
+    heats_w = [power_w + one_w for power_w in own_w], [others_w] * len(own_w)
+    return heats_w if is_hvch else heats_w[::-1]
 
 
 def _car(vehicle: Vehicle) -> Vehicle:

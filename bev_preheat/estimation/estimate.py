@@ -2,9 +2,10 @@
 """
 The estimate of the battery and its car: the elements of the estimated state, and their motion.
 
-Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of five factors: on the
-vehicle file's heat capacity, leakage, resistance and HVCH efficiency, and on the route's propulsion
-power. An Estimate has mean and covariance of these elements. The equations are those of `vehicle.variants`.
+Battery temperature [deg C], state of charge (0 ... 1), and the logarithms of six factors: on the vehicle
+file's heat capacity, leakage, resistance and HVCH efficiency, on the route's propulsion power, and on the heat
+that other sources give for each watt, beside the HVCH's factor. An Estimate has mean and covariance of these
+elements. The equations are those of `vehicle.variants`.
 
 Few vehicle files describe the heat path (`vehicle.description`) or the battery's shell (`vehicle.heated_step`),
 and readings hardly distinguish a lagging heater, coolant that has to warm up, and a shell. One lag therefore
@@ -32,16 +33,18 @@ from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR
 from bev_preheat.vehicle.description import DIRECT, HeatPath, Vehicle
 from bev_preheat.vehicle.variants import Corrections, DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
-(TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, HEAT_LAG, SENSOR_LAG,
- JOULE_RISE, SENSOR_PLACE, UNDER_WAY, SENSOR, LOCAL) = range(14)
-SIZE = 14
-FACTORS = slice(HEAT_CAPACITY, PROPULSION + 1)
+(TEMPERATURE, SOC, HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, SOURCE_HEAT, HEAT_LAG, SENSOR_LAG,
+ JOULE_RISE, SENSOR_PLACE, UNDER_WAY, SENSOR, LOCAL) = range(15)
+SIZE = 15
+FACTORS = slice(HEAT_CAPACITY, SOURCE_HEAT + 1)
+# The factors of the car, in the order of Corrections; that of the propulsion power belongs to a route.
+OF_CAR = (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, SOURCE_HEAT)
 # The elements that move with time; all others are random walks.
 MOVING = (TEMPERATURE, SOC, UNDER_WAY, SENSOR, LOCAL)
-FACTOR_NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion_power')
+FACTOR_NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion_power', 'source_heat')
 # Perturbation of each element for finite-difference slopes.
 PERTURBATION = np.array(
-    [0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01, 0.01, 0.01])
+    [0.01, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01, 0.01, 0.01])
 
 
 def nominal_heat_lag_s(path: HeatPath) -> float:
@@ -149,7 +152,7 @@ class Estimate:
 
     @property
     def log_factors(self) -> FloatArray:
-        """Return the logarithms of the factors (5,), in the state's order."""
+        """Return the logarithms of the factors (6,), in the state's order."""
         return self.mean[FACTORS]
 
     @property
@@ -233,7 +236,7 @@ class Estimate:
     @property
     def corrections(self) -> Corrections:
         """Corrections of the vehicle file."""
-        return Corrections(*(math.exp(value) for value in self.mean[FACTORS][:4]))
+        return Corrections(*(math.exp(value) for value in self.mean[[*OF_CAR]]))
 
     @property
     def propulsion_factor(self) -> float:
@@ -242,5 +245,5 @@ class Estimate:
 
     @property
     def factor_deviations(self) -> FloatArray:
-        """Return the relative standard deviations of the five factors, in the state's order."""
+        """Return the relative standard deviations of the six factors, in the state's order."""
         return np.sqrt(np.maximum(np.diag(self.covariance)[FACTORS], 0.0))

@@ -50,14 +50,14 @@ class DrivenInterval(NamedTuple):
 
     `drive` is the planned DriveInputs, None if no route covers it; `command_w` is the mean
     command to the heater [W], `limit_w` the heater power left by the cabin [W]. A watt of another heat source
-    heats as `hvch_watts` of the HVCH.
+    heats as `hvch_watts` of the HVCH; None: it is the HVCH.
     """
 
     duration_s: float
     drive: DriveInputs | None
     command_w: float
     limit_w: float
-    hvch_watts: float = 1.0
+    hvch_watts: float | None = None
 
 
 class Estimator(NamedTuple):
@@ -120,7 +120,7 @@ class Estimator(NamedTuple):
             return self
         if faulty is None:
             return self.of_healthy_heater()
-        belief = self.belief.with_car_of(faulty.belief)
+        belief = faulty.belief.of_healthy_heater()
         mean, covariance = belief.expected()
         healthy = self.of_healthy_heater()
         assert healthy.estimate is not None
@@ -287,7 +287,8 @@ class Estimator(NamedTuple):
         # Heat leaks from the shell, as it would from the core in colder air.
         shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
         for duration_s, drive, command_w, limit_w, hvch_watts in intervals:
-            heat_w, most_heat_w = hvch_watts * command_w, hvch_watts * limit_w
+            per_watt = 1.0 if hvch_watts is None else hvch_watts
+            heat_w, most_heat_w = per_watt * command_w, per_watt * limit_w
             unheated_s = 0.0 if command_w > 0.0 else unheated_s + duration_s
             if drive is not None and shell_k != 0.0:
                 drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
@@ -311,15 +312,18 @@ class Estimator(NamedTuple):
                     - drive.heater_power_w, drive.propulsion_power_w, duration_s)
                 drive = replace(
                     drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2)
-            suspect = self._suspected(suspect, belief, vehicle, duration_s, drive, heat_w, most_heat_w)
+            suspect = self._suspected(
+                suspect, belief, vehicle, duration_s, drive, heat_w, most_heat_w, hvch_watts is None)
             belief = (belief.after_unknown(duration_s) if drive is None else
-                      belief.followed(vehicle, duration_s, drive, heat_w, most_heat_w, propulsion_w))
+                      belief.followed(
+                          vehicle, duration_s, drive, heat_w, most_heat_w, propulsion_w, hvch_watts is None))
         return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
                              unheated_s=unheated_s, evidence=evidence, knows_power=seen_w is not None)
 
     def _suspected(self, suspect: Suspicion | None, belief: Belief, vehicle: Vehicle, duration_s: float,
-                   drive: DriveInputs | None, heat_w: float, most_heat_w: float) -> Suspicion | None:
-        """Return the Suspicion after a step [s] under the heater's heat, of at most `most_heat_w` [W]."""
+                   drive: DriveInputs | None, heat_w: float, most_heat_w: float,
+                   is_hvch: bool) -> Suspicion | None:
+        """Return the Suspicion after a step [s] under the source's heat, of at most `most_heat_w` [W]."""
         if suspect is None:
             return None
         step_k_per_w = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k * duration_s
@@ -330,10 +334,12 @@ class Estimator(NamedTuple):
             return suspect
         # The warming of a battery whose heater answers.
         rate_k_per_s = belief.answering_k_per_s(vehicle, replace(
-            drive, heater_power_w=drive.heater_power_w + heat_w))
+            drive, heater_power_w=drive.heater_power_w + heat_w) if is_hvch else replace(
+                drive, source_heat_w=drive.source_heat_w + heat_w))
         return suspect._replace(
             explained_k=suspect.explained_k + self.direction * duration_s * rate_k_per_s,
-            others_k=suspect.others_k + self.direction * step_k_per_w * drive.heater_power_w)
+            others_k=suspect.others_k + self.direction * step_k_per_w * (
+                drive.heater_power_w + drive.source_heat_w))
 
     def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
                    expected: tuple[FloatArray, FloatArray], is_held: bool = False,

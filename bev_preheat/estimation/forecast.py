@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import NamedTuple, TYPE_CHECKING
@@ -92,14 +92,15 @@ def arrival_sensitivities(trip: DrivenRoute, plan: Plan) -> tuple[FloatArray, Fl
     times the effect of each element on the temperature in that step. Second, the change with
     the propulsion factor in each step alone, shape (N,).
     """
-    car, route = _of_one_mass(trip.vehicle), trip.route
+    car, route = _of_one_mass(trip.vehicle), _fed_route(trip, plan)
     states = np.zeros((len(route), SIZE))
     states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
     states[:, SOC] = plan.soc[:-1]
     drive = DriveInputs(*(column[:, np.newaxis] for column in (
         route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
         route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
-        route.cabin_heating_power_w, route.auxiliary_power_w, plan.command_w)))
+        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w,
+        plan.command_w - plan.hvch_battery_power_w)))
     _, slopes = rates_and_slopes(car, states, drive)
     slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
     # Effect on arrival of a kelvin at the end of each step.
@@ -145,8 +146,9 @@ def _lag_variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float
 def _variance_in_core_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     car = _of_one_mass(trip.vehicle)
     return native_variance(
-        vehicle_in_core(car), terms_of(car.heat_path), car.battery.leakage, trip.route.block,
-        plan.command_w, plan.battery_temperature_c, plan.soc, _arriving_covariance(trip, estimate))
+        vehicle_in_core(car), terms_of(car.heat_path), car.battery.leakage, _fed_route(trip, plan).block,
+        plan.hvch_battery_power_w, plan.command_w - plan.hvch_battery_power_w, plan.battery_temperature_c,
+        plan.soc, _arriving_covariance(trip, estimate))
 
 
 def _variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
@@ -163,6 +165,13 @@ def _variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
 
 
 _arrival_variance_k2 = operation(_variance_in_core_k2, _variance_k2)
+
+
+def _fed_route(trip: DrivenRoute, plan: Plan) -> Route:
+    """Return the route whose consumers include the heat sources beside the HVCH."""
+    sources_w = [power_w for name, power_w in plan.source_power_w.items() if name != HVCH]
+    return trip.route if not sources_w else replace(
+        trip.route, auxiliary_power_w=trip.route.auxiliary_power_w + np.sum(sources_w, axis=0))
 
 
 def _of_one_mass(vehicle: Vehicle) -> Vehicle:
@@ -208,7 +217,7 @@ def replanned_deviation_k(as_planned_k: float, trip: DrivenRoute, plan: Plan, es
 
 
 def _heat_ahead(trip: DrivenRoute, plan: Plan) -> tuple[float, float, float]:
-    """Return the heat that a Plan can add and save [K], and the end of the latest heating [s]."""
+    """Return the heat that a Plan can add by the HVCH and save [K], and the end of the latest heating [s]."""
     car, route = trip.vehicle, trip.route
     heated = np.flatnonzero(plan.command_w > 0.0)
     if len(heated) == 0:
@@ -216,7 +225,7 @@ def _heat_ahead(trip: DrivenRoute, plan: Plan) -> tuple[float, float, float]:
     k_per_j = _k_per_j(car)
     limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
     saved_j = float((plan.command_w * route.duration_s).sum())
-    added_j = float(np.maximum(0.0, limit_w - plan.command_w) @ route.duration_s)
+    added_j = float(np.maximum(0.0, limit_w - plan.hvch_battery_power_w) @ route.duration_s)
     end_s = float(plan.time_s[heated[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
     return k_per_j * added_j, k_per_j * saved_j, end_s
 

@@ -26,6 +26,7 @@ from bev_preheat.estimation.estimate import (
     RESISTANCE,
     SENSOR_LAG,
     SENSOR_PLACE,
+    SOURCE_HEAT,
 )
 from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAG_DEVIATIONS, PLACE_LAGS_S, PLACES
 from bev_preheat.numerics import FloatArray, frozen
@@ -50,15 +51,17 @@ from bev_preheat.vehicle.description import HeatPath, Uncertainty, UNKNOWN_UNCER
 
 # Prior standard deviations of the factors' logarithms, for a file that was not measured on this car: uniform over
 # +-10 % (heat capacity, heater) and +-20 % (resistance); leakage between an insulated and a bare pack, which
-# differ by a factor of three: ln 3 / sqrt(12). Propulsion: a route's consumption.
+# differ by a factor of three: ln 3 / sqrt(12). Propulsion: a route's consumption. Other sources: a heat pump's
+# data sheet knows no frost, no pipes and no wear.
 FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.32, RESISTANCE: 0.115, HEATER: 0.058,
-                     PROPULSION: 0.08}
+                     PROPULSION: 0.08, SOURCE_HEAT: 0.15}
 # The least that counts if a file states its own: half of +-10, 20, 20 and 5 %, the best for nine i3 drives, each
 # left out. The factors also stand for ageing and other errors that no log shows.
-LEAST_DEVIATIONS = {HEAT_CAPACITY: 0.029, LEAKAGE: 0.0575, RESISTANCE: 0.0575, HEATER: 0.0145}
+LEAST_DEVIATIONS = {HEAT_CAPACITY: 0.029, LEAKAGE: 0.0575, RESISTANCE: 0.0575, HEATER: 0.0145, SOURCE_HEAT: 0.03}
 # Bounds of the logarithms, relative to the vehicle file's values. Leakage: a file may take an insulated pack as
 # bare, or a bare pack as insulated; the two differ by a factor of three.
-FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
+FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15,
+                 PROPULSION: 0.5, SOURCE_HEAT: 0.4}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
 # Shortest and longest lag [s]: heater up to 90 s, coolant up to 200 s, shell up to 500 s; sensor up to 120 s.
@@ -126,7 +129,7 @@ class Learned:
     """
     Learned values of a car; read-only.
 
-    Logarithms of the factors (5,) and their covariance (5, 5), in the state's order; its Lags,
+    Logarithms of the factors (6,) and their covariance (6, 6), in the state's order; its Lags,
     None if they were not learned.
     """
 
@@ -146,10 +149,10 @@ def nothing_learned(uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY) -> Learned:
 
 
 def prior_factor_covariance(uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY) -> FloatArray:
-    """Return the covariance (5, 5) of the factors' logarithms of a car known only from its file."""
+    """Return the covariance (6, 6) of the factors' logarithms of a car known only from its file."""
     deviations = factor_deviations(uncertainty)
     return np.diag([deviations[index]**2
-                    for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION)])
+                    for index in (HEAT_CAPACITY, LEAKAGE, RESISTANCE, HEATER, PROPULSION, SOURCE_HEAT)])
 
 
 def factor_deviations(uncertainty: Uncertainty) -> dict[int, float]:
@@ -159,7 +162,8 @@ def factor_deviations(uncertainty: Uncertainty) -> dict[int, float]:
     A deviation of the file is limited to those in LEAST_DEVIATIONS ... FACTOR_DEVIATIONS.
     """
     stated = {HEAT_CAPACITY: uncertainty.heat_capacity, LEAKAGE: uncertainty.leakage,
-              RESISTANCE: uncertainty.resistance, HEATER: uncertainty.heater_efficiency}
+              RESISTANCE: uncertainty.resistance, HEATER: uncertainty.heater_efficiency,
+              SOURCE_HEAT: uncertainty.source_heat}
     return {index: assumed if (own := stated.get(index)) is None
             else min(max(own, LEAST_DEVIATIONS[index]), assumed)
             for index, assumed in FACTOR_DEVIATIONS.items()}

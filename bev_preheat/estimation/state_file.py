@@ -22,7 +22,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.before_restart import choices_from, DriverChoices, last_seen_from, LastSeen, NO_CHOICES
-from bev_preheat.estimation.estimate import Estimate, FACTOR_NAMES, FACTORS, PROPULSION
+from bev_preheat.estimation.estimate import Estimate, FACTOR_NAMES, FACTORS, OF_CAR, PROPULSION
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, Lags, Learned, prior_factor_covariance
 from bev_preheat.files.checked_yaml import FileData
@@ -31,8 +31,10 @@ from bev_preheat.numerics import FloatArray
 from bev_preheat.tunables import LAG_DEVIATION, LEAST_VARIANCE, OVERNIGHT
 
 # The consumption error of one route says little about the next.
-REMEMBERED = slice(0, PROPULSION - FACTORS.start)
-NAMES = FACTOR_NAMES[REMEMBERED]
+REMEMBERED = [index - FACTORS.start for index in OF_CAR]
+NAMES = tuple(FACTOR_NAMES[index] for index in REMEMBERED)
+# Entries of version 0.2 end before the heat of other sources.
+LEAST_NAMES = len(NAMES) - 1
 LAG_NAMES = ('heat', 'sensor')
 # Keys of an entry; the first two are mandatory, the others are present if the lags were learned.
 KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
@@ -65,7 +67,7 @@ def _lags_from(estimate: Estimate) -> Lags | None:
 def as_entry(learned: Learned) -> dict[str, FileData]:
     """Return the stored part of a Learned as plain values for JSON."""
     entry = {'log_factors': dict(zip(NAMES, learned.factors[REMEMBERED].tolist())),
-             'covariance': learned.covariance[REMEMBERED, REMEMBERED].tolist()}
+             'covariance': learned.covariance[np.ix_(REMEMBERED, REMEMBERED)].tolist()}
     if learned.lags is not None:
         entry['log_lags'] = dict(zip(LAG_NAMES, learned.lags.logs.tolist()))
         entry['lag_variances'] = dict(zip(LAG_NAMES, learned.lags.variances.tolist()))
@@ -79,14 +81,16 @@ def from_entry(entry: FileData) -> Learned:
     Raises InvalidInput, naming the value and its valid range.
     """
     try:
-        logs = np.array([entry['log_factors'][name] for name in NAMES], dtype=float)
+        names = NAMES[:max(LEAST_NAMES, len(entry['log_factors']))]
+        logs = np.array([entry['log_factors'][name] for name in names], dtype=float)
         covariance = np.array(entry['covariance'], dtype=float)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInput(f'log_factors or covariance is damaged: {error}') from error
     _check(logs, covariance)
     factors, whole = np.zeros(len(FACTOR_NAMES)), prior_factor_covariance()
-    factors[REMEMBERED] = logs
-    whole[REMEMBERED, REMEMBERED] = covariance + OVERNIGHT**2 * np.eye(len(NAMES))
+    own = REMEMBERED[:len(logs)]
+    factors[own] = logs
+    whole[np.ix_(own, own)] = covariance + OVERNIGHT**2 * np.eye(len(own))
     return Learned(factors, whole, _lags_of(entry))
 
 
@@ -112,8 +116,8 @@ def _lags_of(entry: dict[str, FileData]) -> Lags | None:
 
 
 def _check(logs: FloatArray, covariance: FloatArray) -> None:
-    size = len(NAMES)
-    bounds = [FACTOR_BOUNDS[FACTORS.start + index] for index in range(size)]
+    size = len(logs)
+    bounds = [FACTOR_BOUNDS[index] for index in OF_CAR]
     for name, value, bound in zip(NAMES, logs, bounds):
         if not abs(value) <= bound:
             raise InvalidInput(f'log_factors.{name}: {value:g} is not allowed; it must be '
@@ -121,7 +125,7 @@ def _check(logs: FloatArray, covariance: FloatArray) -> None:
     if covariance.shape != (size, size) or not np.isfinite(covariance).all():
         raise InvalidInput(f'covariance: must be {size} times {size} finite numbers')
     variances = np.diag(covariance)
-    most = np.diag(prior_factor_covariance())[REMEMBERED] * (1.0 + 1e-6)
+    most = np.diag(prior_factor_covariance())[REMEMBERED[:size]] * (1.0 + 1e-6)
     symmetric = np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-15)
     if not symmetric or (variances > most).any() or (
             np.linalg.eigvalsh(covariance) < -LEAST_VARIANCE).any():

@@ -145,7 +145,7 @@ class TemperatureCheck(NamedTuple):
         if is_at_rest and power_w is not None:
             # The model takes power without a consumer for propulsion.
             drive = replace(drive, auxiliary_power_w=power_w - heater_w - drive.cabin_heating_power_w)
-        rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 5, replace(
+        rate_k_per_s, _, _ = _rates(vehicle)(state.temperature_c, state.soc, (1.0,) * 6, replace(
             drive, heater_power_w=heater_w, terminal_power_w=power_w,
             power_variance_w2=0.0 if power_w is not None else drive.power_variance_w2))
         stuck = self.stuck.seen(

@@ -181,7 +181,7 @@ class ThermalModel:
             battery=replace(
                 vehicle.battery, heat_capacity_j_per_k=capacity, leakage=leakage,
                 resistance=CorrectedResistance(vehicle.battery.resistance, log_factors, electrical[VOLTAGES:])))
-        rates, ones = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean), (1.0,) * 5
+        rates, ones = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean), (1.0,) * 6
         steady = DriveInputs(speed_mps, ambient_c, power_w, 0.0, magnitude_w, 0.0, 0.0, heater_w)
         # The variance with which the Joule heat is that of the current's mean square.
         steady_a2 = rates(temperature_c, soc, ones, steady)[2] / car.battery.resistance.function(SYMBOLS)(

@@ -13,7 +13,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.estimation.estimate import nominal_heat_lag_s
 from bev_preheat.estimation.prior import prior_factor_covariance
-from bev_preheat.estimation.state_file import LAG_NAMES, load_state
+from bev_preheat.estimation.state_file import LAG_NAMES, load_state, REMEMBERED
 from bev_preheat.estimation.state_file import NAMES as FACTOR_NAMES
 from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_SOC, resistance_table, voltage_table
 from bev_preheat.identification.parameters import NAMES, STRUCTURES
@@ -24,7 +24,7 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_sh
 from bev_preheat.vehicle.writing import file_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.checked_yaml import FileData
@@ -184,7 +184,8 @@ def _note(item: Estimated, low: float, high: float, unit: str) -> str:
 
 
 # Keys of the vehicle file that each learned factor changes, in the order of `estimation.state_file.NAMES`.
-KEYS = ('battery.heat_capacity_j_per_k', 'battery.leakage', 'battery.resistance', 'hvch.efficiency')
+KEYS = ('battery.heat_capacity_j_per_k', 'battery.leakage', 'battery.resistance', 'hvch.efficiency',
+        'heat_sources')
 
 
 class LearnedVehicle(NamedTuple):
@@ -203,10 +204,14 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
         raise InvalidInput(f'--state-file: {state_file}: nothing learned about this vehicle file'
                            + (f' ({recalled.damage})' if recalled.damage else '')
                            + '; name the file with which the planner ran')
-    factors = np.exp(learned.factors[:len(FACTOR_NAMES)]).tolist()
-    spreads = np.exp(QUANTILE * np.sqrt(np.diag(learned.covariance)[:len(FACTOR_NAMES)])).tolist()
+    own = REMEMBERED if vehicle.heat_sources else REMEMBERED[:-1]
+    factors = np.exp(learned.factors[own]).tolist()
+    spreads = np.exp(QUANTILE * np.sqrt(np.diag(learned.covariance)[own])).tolist()
     rows = [(factor_name.replace('_', ' '), factor, factor / spread, factor * spread)
             for factor_name, factor, spread in zip(FACTOR_NAMES, factors, spreads)]
+    notes = {key: f"learned on line: {figure(factor, 4)} times START's, 90 % interval "
+                  f'{figure(low, 4)} ... {figure(high, 4)}'
+             for key, (_, factor, low, high) in zip(KEYS, rows)}
     if learned.lags is not None:
         nominal_s = np.array([nominal_heat_lag_s(vehicle.heat_path), NOMINAL_SENSOR_LAG_S])
         lags_s = (nominal_s * np.exp(learned.lags.logs)).tolist()
@@ -218,16 +223,13 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     car = replace(car, name=name, battery=replace(
         car.battery, resistance=resistance_table(vehicle.battery, log_resistance, np.zeros(len(KNOTS_SOC)))),
         hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)),
-        uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned)))
-    notes = {key: f"learned on line: {figure(factor, 4)} times START's, 90 % interval "
-                  f'{figure(low, 4)} ... {figure(high, 4)}'
-             for key, (_, factor, low, high) in zip(KEYS, rows)}
+        uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned, own)))
     notes['uncertainty'] = UNCERTAINTY_NOTE
     return LearnedVehicle(car, tuple(rows), notes)
 
 
-def _narrower(learned: Learned) -> dict[str, float]:
-    """Return the standard deviations by factor that are narrower than without any drive."""
-    variances, prior = np.diag(learned.covariance), np.diag(prior_factor_covariance())
+def _narrower(learned: Learned, own: Sequence[int]) -> dict[str, float]:
+    """Return the standard deviations by factor that are narrower than without any drive; `own` are the car's."""
+    variances, prior = (np.diag(each)[own] for each in (learned.covariance, prior_factor_covariance()))
     return {name: math.sqrt(variance) for name, variance, most in zip(FACTOR_NAMES, variances, prior)
             if variance < MOST_OF_PRIOR**2 * most}

@@ -220,8 +220,9 @@ def _estimation(state: State, estimate: Estimate, now_ns: int) -> DiagnosticStat
     }
     for factor, log, deviation in zip(
             FACTOR_NAMES, estimate.log_factors, estimate.factor_deviations):
-        values[f'{factor.replace("_", " ")} / vehicle file [1]'] = (
-            f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
+        if factor != 'source_heat' or state.vehicle.heat_sources:
+            values[f'{factor.replace("_", " ")} / vehicle file [1]'] = (
+                f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
     has_reset = (estimate.reset_at_ns is not None
                  and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
     stand = state.stand_report

@@ -22,7 +22,7 @@ from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, hvch_alone
 
 # Below this discriminant [V^2] the power cannot be delivered; the floor keeps derivatives finite.
 LEAST_DISCRIMINANT_V2 = 1e-6
@@ -33,7 +33,7 @@ SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
 
 # Corrections of the vehicle that are inputs, so that a car whose factors are being learned needs no new program;
 # leakage and heat are inputs anyway.
-FACTORS = ('heat_capacity', 'resistance', 'heater_efficiency')
+FACTORS = ('heat_capacity', 'resistance', 'heater_efficiency', 'source_heat')
 
 
 def symbolic_step(vehicle: Vehicle) -> casadi.Function:
@@ -72,7 +72,7 @@ def _of_equations(name: str, vehicle: Vehicle, equations: Callable[[Vehicle], Ca
                   inputs: Sequence[str]) -> casadi.Function:
     """Return equations of a vehicle that is corrected by FACTORS as a CasADi Function."""
     arguments, factors = ([casadi.SX.sym(each) for each in names] for names in (inputs, FACTORS))
-    corrected = corrected_vehicle(vehicle, Corrections(**dict(zip(FACTORS, factors))))
+    corrected = corrected_vehicle(hvch_alone(vehicle), Corrections(**dict(zip(FACTORS, factors))))
     return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)))
 
 

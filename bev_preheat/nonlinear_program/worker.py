@@ -95,8 +95,9 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
     started_s = monotonic()
     route, corrections = question.route, Corrections()
     if question.model_factors:
-        corrections = Corrections(*question.model_factors[:-1])
-        route = route.with_propulsion(question.model_factors[-1])
+        *of_vehicle, propulsion = question.model_factors[:5]
+        corrections = Corrections(*of_vehicle, *question.model_factors[5:])
+        route = route.with_propulsion(propulsion)
     situation = route, question.state, question.goal
     try:
         from bev_preheat.nonlinear_program.program import SUCCESS

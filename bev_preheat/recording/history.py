@@ -151,9 +151,10 @@ class History:
         if state.vehicle.heat_sources and has_planner and state.temperature_c is not None:
             powers = state.answers.powers(
                 state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
-            heater_w, heat_w = powers.others_w(
+            hvch_w, drawn_w, source_heat_w = powers.others_w(
                 -1, at_ns, at_ns, powers.temperature_c if math.isnan(row['ambient']) else row['ambient'],
                 [state.vehicle.most_w(each.name) for each in (state.answers.hvch, *state.answers.others)])
+            heater_w, heat_w = hvch_w + drawn_w, hvch_w + source_heat_w
         if self._unheated is None:
             self._unheated = Unheated(state.vehicle)
         settled_c = math.nan if plan is None else float(plan.battery_temperature_c[0])

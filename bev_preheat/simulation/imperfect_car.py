@@ -27,7 +27,7 @@ from bev_preheat.simulation.traffic import (
 )
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.description import HeatPath, Vehicle
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, ScaledCurve
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_heat
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def true_vehicle(vehicle: Vehicle, mismatch: Mismatch, heat_path: HeatPath | Non
         vehicle = corrected_vehicle(vehicle, Corrections(*factors))
     if mismatch.sources != mismatch.heater:
         # All heat has the heater's factor.
-        vehicle = replace(vehicle, heat_sources=tuple(replace(source, hvch_watts=ScaledCurve(
-            source.hvch_watts, mismatch.sources / mismatch.heater)) for source in vehicle.heat_sources))
+        vehicle = replace(vehicle, heat_sources=tuple(
+            with_heat(source, mismatch.sources / mismatch.heater) for source in vehicle.heat_sources))
     if heat_path is None or heat_path == vehicle.heat_path:
         return vehicle
     return replace(vehicle, heat_path=heat_path)

@@ -105,7 +105,7 @@ class ReadingNoise:
 
 
 # The numbers of these structs in a row: written at once, which takes a fifth of field by field.
-PASSED, READING = Packed(f'2P6d{MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4di')
+PASSED, READING = Packed(f'2P6d{2 * MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4di')
 
 
 class NativeBelief:
@@ -125,16 +125,17 @@ class NativeBelief:
         self._others_w = (0.0,) * (MOST_HEATERS - len(weights))
 
     def follow(self, vehicle: NativeVehicle, terms: BeliefTermsStruct, elapsing: Elapsing, drive: DriveInputs,
-               leakage: Leakage, heater_w: Sequence[float], hidden_variance_s2: float,
+               leakage: Leakage, heats_w: tuple[Sequence[float], Sequence[float]], hidden_variance_s2: float,
                propulsion: tuple[float, float, float, float]) -> int:
         """
         Do `bev_follow`; return how many filters are lost.
 
-        `propulsion` is power seen and power of the route [W], variance [W^2], and most difference [W].
+        `heats_w` are the HVCH's power and the heat of other sources of each hypothesis [W]. `propulsion` is power
+        seen and power of the route [W], variance [W^2], and most difference [W].
         """
         PASSED.pack_into(
             self._passed, 0, *elapsing.addresses, elapsing.duration_s, hidden_variance_s2, *propulsion,
-            *heater_w, *self._others_w, *_numbers_of(drive, leakage))
+            *heats_w[0], *self._others_w, *heats_w[1], *self._others_w, *_numbers_of(drive, leakage))
         call('bev_follow', vehicle.address, self._address, addressof(terms), self._places[0],
              addressof(self._lost))
         return self._lost.value
@@ -158,15 +159,16 @@ class NativeBelief:
 
 
 def arrival_variance(vehicle: NativeVehicle, terms: BeliefTermsStruct, leakage: Leakage, route: FloatArray,
-                     heater_w: FloatArray, temperature_c: FloatArray, soc: FloatArray,
+                     heater_w: FloatArray, source_heat_w: FloatArray, temperature_c: FloatArray, soc: FloatArray,
                      covariance: FloatArray) -> float:
     """
     Do `bev_arrival_variance`; return the variance of the temperature on arrival [K^2].
 
     `route` (8, N) are the columns of a route, `heater_w` (N,) is the heater power in each step [W],
-    temperatures [deg C] and charge (N + 1,) are the run, `covariance` is (ELEMENTS, ELEMENTS).
+    `source_heat_w` (N,) the heat of other sources as HVCH power [W], temperatures [deg C] and charge (N + 1,) are
+    the run, `covariance` is (ELEMENTS, ELEMENTS).
     """
-    arrays = [*map(doubles, (route, heater_w, temperature_c, soc, covariance))]
+    arrays = [*map(doubles, (route, heater_w, source_heat_w, temperature_c, soc, covariance))]
     *columns, believed = map(address_of, arrays)
     expected = ExpectedDriveStruct(
         route.shape[1], *columns, leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)

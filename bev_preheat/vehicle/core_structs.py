@@ -20,7 +20,7 @@ from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import hottest_c, TRIP_COLUMNS, TripColumns
 from bev_preheat.vehicle.variants import ScaledCurve
 
-ELEMENTS, BOUNDED, MOST_HEATERS = 14, 9, 16
+ELEMENTS, BOUNDED, MOST_HEATERS = 15, 10, 16
 MOST_AXIS = 1024
 MOST_FACTORS = 4
 PARAMETERS = 5
@@ -162,7 +162,8 @@ class PassedStruct(Structure):
 
     _fields_ = [*_each(c_void_p, 'transitions wander'),
                 *_each(c_double, 'duration_s hidden_variance_s2 seen_w route_w variance_w2 most_w'),
-                ('heater_power_w', c_double * MOST_HEATERS), ('drive', DriveStruct)]
+                ('heater_power_w', c_double * MOST_HEATERS), ('source_heat_w', c_double * MOST_HEATERS),
+                ('drive', DriveStruct)]
 
 
 class ReadingStruct(Structure):
@@ -175,7 +176,7 @@ class ReadingStruct(Structure):
 class ExpectedDriveStruct(Structure):
     """`bev_expected_drive`."""
 
-    _fields_ = [('steps', c_int32), *_each(c_void_p, 'route heater_power_w temperature_c soc'),
+    _fields_ = [('steps', c_int32), *_each(c_void_p, 'route heater_power_w source_heat_w temperature_c soc'),
                 *_each(c_double, 'gamma_0_w_per_k gamma_v_w_per_k_per_mps')]
 
 

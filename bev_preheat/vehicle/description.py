@@ -376,6 +376,7 @@ class Uncertainty:
     leakage: float | None = None
     resistance: float | None = None
     heater_efficiency: float | None = None
+    source_heat: float | None = None
 
 
 UNKNOWN_UNCERTAINTY = Uncertainty()

@@ -15,7 +15,7 @@ from operator import mul
 
 from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction, Number
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import DIRECT, Leakage, Vehicle
+from bev_preheat.vehicle.description import DIRECT, HeatSource, Leakage, Vehicle
 from bev_preheat.vehicle.model import make_rates
 
 # Results computed from a vehicle are cached for this many: for several cars, as described and as corrected.
@@ -30,6 +30,8 @@ class Corrections:
     leakage: AnyNumber = 1.0
     resistance: AnyNumber = 1.0
     heater_efficiency: AnyNumber = 1.0
+    # Heat of each watt of other sources, beside the factor of the HVCH; cold is that of the file.
+    source_heat: AnyNumber = 1.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,15 @@ def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
             leakage=Leakage(leakage.gamma_0_w_per_k * corrections.leakage,
                             leakage.gamma_v_w_per_k_per_mps * corrections.leakage)),
         hvch=replace(vehicle.hvch,
-                     efficiency=vehicle.hvch.efficiency * corrections.heater_efficiency))
+                     efficiency=vehicle.hvch.efficiency * corrections.heater_efficiency),
+        heat_sources=tuple(source if source.cools else with_heat(source, corrections.source_heat)
+                           for source in vehicle.heat_sources))
+
+
+def with_heat(source: HeatSource, factor: float) -> HeatSource:
+    """Return the HeatSource whose heat or cold of a watt is multiplied by a factor."""
+    assert isinstance(source.hvch_watts, Table)
+    return replace(source, hvch_watts=source.hvch_watts.changed(partial(mul, factor)))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -173,8 +183,8 @@ class DriveInputs:
     `terminal_power_w` is the measured battery power; None if only the route is known. If it is measured,
     `power_variance_w2` is the measured variance, and `hidden_variance_w2` the part of the route's variance
     that the sensors do not show.
-    `heater_power_w` is the HVCH power for the battery. In the estimator's inputs it is the heat of other sources,
-    as HVCH power; the HVCH's own is that of its hypotheses.
+    `heater_power_w` is the HVCH power for the battery, `source_heat_w` the heat of other sources as HVCH power. In
+    the estimator's inputs that of its own source is missing: it is that of its hypotheses.
     """
 
     speed_mps: AnyNumber
@@ -185,14 +195,9 @@ class DriveInputs:
     cabin_heating_power_w: AnyNumber
     auxiliary_power_w: AnyNumber
     heater_power_w: AnyNumber
+    source_heat_w: AnyNumber = 0.0
     terminal_power_w: AnyNumber = None
     hidden_variance_w2: AnyNumber = 0.0
-
-
-def with_other_sources(drive: DriveInputs, drawn_w: float, heat_w: float) -> DriveInputs:
-    """Return a DriveInputs with heat [W, as HVCH power] of sources that draw another electrical power [W]."""
-    return replace(drive, heater_power_w=drive.heater_power_w + heat_w,
-                   auxiliary_power_w=drive.auxiliary_power_w + drawn_w - heat_w)
 
 
 DriveRates = Callable[[AnyNumber, AnyNumber, Sequence[AnyNumber], DriveInputs],
@@ -206,14 +211,17 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
     """
     Return `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 
-    The factors are those on heat capacity, leakage, resistance, HVCH efficiency and the route's
-    propulsion power. With a measured battery power, the propulsion power is that minus all other consumers;
-    else it is the route's, times its factor.
+    The factors are those on heat capacity, leakage, resistance, HVCH efficiency, the route's propulsion power, and
+    the heat (not the cold) of other sources, whose electrical power counts as that of consumers. With a measured
+    battery power, the propulsion power is that minus all other consumers; else it is the route's times its factor.
     """
+    # The heat of other sources is an input.
+    known = hvch_alone(vehicle)
+
     def rates(temperature_c: AnyNumber, soc: AnyNumber, factors: Sequence[AnyNumber],
               drive: DriveInputs) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
-        heat_capacity, leakage, resistance, heater_efficiency, propulsion = factors
-        car = corrected_vehicle(vehicle, Corrections(heat_capacity, leakage, resistance, heater_efficiency))
+        heat_capacity, leakage, resistance, heater_efficiency, propulsion, source_heat = factors
+        car = corrected_vehicle(known, Corrections(heat_capacity, leakage, resistance, heater_efficiency))
         others_w = drive.cabin_heating_power_w + drive.auxiliary_power_w + drive.heater_power_w
         if drive.terminal_power_w is None:
             propulsion_w = propulsion * drive.propulsion_power_w
@@ -229,7 +237,9 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
                 (1.0 - hidden) * mean_magnitude(terminal_w - others_w, drive.power_variance_w2)
                 + hidden * propulsion * drive.propulsion_power_magnitude_w)
         leakage_w_per_k = car.battery.leakage.coefficient_w_per_k(drive.speed_mps)
-        heat_w = (car.hvch.efficiency * drive.heater_power_w
+        heat_w = (car.hvch.efficiency * (
+            drive.heater_power_w + source_heat * arithmetic.maximum(drive.source_heat_w, 0.0)
+            + arithmetic.minimum(drive.source_heat_w, 0.0))
                   + leakage_w_per_k * drive.ambient_temperature_c
                   + car.drivetrain.heat_to_battery_w(magnitude_w))
         soc_rate, temperature_rate, joule_w = make_rates(car, arithmetic)(

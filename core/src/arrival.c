@@ -11,7 +11,7 @@
 
 static int is_expected_drive(const bev_expected_drive *expected) {
   return expected->steps >= 1 && expected->steps <= BEV_MOST_STEPS && expected->route != NULL
-      && expected->heater_power_w != NULL && expected->temperature_c != NULL && expected->soc != NULL;
+      && expected->heater_power_w != NULL && expected->source_heat_w != NULL && expected->temperature_c != NULL && expected->soc != NULL;
 }
 
 /* The value of a column of the route in step k. */
@@ -26,10 +26,10 @@ static double rate_of(const bev_vehicle *vehicle, const bev_expected_drive *expe
   double rates[3];
   bev_rates_on_route(
       vehicle, BEV_AS_ARRAYS, of->voltage_v, of->resistance_ohm, of->temperature_c, factor[0], factor[1], factor[2], factor[3],
-      factor[4], at(expected, BEV_ROUTE_SPEED, k), at(expected, BEV_ROUTE_AMBIENT, k), power_w,
+      factor[4], factor[5], at(expected, BEV_ROUTE_SPEED, k), at(expected, BEV_ROUTE_AMBIENT, k), power_w,
       bev_power_variance_w2(at(expected, BEV_ROUTE_RMS, k), power_w),
       at(expected, BEV_ROUTE_MAGNITUDE, k), at(expected, BEV_ROUTE_CABIN, k),
-      at(expected, BEV_ROUTE_AUXILIARY, k), expected->heater_power_w[k], expected->gamma_0_w_per_k,
+      at(expected, BEV_ROUTE_AUXILIARY, k), expected->heater_power_w[k], expected->source_heat_w[k], expected->gamma_0_w_per_k,
       expected->gamma_v_w_per_k_per_mps, rates);
   return rates[0];
 }
@@ -50,7 +50,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expec
                                      const bev_belief_terms *terms, double total[BEV_ELEMENTS],
                                      double *by_traffic_k2) {
   const double *const moved_by = terms->perturbation;
-  const double nominal[BEV_FACTORS] = {1.0, 1.0, 1.0, 1.0, 1.0};
+  const double nominal[BEV_FACTORS] = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
   double moved[BEV_FACTORS];
   for (int32_t n = 0; n < BEV_FACTORS; n++) {
     moved[n] = exp(moved_by[BEV_HEAT_CAPACITY + n]);
@@ -72,19 +72,20 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expec
     const double by_soc = (rate_of(vehicle, expected, k, &fuller, nominal) - rate)
         / moved_by[BEV_SOC] * duration_s;
     total[BEV_SOC] += worth * by_soc;
-    double last = 0.0;
+    double by_power = 0.0;
     for (int32_t n = 0; n < BEV_FACTORS; n++) {
       double factor[BEV_FACTORS];
       memcpy(factor, nominal, sizeof factor);
       factor[n] = moved[n];
-      last = worth
+      const double by_factor = worth
           * ((rate_of(vehicle, expected, k, &here, factor) - rate)
              / moved_by[BEV_HEAT_CAPACITY + n] * duration_s);
-      total[BEV_HEAT_CAPACITY + n] += last;
+      total[BEV_HEAT_CAPACITY + n] += by_factor;
+      by_power = BEV_HEAT_CAPACITY + n == BEV_PROPULSION ? by_factor : by_power;
     }
-    *by_traffic_k2 += traffic_k2(expected, terms, k, last);
+    *by_traffic_k2 += traffic_k2(expected, terms, k, by_power);
     worth *= exp(by_temperature);
-    if (!isfinite(worth) || !isfinite(last) || !isfinite(by_soc)) {
+    if (!isfinite(worth) || !isfinite(by_power) || !isfinite(by_soc)) {
       return BEV_NOT_FINITE;
     }
   }

@@ -79,21 +79,21 @@ static bev_status mix_belief(const bev_belief *belief, const double *transitions
   return BEV_OK;
 }
 
-static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double heater_w,
+static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double heater_w, double source_heat_w,
                      const bev_circuit *at, const double factor[BEV_FACTORS], double rates[RATES]) {
   if (drive->is_seen) {
     bev_rates_of_seen_power(
         vehicle, BEV_AS_ARRAYS, at->voltage_v, at->resistance_ohm, at->temperature_c, factor[0], factor[1], factor[2], factor[3],
-        factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
+        factor[4], factor[5], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
         drive->power_variance_w2, drive->propulsion_power_magnitude_w,
-        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->terminal_power_w,
+        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, source_heat_w, drive->terminal_power_w,
         drive->hidden_variance_w2, drive->gamma_0_w_per_k, drive->gamma_v_w_per_k_per_mps, rates);
   } else {
     bev_rates_on_route(
         vehicle, BEV_AS_ARRAYS, at->voltage_v, at->resistance_ohm, at->temperature_c, factor[0], factor[1], factor[2], factor[3],
-        factor[4], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
+        factor[4], factor[5], drive->speed_mps, drive->ambient_temperature_c, drive->propulsion_power_w,
         drive->power_variance_w2, drive->propulsion_power_magnitude_w,
-        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, drive->gamma_0_w_per_k,
+        drive->cabin_heating_power_w, drive->auxiliary_power_w, heater_w, source_heat_w, drive->gamma_0_w_per_k,
         drive->gamma_v_w_per_k_per_mps, rates);
   }
 }
@@ -125,7 +125,7 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
 
 /* The state after a step, and its slope over each element; returns whether all are finite. */
 static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms,
-                             const bev_drive *drive, double duration_s, double heater_w,
+                             const bev_drive *drive, double duration_s, double heater_w, double source_heat_w,
                              const double state[BEV_ELEMENTS], double after[MOVING],
                              double slopes[MOVING][BEV_ELEMENTS]) {
   double factor[BEV_FACTORS];
@@ -134,7 +134,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   }
   const bev_circuit here = bev_circuit_at(vehicle, state[BEV_SOC], state[BEV_TEMPERATURE]);
   double rates[RATES];
-  rates_of(vehicle, drive, heater_w, &here, factor, rates);
+  rates_of(vehicle, drive, heater_w, source_heat_w, &here, factor, rates);
   lags lagging;
   find_lags(terms, state, duration_s, -1, &lagging);
   double x[BEV_ELEMENTS];
@@ -148,7 +148,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
     if (along >= 0) {
       x[along] = state[along] + terms->perturbation[along];
     }
-    if (along >= 0 && along <= BEV_PROPULSION) {
+    if (along >= 0 && along <= BEV_SOURCE_HEAT) {
       double moved[BEV_FACTORS];
       memcpy(moved, factor, sizeof moved);
       if (along >= BEV_HEAT_CAPACITY) {
@@ -157,7 +157,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
       const bev_circuit there = along < BEV_HEAT_CAPACITY
           ? bev_circuit_at(vehicle, x[BEV_SOC], x[BEV_TEMPERATURE])
           : here;
-      rates_of(vehicle, drive, heater_w, &there, moved, own_rates);
+      rates_of(vehicle, drive, heater_w, source_heat_w, &there, moved, own_rates);
       heat_capacity = moved[0];
     }
     if (along >= 0) {
@@ -242,7 +242,8 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     double after[MOVING] = {0.0, 0.0, 0.0, 0.0, 0.0};
     double slopes[MOVING][BEV_ELEMENTS];
     if (!moved_with_slopes(vehicle, terms, &passed->drive, duration_s,
-                           passed->heater_power_w[filter / belief->noises], mean, after, slopes)) {
+                           passed->heater_power_w[filter / belief->noises],
+                           passed->source_heat_w[filter / belief->noises], mean, after, slopes)) {
       return BEV_NOT_FINITE;
     }
     for (int32_t m = 0; m < MOVING; m++) {

@@ -102,10 +102,10 @@ def search_input(at_s, factors=(0.0, 0.0, 0.0, 0.0, 0.0), state=STATE):
     (FAST, BatteryState(10.0, 0.2), 1.0), pytest.param(SLOW, STATE, 1.0, marks=pytest.mark.deep),
     (FAST, BatteryState(-5.0, 0.5), 1.25)], ids=['fast', 'slow', 'learned'])
 def test_the_target_costs_what_the_best_costs_for_the_car_as_it_is_known(charger, state, heat_capacity):
-    factors = np.zeros(5)
+    factors = np.zeros(6)
     factors[HEAT_CAPACITY - FACTORS.start] = math.log(heat_capacity)
     supervisor, route = a_supervisor(charger, replace(MEASURED, estimation=heat_capacity != 1.0), learned=Learned(
-        factors, np.diag(np.full(5, 1e-8)))), drive()
+        factors, np.diag(np.full(6, 1e-8)))), drive()
     first = feed(supervisor, 0.0, state).target
     for second in range(1, ENOUGH):
         chosen = feed(supervisor, 0.2 * second, state).target
@@ -182,7 +182,7 @@ def test_a_belief_that_has_really_changed_changes_the_target():
     chooser, repeated = chosen_after(chooser, 700.0)
     assert repeated.target_c == before.target_c
     nearly_full = BatteryState(6.0, 0.82)
-    _, after = chosen_after(chooser, 1400.0, np.zeros(5), nearly_full)
+    _, after = chosen_after(chooser, 1400.0, np.zeros(6), nearly_full)
     worth = find_worth(VEHICLE, drive(), nearly_full, Goal(25.0), 150e3, 0.8, PRICES)
     assert worth.best is worth.without_heating
     assert before.heating_pays and not after.heating_pays

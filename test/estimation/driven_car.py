@@ -41,11 +41,11 @@ class Commands:
         return LIMIT_W * on_s / (to_s - from_s)
 
 
-def observed(estimator, measurement, commands):
+def observed(estimator, measurement, commands, drive=DRIVE, vehicle=VEHICLE):
     """Return the Estimator after a MeasuredState on the route under Commands."""
     return estimator.observed(measurement, [
-        DrivenInterval((to_ns - from_ns) / NS_PER_S, DRIVE, commands.mean_w(from_ns, to_ns), LIMIT_W)
-        for from_ns, to_ns in pairwise(estimator.edges_ns(measurement.stamp_ns))], VEHICLE)
+        DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), LIMIT_W)
+        for from_ns, to_ns in pairwise(estimator.edges_ns(measurement.stamp_ns))], vehicle)
 
 
 @dataclass
@@ -56,7 +56,8 @@ class DrivenCar:
     Traffic varies the power by `traffic_w` (standard deviation, correlated over half a minute). The sensor's
     place is warmer than the battery by `local_k` (standard deviation, correlated over 100 s), by
     `rise_k_per_kw` of Joule heat, with a lag of 100 s, and by `place` times the warming still under way. Heat lags
-    by `heat_lag_s`, the sensor by `sensor_lag_s`.
+    by `heat_lag_s`, the sensor by `sensor_lag_s`. `source_w` are another source's electrical power, and its
+    heat as HVCH power [W].
     """
 
     corrections: Corrections = Corrections()
@@ -72,6 +73,7 @@ class DrivenCar:
     place: float = 0.0
     heat_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
+    source_w: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
     with_power: bool = True
     second: int = 0
@@ -91,9 +93,9 @@ class DrivenCar:
                 2 / 30.0) * self._drawn.standard_normal()
             heater_w = self.heater(self.second, self.commands.at_w(self.second))
             propulsion_w = PROPULSION_W + self._extra_w
-            terminal_w = propulsion_w + CABIN_W + AUXILIARY_W + heater_w
+            terminal_w = propulsion_w + CABIN_W + AUXILIARY_W + heater_w + self.source_w[0]
             gamma = self._car.battery.leakage.coefficient_w_per_k(SPEED_MPS)
-            made_w = self._car.hvch.efficiency * heater_w
+            made_w = self._car.hvch.efficiency * (heater_w + self.source_w[1])
             self._arriving_w += (made_w - self._arriving_w) / max(1.0, self.heat_lag_s)
             heat_w = (self._arriving_w + gamma * AMBIENT_C
                       + self._car.drivetrain.heat_to_battery_w(abs(propulsion_w)))

@@ -69,7 +69,7 @@ def test_the_evidence_of_a_reading_is_its_likelihood_and_always_a_number():
 
 def test_temperature_is_that_of_a_kalman_filter_written_here():
     # Factors, lags and rises are known, so only core, heat under way, sensor and local rise are left.
-    belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
+    belief = placed(Learned(np.zeros(6), np.zeros((6, 6)), Lags(np.zeros(2), np.zeros(2))))
     belief = changed(belief, *[[(element, 0.0) for element in PLACING]] * 2)
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k

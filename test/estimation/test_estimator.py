@@ -211,7 +211,7 @@ def test_readings_that_stay_far_off_begin_the_estimate_anew_and_a_spike_does_not
     assert estimate.reset_at_ns == measurement.stamp_ns
     assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
     # All learned values may belong to another car.
-    assert estimate.log_factors.tolist() == [0.0] * 5
+    assert estimate.log_factors.tolist() == [0.0] * 6
 
 
 @pytest.mark.parametrize('spike_k, lasts_s', [

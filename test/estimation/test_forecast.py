@@ -26,11 +26,12 @@ from bev_preheat.tunables import POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, hvch_alone
 
 TRIPS = {
     'reference': (load_vehicle('reference'), 'reference', BatteryState(-8.0, 0.85)),
     'small_car': (load_vehicle('small_car'), 'winter_commute', BatteryState(-3.0, 0.7)),
+    'heat_pump_car': (load_vehicle('heat_pump_car'), 'winter_commute', BatteryState(-3.0, 0.7)),
 }
 TARGET_C = 12.0
 
@@ -39,7 +40,7 @@ def planned(name):
     vehicle, route_name, state = TRIPS[name]
     route = load_route(route_name, vehicle.defaults)
     plan = plan_preheating(vehicle, route, state, Goal(TARGET_C))
-    assert plan.hvch_battery_power_w.any()
+    assert plan.command_w.any()
     return vehicle, route, state, plan
 
 
@@ -49,13 +50,16 @@ def arrival_c(vehicle, route, state, plan, moved, powers=None):
 
     `powers` are factors on the propulsion power of each segment.
     """
-    capacity, leakage, resistance, heater, propulsion = np.exp(moved[FACTORS])
-    car = corrected_vehicle(vehicle, Corrections(capacity, leakage, resistance, heater))
+    capacity, leakage, resistance, heater, propulsion, source = np.exp(moved[FACTORS]).tolist()
+    car = corrected_vehicle(hvch_alone(vehicle), Corrections(capacity, leakage, resistance, heater))
+    # The HVCH gives the heat of the other sources, which draw what they draw.
+    heat_w = plan.hvch_battery_power_w + source * (plan.command_w - plan.hvch_battery_power_w)
+    route = replace(route, auxiliary_power_w=route.auxiliary_power_w + plan.drawn_power_w - heat_w)
     route = route.with_propulsion(propulsion if powers is None else propulsion * powers)
     _, temperature_c = run_forward(
         make_trip(car, route), make_runge_kutta_4, state.soc + moved[SOC],
         state.temperature_c + moved[TEMPERATURE] + moved[UNDER_WAY],
-        plan.hvch_battery_power_w, plan.friction_brake_power_w)
+        heat_w, plan.friction_brake_power_w)
     return temperature_c[-1]
 
 

@@ -27,16 +27,16 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
 
 VEHICLES = {name: load_vehicle(name) for name in ('reference', 'small_car')}
-STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07, 0.3, -0.4, 0.35, -0.15, 0.9, 3.1, 0.4])
+STATE = np.array([3.7, 0.63, 0.08, -0.15, 0.11, -0.04, 0.07, 0.12, 0.3, -0.4, 0.35, -0.15, 0.9, 3.1, 0.4])
 DRIVE = DriveInputs(
     speed_mps=23.0, ambient_temperature_c=-11.0, propulsion_power_w=17e3, power_variance_w2=4e7,
     propulsion_power_magnitude_w=17.7e3, cabin_heating_power_w=1300.0, auxiliary_power_w=450.0,
-    heater_power_w=3100.0)
+    heater_power_w=3100.0, source_heat_w=1900.0)
 
 
 def by_hand(vehicle, state, drive):
     """Return the rates of a car with every quantity multiplied by hand, from the scalar model."""
-    temperature_c, soc, capacity, leakage, resistance, heater, propulsion = state[:7]
+    temperature_c, soc, capacity, leakage, resistance, heater, propulsion, source = state[:8]
     battery = vehicle.battery
     propulsion_w = exp(propulsion) * drive.propulsion_power_w
     terminal_w = propulsion_w + (drive.cabin_heating_power_w + drive.auxiliary_power_w
@@ -52,7 +52,7 @@ def by_hand(vehicle, state, drive):
         magnitude_w = foldnorm(abs(propulsion_w) / deviation_w, scale=deviation_w).mean()
     gamma = exp(leakage) * (battery.leakage.gamma_0_w_per_k
                             + battery.leakage.gamma_v_w_per_k_per_mps * drive.speed_mps)
-    heat_w = (exp(heater) * vehicle.hvch.efficiency * drive.heater_power_w
+    heat_w = (exp(heater) * vehicle.hvch.efficiency * (drive.heater_power_w + exp(source) * drive.source_heat_w)
               + gamma * (drive.ambient_temperature_c - temperature_c)
               + vehicle.drivetrain.heat_recovery_efficiency
               * (1.0 - vehicle.drivetrain.efficiency) * magnitude_w)

@@ -29,16 +29,16 @@ from bev_preheat.estimation.state_file import (
 from bev_preheat.tunables import OVERNIGHT
 
 CAR, OTHER = 'a' * 64, 'b' * 64
-NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
+NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'source_heat')
 UNKNOWN = nothing_learned()
-FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4])
+FACTORS_SEEN = np.array([0.07, -0.2, 0.11, -0.03, 0.4, 0.09])
 LAGS_SEEN, LAG_VARIANCES_SEEN = np.array([0.6, -0.9]), np.array([0.04, 0.2])
 
 
 def some_covariance():
     """Return a covariance smaller than the prior's, with correlations."""
     deviations = 0.3 * np.sqrt(np.diag(prior_factor_covariance()))
-    correlation = 0.25 * np.ones((5, 5)) + 0.75 * np.eye(5)
+    correlation = 0.25 * np.ones((6, 6)) + 0.75 * np.eye(6)
     return correlation * np.outer(deviations, deviations)
 
 
@@ -62,7 +62,8 @@ def format_1():
     """Return a file as version 0.2.0 wrote it, with indent=1 and the keys in this order."""
     entry = as_entry(learned())
     return {'format': 1, 'vehicle_file_sha256': CAR,
-            **{key: entry[key] for key in ('log_factors', 'covariance')}}
+            'log_factors': {name: entry['log_factors'][name] for name in NAMES[:4]},
+            'covariance': [row[:4] for row in entry['covariance'][:4]]}
 
 
 def written_by_version_0_2(contents):
@@ -151,7 +152,7 @@ def test_what_was_learned_with_another_vehicle_file_is_kept_and_not_taken_over(s
     assert load_state(state_file, OTHER).learned is None
     for _ in range(3):
         save_state(state_file, OTHER, UNKNOWN)
-    assert load_state(state_file, OTHER).learned.factors.tolist() == [0.0] * 5
+    assert load_state(state_file, OTHER).learned.factors.tolist() == [0.0] * 6
     assert json.loads(state_file.read_text())['cars'][CAR] == before
     recalled = load_state(state_file, CAR)
     assert recalled.learned.factors[:4] == pytest.approx(FACTORS_SEEN[:4])

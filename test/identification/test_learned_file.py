@@ -12,8 +12,8 @@ from bev_preheat.estimation.state_file import save_state
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_fingerprint
 
-# Heat capacity, leakage, resistance, heater efficiency, propulsion.
-FACTORS = (1.1, 0.8, 1.2, 0.95, 1.0)
+# Heat capacity, leakage, resistance, heater efficiency, propulsion, other sources' heat.
+FACTORS = (1.1, 0.8, 1.2, 0.95, 1.0, 1.0)
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, said):
         assert mine[key] == theirs[key]
     assert mine['battery']['open_circuit_voltage'] == theirs['battery']['open_circuit_voltage']
     # Half the prior's deviation, and 0.01 for the time since.
-    assert vars(car.uncertainty) == pytest.approx({
+    assert {name: own for name, own in vars(car.uncertainty).items() if own} == pytest.approx({
         name: math.hypot(0.5 * prior, 0.01) for name, prior in (
             ('heat_capacity', 0.058), ('leakage', 0.32), ('resistance', 0.115), ('heater_efficiency', 0.058))},
         rel=5e-3)
@@ -57,9 +57,9 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, said):
 def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp_path, said):
     start, output = tmp_path / 'start.yaml', tmp_path / 'my.yaml'
     start.write_bytes(vehicle_contents('small_car') + b'\nuncertainty: {leakage: 0.09, resistance: 0.07}\n')
-    scale = np.diag([0.2, 1.0, 0.2, 1.0, 1.0])
+    scale = np.diag([0.2, 1.0, 0.2, 1.0, 1.0, 1.0])
     save_state(tmp_path / 'state.json', vehicle_fingerprint(start.read_bytes()),
-               Learned(np.zeros(5), scale @ prior_factor_covariance() @ scale))
+               Learned(np.zeros(6), scale @ prior_factor_covariance() @ scale))
     assert said('identify', '--state-file', 'state.json', '--vehicle', start, '--output', output)[0] == 0
     told = load_vehicle(output).uncertainty
     assert (told.heat_capacity, told.resistance) == pytest.approx(

@@ -117,8 +117,8 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
     vehicle = VEHICLES['formulas']
     trip = make_trip(vehicle, load_route('reference', vehicle.defaults))
     count, native = len(trip.route), vehicle_in_core(vehicle)
-    course = (native, terms_of(vehicle.heat_path), vehicle.battery.leakage, np.ones((8, count)), np.ones(count),
-              np.ones(count + 1), np.ones(count + 1))
+    course = (native, terms_of(vehicle.heat_path), vehicle.battery.leakage, np.ones((8, count)),
+              *np.ones((2, count)), *np.ones((2, count + 1)))
     assert arrival_variance(*course, np.eye(SIZE)) > 0.0
     with pytest.raises(Declined):
         arrival_variance(*course, np.full((SIZE, SIZE), np.nan))
@@ -130,7 +130,7 @@ def in_core(native, drive, low_c=-6.0, seen_w=0.0):
     noise = ReadingNoise(np.full(1, 0.1), np.full(1, 1e-6))
     terms = terms_of(vehicle.heat_path)
     native.follow(vehicle_in_core(vehicle), terms, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
-                  vehicle.battery.leakage, [0.0] * 5, 0.0, (seen_w, 1e4, 1e6, 1e4))
+                  vehicle.battery.leakage, ([0.0] * 5, [0.0] * 5), 0.0, (seen_w, 1e4, 1e6, 1e4))
     native.take_reading(terms, noise, (low_c, 1.0), (0.69, 0.71), True)
 
 

@@ -23,7 +23,7 @@ POINTS = 300
 # Both sides round each of about a hundred operations to 1e-16.
 ROUNDING = 1e-12
 # In the functions' order: of the heat capacity, of the resistance and of the heater's efficiency.
-FACTORS = (1.13, 0.79, 0.93)
+FACTORS = (1.13, 0.79, 0.93, 1.2)
 CORRECTIONS = Corrections(heat_capacity=1.13, resistance=0.79, heater_efficiency=0.93)
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The solver's process: its answers, and that its failures never reach its owner."""
 
+from dataclasses import replace
 import os
 from pathlib import Path
 import signal
@@ -228,6 +229,22 @@ def test_a_process_that_was_started_answers_with_the_factors_that_it_is_told(new
         route = route.with_propulsion(factors[4])
     here = solve_optimum(vehicle, route, STATE, GOAL).plan
     assert plan.energy_wh.battery_total == pytest.approx(here.energy_wh.battery_total, abs=1e-3)
+
+
+def test_a_car_with_more_heat_sources_has_a_factor_on_their_heat():
+    vehicle = load_vehicle('heat_pump_car')
+    route = load_route('reference', vehicle.defaults).resampled(120.0)
+    found = solve_optimum(vehicle, route, STATE, Goal(14.0), corrections=Corrections(source_heat=0.7))
+    solver = SolverProcess(vehicle, niceness=0)
+    solver.ask(Question(route, STATE, Goal(14.0), '', (1.0, 1.0, 1.0, 1.0, 1.0, 0.7)), PATIENCE_S)
+    asked = answer_of(solver)
+    solver.close()
+    weaker = replace(vehicle, heat_sources=tuple(replace(source, hvch_watts=source.hvch_watts.changed(
+        lambda watts: 0.7 * watts if watts > 0.0 else watts)) for source in vehicle.heat_sources))
+    expected = solve_optimum(weaker, route, STATE, Goal(14.0)).plan.energy_wh.battery_total
+    assert found.plan.energy_wh.battery_total == pytest.approx(expected, abs=0.05)
+    assert asked.optimal_plan.energy_wh.battery_total == pytest.approx(expected, abs=0.05)
+    assert expected > solve_optimum(vehicle, route, STATE, Goal(14.0)).plan.energy_wh.battery_total + 20.0
 
 
 def test_says_so_when_no_process_can_be_started_before_the_first_question(new_solver, monkeypatch):

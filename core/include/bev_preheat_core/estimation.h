@@ -14,7 +14,7 @@ extern "C" {
 
 /*
  * Elements of the state, documented in bev_preheat.estimation.estimate. Elements that are logarithms are of factors
- * (heat capacity to propulsion) and of lags over nominal lags.
+ * (heat capacity to other sources' heat) and of lags over nominal lags.
  */
 enum {
   BEV_TEMPERATURE = 0,
@@ -24,6 +24,7 @@ enum {
   BEV_RESISTANCE,
   BEV_HEATER,
   BEV_PROPULSION,
+  BEV_SOURCE_HEAT,
   BEV_HEAT_LAG,
   BEV_SENSOR_LAG,
   BEV_JOULE_RISE,
@@ -35,8 +36,8 @@ enum {
 };
 
 /* Number of factors, and of elements with bounds: the factors, the lags, the local rise and the sensor's place. */
-#define BEV_FACTORS 5
-#define BEV_BOUNDED 9
+#define BEV_FACTORS 6
+#define BEV_BOUNDED 10
 /* Maximum number of heater hypotheses and of noise hypotheses; the memory of a belief [doubles]. */
 #define BEV_MOST_HEATERS 16
 #define BEV_MOST_NOISES 8
@@ -100,13 +101,14 @@ typedef struct {
 
 /*
  * The expected drive along a trip of `steps` steps, with the nominal leakage: the columns of its route, one after
- * the other as in bev_make_trip, the heater's power in each step, and the battery's temperature and charge at the
+ * the other as in bev_make_trip, the heater's power and other sources' heat in each step, and the battery's temperature and charge at the
  * start of each.
  */
 typedef struct {
   int32_t steps;
   const double *route;
   const double *heater_power_w;
+  const double *source_heat_w;
   const double *temperature_c;
   const double *soc;
   double gamma_0_w_per_k;
@@ -118,7 +120,7 @@ typedef struct {
  *
  * `transitions[from * heaters + to]` is the probability that one heater turned into another, `wander` are the variances
  * that each element gains, `hidden_variance_s2` is the variance of the logarithm of the propulsion power times s^2. The
- * heater of hypothesis h takes heater_power_w[h]. The propulsion power seen and the route's [W] differ with a variance
+ * heater of hypothesis h takes heater_power_w[h], and other sources heat as source_heat_w[h] of it. The propulsion power seen and the route's [W] differ with a variance
  * [W^2]; the difference is clipped at `most_w`.
  */
 typedef struct {
@@ -131,6 +133,7 @@ typedef struct {
   double variance_w2;
   double most_w;
   double heater_power_w[BEV_MOST_HEATERS];
+  double source_heat_w[BEV_MOST_HEATERS];
   bev_drive drive;
 } bev_passed;
 
