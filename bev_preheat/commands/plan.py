@@ -63,9 +63,11 @@ def run(arguments: Namespace) -> int:
     if arguments.itinerary is not None:
         return run_itinerary(arguments)
     prospect = read_prospect(arguments)
-    if prospect.probability == 1.0 and prospect != CERTAIN:
-        raise InvalidInput(f'{", ".join(given_options(arguments, PROSPECT_OPTIONS[1:]))}: only with '
-                           '--charging-probability below 1; certain charging is heated for as planned')
+    if prospect.probability == 1.0 and prospect.arrival_deviation_s:
+        raise InvalidInput('--arrival-deviation: only with --charging-probability below 1; certain charging is '
+                           'heated for as planned')
+    if arguments.no_charging and prospect != CERTAIN:
+        raise InvalidInput('--charging-probability: not allowed with --no-charging')
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)

@@ -237,6 +237,8 @@ def test_a_doubt_that_does_not_change_the_plan_is_refused(refused, said, option)
     assert f'{option}: only with --charging-probability below 1' in refused('plan', *SITUATION, option, '300')
     assert said('plan', *SITUATION, option, '300', '--charging-probability', '0.9')[0] == 0
     assert said('plan', *SITUATION, option, '0')[0] == 0
+    assert '--charging-probability: not allowed with --no-charging' in refused(
+        'plan', *SITUATION, '--no-charging', option, '300', '--charging-probability', '0.9')
 
 
 @pytest.mark.parametrize('temperature', ['-7.', '-.7e1', '-7e0', '-07'])
