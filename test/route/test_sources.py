@@ -157,6 +157,16 @@ def test_a_point_that_no_car_reaches_is_dropped_and_counted(tmp_path):
     assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
 
 
+def test_an_hour_without_points_is_named(tmp_path):
+    head, *points = examples.gpx().split('<trkpt')
+    late = [point.replace('T07:', 'T08:') for point in points[200:]]
+    found = loaded(tmp_path, '<trkpt'.join([head, *points[:160], *late]))
+    # The points are 50 m apart, which take 2.5 s.
+    assert ('gaps of more than 60 s without a trkpt: 1, the longest 3702 s; driven at constant speed'
+            in found.remarks)
+    assert not any('gaps' in remark for remark in loaded(tmp_path, examples.gpx()).remarks)
+
+
 def test_single_points_without_a_time_are_left_out(tmp_path):
     text = examples.gpx()
     time = text.split('<time>')[200].split('</time>')[0]
