@@ -8,7 +8,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from bev_preheat.charging.stop import chance_text, ChargingProspect
+from bev_preheat.charging.stop import CERTAIN, chance_text, ChargingProspect
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
 from bev_preheat.commands.parser import completed_by, given_options, Subparsers
@@ -63,13 +63,18 @@ def run(arguments: Namespace) -> int:
     if arguments.itinerary is not None:
         return run_itinerary(arguments)
     prospect = read_prospect(arguments)
+    if prospect.probability == 1.0 and prospect.arrival_deviation_s:
+        raise InvalidInput('--arrival-deviation: only with --charging-probability below 1; certain charging is '
+                           'heated for as planned')
+    if arguments.no_charging and prospect != CERTAIN:
+        raise InvalidInput('--charging-probability: not allowed with --no-charging')
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     plan, in_doubt = _plan_in_doubt(*situation.inputs, prospect, arguments.method)
     sensitivity = find_sensitivity(*situation.inputs, plan)
-    doubt = {'charging_probability': prospect.probability, 'prospect_explanation': in_doubt} if in_doubt else {}
     console = write_results(arguments, lambda: {
-        **_contents(plan, sensitivity), **situation.as_dictionary(), **doubt}, lambda: situation.figure([plan]))
+        **_contents(plan, sensitivity, prospect, in_doubt), **situation.as_dictionary()},
+        lambda: situation.figure([plan]))
     print_plans(console, [plan], situation.title)
     console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
                 None if sensitivity is None else sensitivity.in_words())
@@ -97,10 +102,11 @@ def run_itinerary(arguments: Namespace) -> int:
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
     console = write_results(arguments, lambda: {
         'itinerary': itinerary.mission.route_id, 'vehicle_assumed': list(vehicle.assumed),
-        'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
-                   **_contents(plan, find_sensitivity(*situation, plan))}
-                  for name, made_for, start_s, plan, situation in zip(
-                      itinerary.route_names, itinerary.routes_made_for, starts_s, plans, situations)]},
+        'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s, **contents}
+                  for name, made_for, start_s, contents in zip(
+                      itinerary.route_names, itinerary.routes_made_for, starts_s, (
+                          _contents(plan, find_sensitivity(*situation, plan), leg.prospect, in_doubt)
+                          for plan, situation, leg, in_doubt in zip(plans, situations, legs, doubts)))]},
         lambda: make_itinerary_figure(vehicle, legs, plans, title))
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
@@ -109,9 +115,11 @@ def run_itinerary(arguments: Namespace) -> int:
     return 0
 
 
-def _contents(plan: Plan, sensitivity: Sensitivity | None) -> dict[str, Any]:
-    """Return a Plan with its Sensitivity for JSON."""
-    return {**plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary()}
+def _contents(plan: Plan, sensitivity: Sensitivity | None, prospect: ChargingProspect,
+              in_doubt: str) -> dict[str, Any]:
+    """Return a Plan with its Sensitivity, and its sentence on a ChargingProspect in doubt, for JSON."""
+    doubt = {'charging_probability': prospect.probability, 'prospect_explanation': in_doubt} if in_doubt else {}
+    return {**plan.as_dictionary(), 'sensitivity': sensitivity and sensitivity.as_dictionary(), **doubt}
 
 
 def _situation(vehicle: Vehicle, leg: Leg, target_c: float) -> tuple[Vehicle, Route, BatteryState, Goal]:

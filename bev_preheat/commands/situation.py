@@ -285,4 +285,6 @@ def read_prospect(arguments: Namespace) -> ChargingProspect:
     probability, deviation_s, known_s = (getattr(arguments, name) for name in PROSPECT_OPTIONS)
     prospect = ChargingProspect(1.0 if probability is None else probability, deviation_s or 0.0, known_s or 0.0)
     check_prospect(prospect)
+    if known_s and prospect.probability == 1.0:
+        raise InvalidInput('--charging-known-before: only with --charging-probability below 1')
     return prospect

@@ -86,7 +86,7 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
     temperature.axhline(stop.ambient_c, **palette.AMBIENT)
     bounds = [stop.ambient_c]
     if charging.battery_heating and charging.heating_limit_c is not None:
-        temperature.axhline(charging.heating_limit_c, **palette.TARGET, label='heated up to')
+        temperature.axhline(charging.heating_limit_c, **palette.TARGET, label="limit of the car's heating")
         bounds.append(charging.heating_limit_c)
     soc.axhline(100.0 * stop.departure_soc, **palette.TARGET, label='departure')
     finish_panel(power, 'charging power\n[kW]', *powers_kw, least=10.0)

@@ -89,7 +89,7 @@ S_PER_DAY = 86400.0
 def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
                      title: str) -> Figure:
     """Return the figure of the preparations of a week, in local time."""
-    from matplotlib.dates import DateFormatter, DayLocator
+    from matplotlib.dates import AutoDateLocator, DateFormatter
     figure, axes = stacked_figure(2 if prices is None else 3, title)
     temperature, power = axes[:2]
     for number, one in enumerate(prepared):
@@ -105,8 +105,8 @@ def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices |
     power.set_ylabel('heater [kW]')
     if prices is not None and prepared:
         _draw_prices(axes[2], prices, prepared[0].start_ns, prepared[-1].occurrence.instant_ns)
-    axes[-1].xaxis.set_major_locator(DayLocator(tz=zone))  # type: ignore[no-untyped-call]
-    axes[-1].xaxis.set_major_formatter(DateFormatter('%Y-%m-%d', tz=zone))  # type: ignore[no-untyped-call]
+    axes[-1].xaxis.set_major_locator(AutoDateLocator(tz=zone, maxticks=8))  # type: ignore[no-untyped-call]
+    axes[-1].xaxis.set_major_formatter(DateFormatter('%Y-%m-%d\n%H:%M', tz=zone))  # type: ignore[no-untyped-call]
     axes[-1].set_xlabel(f'local time, {zone}')
     return figure
 

@@ -19,8 +19,8 @@ from bev_preheat.files.table import read_table, Table
 from bev_preheat.numerics import FloatArray
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.sources.headers import column, headers_of
-from bev_preheat.route.sources.journey import ChargingStop
-from bev_preheat.route.sources.table import motion_of_segments
+from bev_preheat.route.sources.journey import ChargingStop, STOP_RANGE_S
+from bev_preheat.route.sources.table import motion_of_segments, stops_of_segments
 from bev_preheat.vehicle.description import Defaults
 
 # The line above the header that names the vehicle of the route.
@@ -33,7 +33,6 @@ POWER_DIGITS = 3
 
 # The lines above the header that name the charging stops.
 STOP_COMMENT = re.compile(r'charging stop:\s*after segment ([0-9]{1,6}), ([0-9]{1,6}(?:\.[0-9]+)?) s')
-STOP_RANGE_S = (1.0, 86400.0)
 
 
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
@@ -44,8 +43,11 @@ def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
 
 def route_of_table(table: Table, defaults: Defaults | None) -> tuple[Route, str | None, tuple[ChargingStop, ...]]:
     """Return the Route of a Table with powers, the vehicle that they belong to (None: unknown), and its stops."""
-    made_for, stops = _vehicle_of(table), _stops_of(table)
-    columns, names = _columns(table)
+    made_for = _vehicle_of(table)
+    columns, names, charged = _columns(table)
+    if (stops := _stops_of(table)) and charged:
+        raise InvalidInput(f'{table.path}: has charging stops above its header and in a column; keep only one')
+    stops = stops or charged
     try:
         return make_route(columns, defaults, names), made_for, stops
     except InvalidInput as error:
@@ -112,6 +114,9 @@ def _stops_of(table: Table) -> tuple[ChargingStop, ...]:
     for number, comment in table.comments:
         match = STOP_COMMENT.fullmatch(comment)
         if match is None:
+            if comment.lower().startswith('charging stop:'):
+                raise InvalidInput(f'{table.path}, line {number}: {comment!r} is not allowed; it must be such as '
+                                   "'charging stop: after segment 3, 1200 s'")
             continue
         after, duration_s = int(match[1]), float(match[2])
         first = stops[-1].after_segment + 2 if stops else 1
@@ -125,12 +130,15 @@ def _stops_of(table: Table) -> tuple[ChargingStop, ...]:
     return tuple(stops)
 
 
-def _columns(table: Table) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """Return the columns of Route in SI units, and their names in the file."""
+def _columns(table: Table) -> tuple[dict[str, FloatArray], dict[str, str], tuple[ChargingStop, ...]]:
+    """Return the columns of Route in SI units, their names in the file, and the stops of its charging times."""
     where = f'{table.path}, line {table.header_line}'
     headers, problems, unknown = headers_of(table)
     # A column that is not used, such as one with a misspelt name, would be replaced by a default.
     problems += unknown
+    if headers.keys() >= {'propulsion_power', 'consumption'}:
+        problems.append(f'{where}: columns {headers["propulsion_power"].name!r} and '
+                        f'{headers["consumption"].name!r} both give the drive; keep only one')
     problems += [f'{where}: column {header.name!r}: if it holds values per segment, rename it to {instead}; '
                  'values cumulated from the start of the trip are not accepted' for quantity, instead in (
                      ('time', 'duration_s'), ('distance', 'length_m')) if (header := headers.get(quantity))]
@@ -151,7 +159,7 @@ def _columns(table: Table) -> tuple[dict[str, FloatArray], dict[str, str]]:
         and quantity not in ('duration', 'speed')}
     names = {name: headers[quantity].name if (quantity := name.rpartition('_')[0]) in headers
              else f'{name} by {headers["length"].name}' for name in columns}
-    return columns, names
+    return columns, names, stops_of_segments(table, headers, values)
 
 
 def _with_line(problem: str, table: Table, names: set[str]) -> str:

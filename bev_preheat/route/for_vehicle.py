@@ -24,7 +24,7 @@ from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.road_load import propulsion_columns
 from bev_preheat.route.segments import make_route, Route
-from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, SEGMENT_S
+from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, SEGMENT_S, SLOPE_RANGE
 from bev_preheat.route.sources.registry import read_journey
 from bev_preheat.vehicle.description import Vehicle
 
@@ -127,6 +127,8 @@ def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
 
 
 LEAST_DISTANCE_M = 10.0
+# Elevations of segments may be wrong by this.
+ELEVATION_ERROR_M = 10.0
 
 
 def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
@@ -137,6 +139,12 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
     if motion.distance_m[-1] < LEAST_DISTANCE_M:
         raise InvalidInput(f'{path}: this {journey.kind} is {motion.distance_m[-1]:.1f} m long; at least '
                            f'{LEAST_DISTANCE_M:g} m are needed; check column and unit of the speed')
+    rise_m, length_m = np.diff(motion.elevation_m), np.diff(motion.distance_m)
+    at = int(np.argmax(beyond_m := np.abs(rise_m) - SLOPE_RANGE[1] * length_m))
+    if beyond_m[at] > ELEVATION_ERROR_M:
+        remarks.append(f'the elevation changes by {rise_m[at]:.0f} m over {length_m[at]:.0f} m at '
+                       f'km {motion.distance_m[at] / 1e3:.1f}; roads have at most {100.0 * SLOPE_RANGE[1]:g} %; '
+                       'correct the elevations, also those of tunnels and bridges')
     ambient_c = ambient_of(journey, options, path)
     columns: dict[str, Any] = {
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,

@@ -309,7 +309,8 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
                      f'({_origin(sheet, "charging_time_10_80_min")})')
     return {
         'charging.battery_heating': _assumed(
-            True, 'cars that can heat their battery mostly do so at a fast charger as well'),
+            sheet.heater_power_kw != 0.0,
+            'cars that can heat their battery mostly do so at a fast charger as well'),
         'charging.heating_limit_c': _assumed(_warm_c(sheet), 'from here on the charging power is at its most'),
         'charging.maximum_inlet_power_w': _given(sheet, 'charging_power_kw', W_PER_KW),
         'charging.power_limit': Entry(

@@ -3,6 +3,7 @@
 
 from datetime import datetime
 import json
+import re
 from zoneinfo import ZoneInfo
 
 import pytest
@@ -82,6 +83,8 @@ def test_the_week_is_drawn(said, tmp_path):
     assert said(*OFFLINE, '--prices', 'tariff.yaml', '--plot', 'week.svg')[0] == 0
     labels = (tmp_path / 'week.svg').read_text()
     assert all(f'<!-- {label} -->' in labels for label in ('2026-11-27', 'heater [kW]', 'price [EUR/kWh]'))
+    # Few departures are hours apart, not days.
+    assert len(set(re.findall(r'<!-- (\d\d:00) -->', labels))) > 1
 
 
 @pytest.mark.parametrize('arguments, problem', [

@@ -73,12 +73,15 @@ def test_a_highest_temperature_of_one_leg_cools_that_leg_alone(refused, trip, pl
         assert 'maximum' in problem and f'{most_c:g}' in problem and allowed in problem
 
 
-def test_a_leg_alone_is_the_route_alone(plans_of, said):
+@pytest.mark.parametrize('probability', [1.0, 0.3])
+def test_a_leg_alone_is_the_route_alone(plans_of, said, probability):
     wanted = {'charging_planned': True, 'minimum_arrival_soc': 0.3,
-              'target_battery_temperature_c': 14.0}
+              'target_battery_temperature_c': 14.0, 'charging_probability': probability}
     in_itinerary, = plans_of({**LAST, **wanted})
     alone = json.loads(said(
-        *PLAN, '--route', './drive.csv', '--target', '14', '--min-soc', '0.3', '--json', '-')[1])
+        *PLAN, '--route', './drive.csv', '--target', '14', '--min-soc', '0.3', '--json', '-',
+        '--charging-probability', str(probability))[1])
+    assert ('prospect_explanation' in alone) is (probability < 1.0)
     # The itinerary's assumptions about the car are listed once for all legs.
     ignored = ('route', 'departure_s', 'planning_time_s', 'vehicle_assumed')
     assert {key: value for key, value in in_itinerary.items() if key not in ignored} == {

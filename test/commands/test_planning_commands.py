@@ -232,6 +232,15 @@ def test_a_bad_prospect_of_charging_is_refused_in_one_line(refused, option, valu
     assert f'{named} is not allowed' in refused('plan', *SITUATION, option, value)
 
 
+@pytest.mark.parametrize('option', ['--arrival-deviation', '--charging-known-before'])
+def test_a_doubt_that_does_not_change_the_plan_is_refused(refused, said, option):
+    assert f'{option}: only with --charging-probability below 1' in refused('plan', *SITUATION, option, '300')
+    assert said('plan', *SITUATION, option, '300', '--charging-probability', '0.9')[0] == 0
+    assert said('plan', *SITUATION, option, '0')[0] == 0
+    assert '--charging-probability: not allowed with --no-charging' in refused(
+        'plan', *SITUATION, '--no-charging', option, '300', '--charging-probability', '0.9')
+
+
 @pytest.mark.parametrize('temperature', ['-7.', '-.7e1', '-7e0', '-07'])
 def test_a_temperature_below_zero_may_be_written_in_any_way(said, temperature):
     status, output, _ = said('plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.9',

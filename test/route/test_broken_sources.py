@@ -122,7 +122,7 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('time_s,speed_kmh\n0,0\n', 'has 1 sample; at least 2 are needed'),
     ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 is not allowed; it must be -0.4 ... 0.4; '
      'is it in percent? then name it slope_percent'),
-    ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 s is not allowed'),
+    ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 is not allowed; it must be 0.001 ... 86400'),
     ('s_km,v_kmh\n2,30\n5,60\n8,80\n9,70\n', 'line 2: s_km: rises from row to row, as a distance from the start '
      'of the trip does, which is not accepted; if it is the length of each segment, name it length_m or '
      'length_km'),

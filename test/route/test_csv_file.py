@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from refusals import problems_in
 
+from bev_preheat.route import route_for
 from bev_preheat.route.csv_file import load_route, save_route
 from bev_preheat.route.segments import LIMITS, make_route, Route
+from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults
 
 DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0, target_battery_temperature_c=21.0)
@@ -118,10 +120,28 @@ def test_columns_are_found_by_name_and_optional_ones_may_be_missing(tmp_path):
      "column 'cabin_heatng_power_w' is unknown; did you mean 'cabin_heating_power_w'?"),
     (f'{HEADER},speed_mps', "columns 'speed_mps' and 'speed_mps' hold the same quantity; keep only one"),
     (f'{HEADER},v [km/h]', "columns 'speed_mps' and 'v [km/h]' hold the same quantity; keep only one"),
+    (f'{HEADER},energy_wh', "columns 'propulsion_power_w' and 'energy_wh' both give the drive; keep only one"),
 ])
 def test_a_header_that_does_not_make_a_route_is_explained(tmp_path, header, problem):
     row = ','.join('9' * len(header.split(',')))
     assert problems_with(tmp_path, f'# trip\n{header}\n{row}\n') == [f', line 2: {problem}']
+
+
+def test_charging_times_are_stops_as_in_a_list_of_segments(tmp_path):
+    header = 'duration_s,speed_mps,propulsion_power_w,ambient_temperature_c'
+    rows = [f'{seconds},10,5e3,-7' for seconds in (60, 70, 80)]
+    text = '\n'.join([f'{header},charging_time_min', f'{rows[0]},0', f'{rows[1]},15', f'{rows[2]},20'])
+    car = load_vehicle('reference')
+    # The last segment ends at the destination.
+    assert [(stop.after_segment, stop.duration_s) for stop in route_for(file_of(tmp_path, text), car).stops] == [
+        (1, 900.0)]
+    above = '# charging stop: after segment 1, 900 s\n'
+    assert 'above its header and in a column; keep only one' in problems_with(tmp_path, above + text)[0]
+    assert problems_with(tmp_path, above.replace('900 s', '15 min') + '\n'.join([header, *rows])) == [
+        ", line 1: 'charging stop: after segment 1, 15 min' is not allowed; it must be such as 'charging stop: "
+        "after segment 3, 1200 s'"]
+    assert problems_with(tmp_path, text.replace('15', '0.01')) == [
+        ', line 3: charging_time_min: 0.6 s is not allowed; it must be 0 s, no stop, or 1 ... 86400 s']
 
 
 def test_the_reference_names_every_column():

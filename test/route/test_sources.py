@@ -157,6 +157,16 @@ def test_a_point_that_no_car_reaches_is_dropped_and_counted(tmp_path):
     assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
 
 
+def test_an_hour_without_points_is_named(tmp_path):
+    head, *points = examples.gpx().split('<trkpt')
+    late = [point.replace('T07:', 'T08:') for point in points[200:]]
+    found = loaded(tmp_path, '<trkpt'.join([head, *points[:160], *late]))
+    # The points are 50 m apart, which take 2.5 s.
+    assert ('gaps of more than 60 s without a trkpt: 1, the longest 3702 s; driven at constant speed'
+            in found.remarks)
+    assert not any('gaps' in remark for remark in loaded(tmp_path, examples.gpx()).remarks)
+
+
 def test_single_points_without_a_time_are_left_out(tmp_path):
     text = examples.gpx()
     time = text.split('<time>')[200].split('</time>')[0]
@@ -281,6 +291,51 @@ def test_a_spreadsheet_of_legs_has_its_energy_and_names_what_is_not_used(tmp_pat
                    replace(COLD, with_auxiliaries=False))
     assert found.route.propulsion_power_w == pytest.approx([15e3, 18e3], abs=1e-2)
     assert 'not used: From, Toll' in found.remarks
+
+
+def test_a_known_column_that_is_not_used_is_named_with_its_remedy(tmp_path):
+    found = loaded(tmp_path, 'length_km,duration_min,slope_percent,elevation_m,charging_time\n5,5,1,90,0\n'
+                   '5,5,1,90,20\n5,5,1,90,0\n')
+    assert ("not used: slope_percent, charging_time; column 'charging_time' has no unit: rename it to "
+            'charging_time_s or charging_time_min') in found.remarks
+    cycle = loaded(tmp_path, 'time_s,speed_kmh,odometer_km,energy_wh,charging_time_s\n0,50,0,9,0\n9,50,.1,9,60\n')
+    assert 'not used: odometer_km, energy_wh, charging_time_s' in cycle.remarks
+
+
+def test_a_charging_time_at_the_destination_is_no_stop_of_the_route(tmp_path):
+    found = loaded(tmp_path, 'length_km,duration_min,charging_time_min\n5,5,0\n5,5,12\n5,5,20\n')
+    assert [(stop.after_segment, stop.duration_s) for stop in found.stops] == [(1, 720.0)]
+
+
+@pytest.mark.parametrize('encoding', ['utf-16', 'utf-8-sig'])
+@pytest.mark.parametrize('text', [examples.gpx, examples.geojson, examples.osrm, examples.segments_csv])
+def test_a_file_of_windows_is_the_same_route(tmp_path, text, encoding):
+    wanted = loaded(tmp_path, text())
+    (tmp_path / 'windows').write_bytes(text().replace('UTF-8', encoding.partition('-sig')[0]).encode(encoding))
+    found = route_for(tmp_path / 'windows', CAR, options=COLD)
+    assert (found.route.propulsion_power_w == wanted.route.propulsion_power_w).all()
+
+
+def test_points_at_the_same_second_are_left_out(tmp_path):
+    """A receiver of 5 Hz writes whole seconds: four of five points repeat a time."""
+    points = ''.join(
+        f'<trkpt lat="{47.0 + np.degrees(20.0 * tick / 5.0 / 6371008.8):.8f}" lon="11"><ele>500</ele>'
+        f'<time>2026-01-10T07:{tick // 300:02d}:{tick // 5 % 60:02d}Z</time></trkpt>' for tick in range(1501))
+    found = loaded(tmp_path, f'<gpx version="1.1"><trk><trkseg>{points}</trkseg></trk></gpx>')
+    assert found.route.distance_m == pytest.approx(20.0 * 300.0, rel=2e-3)
+    assert found.route.total_duration_s == 300.0
+    assert ('1200 trkpts dropped, from trkpt 2 on: at the same time as the one before, or too far from it'
+            in found.remarks)
+
+
+@pytest.mark.parametrize('text', [
+    'length_km,speed_kmh,elevation_m\n1,60,100\n1,60,1000\n1,60,1000\n',
+    'time_s,speed_kmh,elevation_m\n' + ''.join(f'{t},72,{500 if t > 100 else 0}\n' for t in range(0, 601, 10))])
+def test_elevations_that_no_road_has_are_named(tmp_path, text):
+    """A receiver without a fix writes an elevation of 0, and a terrain model the mountain above a tunnel."""
+    assert any(remark.startswith('the elevation changes by ') and 'at most 40 %' in remark
+               for remark in loaded(tmp_path, text).remarks)
+    assert not any('elevation changes' in remark for remark in loaded(tmp_path, examples.gpx()).remarks)
 
 
 def test_sumo_has_the_energy_of_its_output(tmp_path):

@@ -64,8 +64,10 @@ def test_open_circuit_voltage_times_charge_is_the_usable_energy(request, car, kw
 
 
 def test_a_car_without_a_heater_warms_its_cabin_otherwise(tmp_path):
+    _, warm = made(tmp_path, LEAST)
     _, contents = made(tmp_path, replace(LEAST, heater_power_kw=0.0, cabin_heating_power_kw=1.5))
     assert contents['hvch']['maximum_power_w'] == 0.0
+    assert contents['charging']['battery_heating'] is False and warm['charging']['battery_heating'] is True
     assert contents['defaults']['cabin_heating_power_w'] == 1500.0
 
 

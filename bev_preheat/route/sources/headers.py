@@ -14,8 +14,8 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.table import Table
 from bev_preheat.files.units import Conversion, conversion, split_unit, TO_OWN
 from bev_preheat.numerics import first_true, FloatArray
-from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
-from bev_preheat.route.sources.journey import SLOPE_RANGE
+from bev_preheat.route.segments import LIMITS
+from bev_preheat.route.sources.journey import SLOPE_RANGE, STOP_RANGE_S
 
 
 class Quantity(NamedTuple):
@@ -36,7 +36,7 @@ QUANTITIES = {
     'time': Quantity('second', (-1e12, 1e12), ('s',), (
         'time', 't', 'timestamp', 'elapsed', 'elapsed_time', 'cycle_time', 'cyc', 'zeit', 'date_time', 'datetime',
         'zeitstempel', 'test_time', 'seconds', 'cumulative_time', 'total_time', 'time_of_day'), 'second'),
-    'duration': Quantity('second', (0.0, LONGEST_ROUTE_S), ('s', 'min'), (
+    'duration': Quantity('second', LIMITS['duration_s'], ('s', 'min'), (
         'duration', 'segment_duration', 'travel_time', 'dauer', 'delta_time', 'dt', 'step_duration',
         'driving_time')),
     'distance': Quantity('meter', (-1e9, 1e9), ('m', 'km'), (
@@ -63,7 +63,7 @@ QUANTITIES = {
         'outdoor_temperature', 'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
     'cabin_heating_power': _power('cabin_heating_power', 'cabin_heater', 'cabin_heater_power'),
     'auxiliary_power': _power('auxiliary_power', 'auxiliaries', 'aux_power'),
-    'charging_time': Quantity('second', (0.0, 86400.0), ('s', 'min'), (
+    'charging_time': Quantity('second', (0.0, STOP_RANGE_S[1]), ('s', 'min'), (
         'charging_time', 'charging_duration', 'charge_time', 'charge_duration', 'ladezeit')),
     'propulsion_power': _power('propulsion_power', 'p_drive', 'p_prop', 'p_traction', 'drive_power',
                                'traction_power', 'p_propulsion', 'p_mot', 'p_motor', 'motor_power'),

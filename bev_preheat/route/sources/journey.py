@@ -19,6 +19,8 @@ from bev_preheat.route.sources.elevation import smooth_elevation
 SEGMENT_S = 30.0
 # Slopes of roads for cars, rise over run.
 SLOPE_RANGE = (-0.4, 0.4)
+# Durations of charging stops [s].
+STOP_RANGE_S = (1.0, 86400.0)
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,12 @@ def parse_json(text: bytes) -> Any:
         raise ValueError(f'{name} is not a number in JSON')
 
     try:
-        return json.loads(text.decode('utf-8-sig'), parse_constant=refuse)
+        return json.loads(text.decode(json.detect_encoding(text)), parse_constant=refuse)
     except json.JSONDecodeError as error:
         raise InvalidInput(f'line {error.lineno}: is not JSON: {error.msg} (column {error.colno}); is the file '
                            'complete?') from error
     except UnicodeDecodeError as error:
-        raise InvalidInput(f'is not UTF-8 text (byte {error.start})') from error
+        raise InvalidInput(f'is not {error.encoding.upper()} text (byte {error.start})') from error
     except RecursionError as error:
         raise InvalidInput('is not JSON: its values are nested too deeply') from error
     except ValueError as error:

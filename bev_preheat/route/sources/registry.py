@@ -18,6 +18,7 @@ from bev_preheat.route.sources.table import journey_of_table
 LARGEST_FILE = 64_000_000
 # Enough text to recognise a format.
 BEGINNING = 4096
+UTF_16 = b'\xff\xfe', b'\xfe\xff'
 # Option and purpose of fields of RouteOptions that only some formats use.
 OPTIONS = {'free_speed_kmh': ('--free-speed', 'a line on the map without times'),
            'stop_duration_s': ('--stop-duration', 'an answer of navigation with waypoints'),
@@ -47,10 +48,16 @@ def kind_of(path: Path) -> str:
     beginning, size = beginning_of(path, BEGINNING), path.stat().st_size
     if size > LARGEST_FILE:
         raise InvalidInput(f'{path}: has {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read')
-    if b'\0' in beginning and not beginning.startswith((b'\xff\xfe', b'\xfe\xff')):
+    if b'\0' in beginning and not beginning.startswith(UTF_16):
         raise InvalidInput(f'{path}: is a binary file; routes are text: CSV, GPX, GeoJSON, JSON or XML')
-    first = beginning.removeprefix(b'\xef\xbb\xbf').lstrip()[:1]
+    first = _plain(beginning).lstrip()[:1]
     return {b'<': 'xml', b'{': 'json', b'[': 'json'}.get(first, 'table')
+
+
+def _plain(text: bytes) -> bytes:
+    """Return a text of UTF-8 or UTF-16 in UTF-8 without its mark; its end may cut a character."""
+    return (text.decode('utf-16', 'ignore').encode('utf-8', 'replace') if text.startswith(UTF_16) else
+            text.removeprefix(b'\xef\xbb\xbf'))
 
 
 def has_powers(path: Path) -> bool:
@@ -73,7 +80,7 @@ def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:
 
 
 def _read_xml(text: bytes, options: RouteOptions) -> Journey:
-    root = ROOT_ELEMENT.search(COMMENT.sub(b'', text[:1_000_000]))
+    root = ROOT_ELEMENT.search(COMMENT.sub(b'', _plain(text[:1_000_000])))
     name = root[1].decode('ascii', 'replace') if root else ''
     if name == 'gpx':
         from bev_preheat.route.sources.xml_files import read_gpx

@@ -20,14 +20,17 @@ from bev_preheat.numerics import first_true, FloatArray
 from bev_preheat.route.road_load import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
-from bev_preheat.route.sources.headers import column, Header, headers_of
-from bev_preheat.route.sources.journey import ChargingStop, Journey
+from bev_preheat.route.sources.headers import column, Header, headers_of, read_header
+from bev_preheat.route.sources.journey import ChargingStop, Journey, STOP_RANGE_S
 
 # Fields of a Journey by their columns, and the columns of segments.
 OF_JOURNEY = {'ambient_temperature_c': 'ambient_temperature', 'cabin_heating_power_w': 'cabin_heating_power',
               'auxiliary_power_w': 'auxiliary_power'}
 OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', *OF_JOURNEY.values(),
                'charging_time')
+OF_SAMPLES = ('time', 'speed', 'distance', 'slope', 'elevation', *OF_JOURNEY.values())
+# Columns that are not used beside a better one.
+BETTER = {'slope': 'elevation', 'distance': 'speed'}
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
@@ -51,11 +54,16 @@ def journey_of_table(table: Table) -> Journey:
         raise InvalidInput(problems)
     if not table.lines:
         raise InvalidInput(f'{table.path}: has no rows below its header')
-    used = {header.name for header in headers.values()}
-    unused = [name for name in table.header if name and name not in used]
-    journey = (_samples if 'time' in headers and 'duration' not in headers else _segments)(table, headers)
-    return replace(journey, remarks=(*journey.remarks, f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}')
-                   ) if unused else journey
+    read, wanted = ((_samples, OF_SAMPLES) if 'time' in headers and 'duration' not in headers else
+                    (_segments, OF_SEGMENTS))
+    used = {header.name for quantity, header in headers.items()
+            if quantity in wanted and BETTER.get(quantity) not in headers}
+    unused = {name: read_header(name, unit) for name, unit in zip(table.header, table.units)
+              if name and name not in used}
+    journey = read(table, headers)
+    advice = [each for each in unused.values() if isinstance(each, str)]
+    return replace(journey, remarks=(*journey.remarks, '; '.join(
+        (f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}', *advice)))) if unused else journey
 
 
 def _samples(table: Table, headers: dict[str, Header]) -> Journey:
@@ -142,9 +150,6 @@ def motion_of_segments(table: Table, headers: dict[str, Header],
                            'segment, name it length_m or length_km')
     if 'duration' in columns:
         duration_s = columns['duration']
-        if (at := first_true(~(duration_s >= LIMITS['duration_s'][0]))) is not None:
-            raise InvalidInput(f'{table.where(at)}: {headers["duration"].name}: {figure(float(duration_s[at]))} s '
-                               'is not allowed; a segment lasts longer than 0 s')
         speed_mps = columns['speed'] if length_m is None else length_m / duration_s
         _check_three(table, headers, columns)
     else:
@@ -174,12 +179,21 @@ def _segments(table: Table, headers: dict[str, Header]) -> Journey:
             remarks.append('no slope and no elevation: a level road')
         elevation_m = elevation_of_slope(
             duration_s, speed_mps, np.zeros(len(speed_mps)) if slope is None else slope)
-    charging_s = columns.get('charging_time')
-    stops = () if charging_s is None else tuple(
-        ChargingStop(int(at), float(charging_s[at])) for at in np.flatnonzero(charging_s > 0.0))
     own: dict[str, Any] = {field: columns.get(name) for field, name in OF_JOURNEY.items()}
-    return Journey('list of segments', Motion(duration_s, speed_mps, elevation_m), stops=stops,
+    return Journey('list of segments', Motion(duration_s, speed_mps, elevation_m),
+                   stops=stops_of_segments(table, headers, columns),
                    consumption_wh=columns.get('consumption'), remarks=tuple(remarks), **own)
+
+
+def stops_of_segments(table: Table, headers: dict[str, Header],
+                      columns: dict[str, FloatArray]) -> tuple[ChargingStop, ...]:
+    """Return the stops of the charging times [s] of segments; that of the last one follows the route."""
+    charging_s = columns.get('charging_time', np.zeros(0))[:-1]
+    low_s, high_s = STOP_RANGE_S
+    if (at := first_true((charging_s > 0.0) & (charging_s < low_s))) is not None:
+        raise InvalidInput(f'{table.where(at)}: {headers["charging_time"].name}: {figure(float(charging_s[at]))} '
+                           f's is not allowed; it must be 0 s, no stop, or {low_s:g} ... {high_s:g} s')
+    return tuple(ChargingStop(int(at), float(charging_s[at])) for at in np.flatnonzero(charging_s))
 
 
 def _check_three(table: Table, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:

@@ -26,6 +26,8 @@ from bev_preheat.route.sources.journey import (
 MOST_SPEED_MPS = 83.0
 # Share of the fixes that may be dropped.
 MOST_DROPPED = 0.2
+# Longer times between fixes are named [s].
+GAP_S = 60.0
 # The car stands if it stays within this distance [m] for this time [s].
 STOP_RADIUS_M = 15.0
 LEAST_STOP_S = 20.0
@@ -71,8 +73,10 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
             values[timely] for values in (latitude_deg, longitude_deg, elevation_m, time_s))
     keep = _plausible(latitude_deg, longitude_deg, time_s)
     dropped = int((~keep).sum())
-    if dropped > MOST_DROPPED * len(keep) or keep.sum() < 2:
-        raise InvalidInput(f'{dropped} of {len(keep)} {element}s would need more than {MOST_SPEED_MPS * 3.6:.0f} '
+    # Receivers that are faster than their whole seconds repeat a time.
+    far = int((~keep & (np.diff(time_s, prepend=-np.inf) > 0.0)).sum())
+    if far > MOST_DROPPED * len(keep) or keep.sum() < 2:
+        raise InvalidInput(f'{far} of {len(keep)} {element}s would need more than {MOST_SPEED_MPS * 3.6:.0f} '
                            'km/h from the previous one; check times and coordinates')
     if dropped:
         first = int(np.argmin(keep)) + 1
@@ -87,6 +91,10 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     if breaks_s:
         waits_s = float(np.diff(elapsed_s)[stands].sum())
         remarks.append(f'{len(breaks_s) // 2} stops, {waits_s:.0f} s in total')
+    gaps_s = np.diff(elapsed_s)[~stands]
+    if gaps := int((gaps_s > GAP_S).sum()):
+        remarks.append(f'gaps of more than {GAP_S:g} s without a {element}: {gaps}, the longest '
+                       f'{gaps_s.max():.0f} s; driven at constant speed')
     distance_m = np.concatenate(([0.0], np.cumsum(step_m)))
     return journey_of(kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m,
                                      breaks_s=tuple(breaks_s)), remarks)
