@@ -33,8 +33,6 @@ from bev_preheat.tunables import LAG_DEVIATION, LEAST_VARIANCE, OVERNIGHT
 # The consumption error of one route says little about the next.
 REMEMBERED = [index - FACTORS.start for index in OF_CAR]
 NAMES = tuple(FACTOR_NAMES[index] for index in REMEMBERED)
-# Entries of version 0.2 end before the heat of other sources.
-LEAST_NAMES = len(NAMES) - 1
 LAG_NAMES = ('heat', 'sensor')
 # Keys of an entry; the first two are mandatory, the others are present if the lags were learned.
 KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
@@ -81,7 +79,8 @@ def from_entry(entry: FileData) -> Learned:
     Raises InvalidInput, naming the value and its valid range.
     """
     try:
-        names = NAMES[:max(LEAST_NAMES, len(entry['log_factors']))]
+        # Entries of version 0.2 end before the heat of other sources.
+        names = NAMES[:max(len(NAMES) - 1, len(entry['log_factors']))]
         logs = np.array([entry['log_factors'][name] for name in names], dtype=float)
         covariance = np.array(entry['covariance'], dtype=float)
     except (KeyError, TypeError, ValueError, OverflowError) as error:

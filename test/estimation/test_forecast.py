@@ -52,7 +52,7 @@ def arrival_c(vehicle, route, state, plan, moved, powers=None):
     """
     capacity, leakage, resistance, heater, propulsion, source = np.exp(moved[FACTORS]).tolist()
     car = corrected_vehicle(hvch_alone(vehicle), Corrections(capacity, leakage, resistance, heater))
-    # The HVCH gives the heat of the other sources, which draw what they draw.
+    # The HVCH gives the heat of the other sources; their electrical power stays.
     heat_w = plan.hvch_battery_power_w + source * (plan.command_w - plan.hvch_battery_power_w)
     route = replace(route, auxiliary_power_w=route.auxiliary_power_w + plan.drawn_power_w - heat_w)
     route = route.with_propulsion(propulsion if powers is None else propulsion * powers)
