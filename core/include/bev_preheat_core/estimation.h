@@ -119,9 +119,9 @@ typedef struct {
  * Elapsed time in a drive.
  *
  * `transitions[from * heaters + to]` is the probability that one heater turned into another, `wander` are the variances
- * that each element gains, `hidden_variance_s2` is the variance of the logarithm of the propulsion power times s^2. The
- * heater of hypothesis h takes heater_power_w[h], and other sources heat as source_heat_w[h] of it. The propulsion power seen and the route's [W] differ with a variance
- * [W^2]; the difference is clipped at `most_w`.
+ * that each element gains, `hidden_variance_s2` is the variance of the logarithm of the propulsion power times s^2. In
+ * hypothesis h the heater takes heater_power_w[h], and other sources give the heat of a heater with source_heat_w[h].
+ * The propulsion power seen and the route's [W] differ with a variance [W^2]; the difference is clipped at `most_w`.
  */
 typedef struct {
   const double *transitions;
