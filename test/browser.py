@@ -29,7 +29,6 @@ class Browser:
         self._driver.get(url)
 
     def forget_cookies(self):
-        """Forget the cookies of all sites."""
         self._driver.execute_cdp_cmd('Network.clearBrowserCookies', {})
 
     def run(self, script, *arguments):
@@ -76,7 +75,6 @@ class Browser:
         return self.run('return document.body.innerText')
 
     def size(self, width, height, dark=False):
-        """Set the window's size and the colour scheme."""
         self._driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', {
             'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 600})
         self._driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [

@@ -167,7 +167,6 @@ class World:
     # Pieces of a day
 
     def drive(self, share, pace, has_position):
-        """Drive a share of the rest of the route."""
         left_m = share * (self.route[2] - self.here_m)
         steps = max(1, round(left_m / (pace * SPEED_MPS * STEP_S)))
         for number in range(steps):
@@ -252,7 +251,6 @@ class World:
 
 
 def violations_of(day):
-    """Return the violations of a drawn day."""
     world = World()
     for trip in day:
         world.trip(*trip)

@@ -49,7 +49,6 @@ class Road:
 
     @classmethod
     def through(cls, corners, origin=(48.1, 11.5)):
-        """Return the straight road through corners."""
         corners = np.asarray(corners, float)
         pieces = [corners[:1]]
         for begin, end in zip(corners, corners[1:]):
@@ -70,7 +69,6 @@ class Road:
 
     @property
     def along_m(self):
-        """Distance of each point from the start."""
         return np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(self.east_m), np.diff(self.north_m)))))
 
     @property

@@ -27,7 +27,6 @@ class SlcanPort:
         self._thread.start()
 
     def send(self, identifier, data):
-        """Send a frame with an identifier of 11 bits."""
         self.send_text(f't{identifier:03X}{len(data)}{data.hex().upper()}\r'.encode())
 
     def send_text(self, text):

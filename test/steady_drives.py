@@ -35,7 +35,6 @@ def steady_leg(duration_s=1200.0, step_s=30.0, **changes):
 
 
 def steady_mission(route_id='home', **leg):
-    """Return a Mission of one `steady_leg`."""
     return Mission(route_id, (steady_leg(**leg),))
 
 

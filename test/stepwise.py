@@ -22,14 +22,12 @@ class Stepwise(Supervisor):
         self.output, self._now_ns = StepOutput(), 0
 
     def run(self, now_ns, *events):
-        """Take a step, and raise its refusal as InvalidInput."""
         self.step_through(now_ns, *events)
         assert not self.output.failure, self.output.failure
         for refusal in self.output.refusals:
             raise refusal.error
 
     def step_through(self, now_ns, *events):
-        """Take a step and ignore its refusals."""
         self._now_ns, self.output = now_ns, self.step(now_ns, *events)
         if self.output.decision is not None:
             # As the node does, after the command.

@@ -69,7 +69,6 @@ def test_the_pages_have_commands_and_python_that_are_run():
 
 
 def python_of(text):
-    """Return the Python blocks of a page."""
     return [block for language, block in FENCE.findall(text) if language == 'python']
 
 
@@ -144,7 +143,6 @@ def test_the_readme_is_a_page():
 
 @pytest.fixture(scope='module')
 def reference():
-    """Return the module that generates parts of the reference."""
     spec = spec_from_file_location('generated_reference', ROOT / 'docs/generated_reference.py')
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -153,7 +151,6 @@ def reference():
 
 @pytest.fixture(scope='module')
 def generated(reference):
-    """Return {name: text} of the generated parts of the reference."""
     return reference.parts()
 
 

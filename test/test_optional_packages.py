@@ -23,7 +23,6 @@ SCIPY = ('the Python package scipy, which fits vehicles to logs and to the paper
 
 @pytest.fixture
 def without(monkeypatch):
-    """Return a function that hides modules, installed or not."""
     def hide(*modules):
         monkeypatch.setattr(optional_packages, 'find_spec',
                             lambda name: None if name in modules else util.find_spec(name))

@@ -69,16 +69,13 @@ class Broker:
         self.set(path, value)
 
     def request(self, values):
-        """Request values of actuators, as an application does."""
         for queue in list(self._providers):
             queue.put(dict(values))
 
     def has_provider(self):
-        """Return whether a provider serves the actuators."""
         return bool(self._providers)
 
     def wait_for(self, path, value, timeout_s=TIME_LIMIT_S):
-        """Wait until a path has a value."""
         poll_until(lambda: self.values.get(path) == value, f'{path} = {value}', timeout_s)
 
     def updates(self, paths, context):

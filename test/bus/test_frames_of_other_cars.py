@@ -131,7 +131,6 @@ def test_heater_is_at_fault_without_the_temperature_that_its_set_point_follows(t
 
 
 def crc(data, bits, polynomial, start, final):
-    """Return a CRC bit by bit."""
     value = start
     for byte in data:
         value ^= byte << bits - 8

@@ -24,7 +24,6 @@ def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
 
 
 def constant(value):
-    """Return a curve with one value."""
     return Table((0.0,), (0.0,), ((value,),))
 
 

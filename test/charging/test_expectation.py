@@ -37,7 +37,6 @@ def worth(prospect, vehicle=REFERENCE):
 
 @pytest.fixture(scope='module')
 def certain():
-    """Return the Worth of certain charging."""
     return worth(ChargingProspect())
 
 

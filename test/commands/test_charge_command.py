@@ -66,7 +66,6 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    ([*DRIVE, '--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     ([*DRIVE, '--soc', '0.2'], 'state of charge: 20 % is not enough for this trip, even without heating: the '
      'battery will be empty in 38:46 min (6.60 kWh short)'),
     ([*DRIVE, '--ambient', '3'],

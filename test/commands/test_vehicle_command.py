@@ -58,8 +58,6 @@ def test_an_existing_file_is_only_replaced_when_asked(said):
 @pytest.mark.parametrize('arguments, problem', [
     (['--output', 'car.txt'], '--output: car.txt: must end in .yaml'),
     (['--output', 'no/car.yaml'], '--output: no/car.yaml: cannot be written: '),
-    (['--heater-power-kw', '5500'],
-     '--heater-power-kw: 5500 kW is implausible; it must be 0 ... 50 kW; 5500 W would be 5.5 kW'),
     (['--source', 'mass'], "--source: 'mass' is not OPTION=TEXT, such as battery-mass-kg=\"press kit 2021\""),
     (['--name', ' '], "--name: ' ' is not allowed"),
     (['--charging-curve', 'none.csv', '--charging-curve-temperature-c', '25'],

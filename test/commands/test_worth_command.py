@@ -52,8 +52,6 @@ def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--energy-price', '-0.1'], 'energy price: -0.1 is not allowed; it must be 0 ... 1000 per kWh'),
-    (['--charger-power', '150'], 'charger power: 150 is not allowed; it must be 1000 ... 2000000 W'),
     (['--departure-soc', '80'], 'departure state of charge: 80 is not allowed; it must be 0.05 ... 1 '
      "(the vehicle's soc_range); 0.8?"),
     (['--soc', '0.01'], 'state of charge: 1 % is not enough for this trip, even without heating: ')])

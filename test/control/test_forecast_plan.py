@@ -51,7 +51,6 @@ def make_estimate(temperature_c=20.0, deviations=None, heater=ANSWERS, **mean):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Return the list of the planner's calls, in order."""
     questions = []
 
     def plan(vehicle, route, state, goal, method, uncertainty, **how):

@@ -61,7 +61,6 @@ class Car:
             self.commands.append((self.at_s, step_s, self.command_w))
 
     def tell(self, distance_m):
-        """Report the place on the trip."""
         self.planner_step(ProgressArrived(Progress(distance_m, NOW_NS + self.at_s * NS_PER_S, 'trip')))
 
     def heated_s(self, from_s):

@@ -79,7 +79,6 @@ class Car:
             *((None, None) if power_w is None else (400.0, power_w / 400.0)))))
 
     def want(self, ready_in_s=None, **preparation_goal):
-        """Send a goal; return its PreparationGoal."""
         preparation_goal = PreparationGoal(**{'ready_at_ns': 0 if ready_in_s is None else at(
             self.now_s + ready_in_s), 'target_c': TARGET_C, 'ambient_c': AMBIENT_C, **preparation_goal})
         self.step(PreparationWanted(preparation_goal))

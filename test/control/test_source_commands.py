@@ -47,7 +47,6 @@ def driven(until_s=np.inf, goal=Goal(40.0), start_c=-10.0, car=CAR, route=ROUTE,
 
 
 def state_after_the_start():
-    """Return the planner's State 2 s after the start of a drive."""
     *_, last = driven(2.0)
     return last.planner.state
 

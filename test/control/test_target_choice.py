@@ -63,7 +63,6 @@ def a_supervisor(charger=FAST, settings=MEASURED, vehicle=VEHICLE, learned=None,
 
 
 def feed(supervisor, at_s=0.0, state=STATE):
-    """Take in a battery state; return the Decision."""
     now_ns = START_NS + round(at_s * NS_PER_S)
     supervisor.accept_battery(Measurement(state, now_ns), now_ns)
     return supervisor.state.decision

@@ -44,7 +44,6 @@ def curves(axis, colour):
 
 
 def texts(axis):
-    """Return the texts of all legends of a panel."""
     return [text.get_text() for legend in axis.get_children() if hasattr(legend, 'get_texts')
             for text in legend.get_texts()]
 

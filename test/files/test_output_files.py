@@ -28,7 +28,6 @@ OLD, NEW = b'old contents\n', b'new contents, longer than the old\n'
 
 @pytest.fixture(autouse=True)
 def in_folder(tmp_path, monkeypatch):
-    """Make paths relative to the folder of the test."""
     monkeypatch.chdir(tmp_path)
 
 

@@ -40,7 +40,6 @@ MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
 
 @pytest.fixture(scope='module')
 def decision():
-    """Return a decision whose plan waits for a while."""
     route = make_route({
         'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
         'ambient_temperature_c': [-7.0]}, VEHICLE.defaults)

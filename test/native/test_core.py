@@ -156,7 +156,6 @@ def trip_of_situation():
 
 
 def status_of_run(trip, vehicle, integrator=2, first=0):
-    """Return the status of bev_run for the address of a vehicle."""
     states = np.full((2, len(trip.route) + 1), 0.5)
     return core().bev_run(vehicle, integrator, trip_in_core(trip).address, first, None, None, *map(place, states))
 

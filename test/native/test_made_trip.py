@@ -23,7 +23,6 @@ BAD_ARGUMENT = -1
 
 
 def call(null=None, steps=3):
-    """Return the status of bev_make_trip."""
     terms = TripTermsStruct(5.0, 0.1, 0.08, 600.0, 7e3, 1.0, 0.0)
     route = np.ones((8, steps))
     return core().bev_make_trip(

@@ -50,7 +50,6 @@ class CanCar:
         self._thread.start()
 
     def close(self):
-        """Stop playing, and unplug the adapters."""
         self._ended.set()
         self._thread.join()
         for port in self.ports:
@@ -61,12 +60,10 @@ class CanCar:
         return [(at_s, power_w) for at_s, power_w in list(self.heated) if at_s >= instant_s]
 
     def wait_for_power(self, power_w):
-        """Return the instant of the next frame with a power."""
         return self.ports[0].wait_for(
             lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w)[0]
 
     def commands(self):
-        """Return the commands so far, as read_command reads them."""
         return [read_command(data) for _, identifier, data in list(self.ports[0].frames) if identifier == COMMAND]
 
     def _play(self):

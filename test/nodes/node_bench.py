@@ -88,7 +88,6 @@ class Record:
         return found[0]
 
     def wait_for_count(self, count):
-        """Return the first `count` messages once they have arrived."""
         assert self._comes(lambda: len(self._received) >= count, self.patience_s), (
             f'{self._topic}: {len(self._received)} of {count} messages within {self.patience_s:g} s')
         return self.messages[:count]

@@ -92,7 +92,6 @@ class PlannerCar:
         return self.bench.now_ns
 
     def start(self, *arguments):
-        """Start a planner; return its process."""
         self.process = self.bench.start('planner', *arguments)
         return self.process
 
@@ -100,14 +99,12 @@ class PlannerCar:
         return state_at(self.now_ns - age_s * NS_PER_S, **fields)
 
     def route(self, age_s=0.0, **fields):
-        """Return a route that began a time ago."""
         return route_at(self.now_ns - age_s * NS_PER_S, **fields)
 
     def give(self, message):
         self.publishers[type(message)].publish(message)
 
     def send_state(self, **fields):
-        """Publish the battery's state of now."""
         self.give(self.state(**fields))
 
     def send_route(self, **fields):
@@ -122,7 +119,6 @@ class PlannerCar:
             recorder.clear()
 
     def wait_for_heat(self):
-        """Return the next command that heats."""
         self.commands.clear()
         return self.commands.wait_for(heats, 'heat')
 
@@ -166,5 +162,4 @@ def driving(bench):
 
 
 def values_of(entry):
-    """Return the figures of an entry in the diagnostics by name."""
     return {item.key: item.value for item in entry.values}

@@ -45,13 +45,11 @@ CLASSES = {
 
 
 def class_of(name):
-    """Return the class of an executable's node."""
     module, class_name = CLASSES[name]
     return getattr(import_module(f'bev_preheat.{module}'), class_name)
 
 
 def program_of(name):
-    """Return an executable's NodeProgram."""
     return import_module(f'bev_preheat.{CLASSES[name][0]}').PROGRAM
 
 
@@ -150,7 +148,6 @@ class Publisher(Endpoint):
         self._rehearsal.deliver(self)
 
     def get_subscription_count(self):
-        """Return the number of subscriptions."""
         return len(self._rehearsal.topic(self.topic_name).subscriptions)
 
     def wait_for_all_acked(self, timeout):
@@ -359,7 +356,6 @@ class Rehearsal:
             pass
 
     def fire_all(self):
-        """Let every timer that runs fire now."""
         with self._acting():
             for timer, _ in list(self._timers):
                 if not timer.is_canceled():
@@ -402,11 +398,9 @@ class Rehearsal:
     # For nodes
 
     def topic(self, name):
-        """Return the Topic of an absolute name."""
         return self._topics.setdefault(name, Topic())
 
     def count_publishers(self, name):
-        """Return the number of publishers of an absolute name."""
         return len(self.topic(name).publishers)
 
     def add_publisher(self, owner, message_type, name, qos):

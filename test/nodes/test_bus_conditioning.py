@@ -88,7 +88,6 @@ class Cabin:
         return self.planner
 
     def request(self, **values):
-        """Request values of the actuators, and let time pass until they are taken."""
         self._requests.put({{'mode': MODE, 'target': TEMPERATURE, 'at': TIME}[name]: value
                             for name, value in values.items()})
         self.pass_by(0.2)

@@ -29,7 +29,6 @@ EVIL = '<img src=x onerror=alert(1)></script>"\''
 
 
 def page_of(process):
-    """Return host:port of a started dashboard."""
     found = poll_until(lambda: re.search(r'http://(\S+:\d+)/', process.output()), 'the address of the page')
     return found.group(1)
 

@@ -68,7 +68,6 @@ class Controlled:
         return status
 
     def names(self, text, level=DiagnosticStatus.ERROR):
-        """Wait for the one entry that names a cause."""
         self.diagnostics.wait_for(has_entry('heater_controller: command', text, level),
                                   f'the diagnostics with {text!r}')
 

@@ -37,7 +37,6 @@ SEVERITIES = {'debug', 'info', 'warn', 'warning', 'error', 'fatal'}
 
 
 def chosen_severities(source):
-    """Return the lines that choose a method of a logger and call it elsewhere."""
     return [node.lineno for node in ast.walk(ast.parse(source))
             if isinstance(node, (ast.Assign, ast.IfExp))
             for value in ([node.value] if isinstance(node, ast.Assign) else [node.body, node.orelse])

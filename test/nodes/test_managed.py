@@ -21,7 +21,6 @@ WAY = (
 
 
 def goes(bench, node, transition):
-    """Make a transition and return the state after it."""
     request = ChangeState.Request(transition=Transition(id=transition))
     assert bench.call(ChangeState, f'/{node}/change_state', request).success
     return state(bench, node)

@@ -63,7 +63,6 @@ class Surroundings(PlannerCar):
         self.reports = bench.record(OptimalityReport, f'{namespace}/optimality_report', LATCHED)
 
     def run(self, name, *arguments):
-        """Start an executable, and return its process."""
         self.started.append(self.bench.start(name, '-r', f'__ns:={self.namespace or "/"}', *arguments))
         return self.started[-1]
 
@@ -94,7 +93,6 @@ class Surroundings(PlannerCar):
         raise AssertionError(f'{route_id}: no report on the plan in {MOST_CHECKS} checks')
 
     def check(self):
-        """Ask for a check; return the response."""
         return self.bench.call(Trigger, f'{self.namespace}/nlp_checker/check', Trigger.Request())
 
     def diagnosis(self, condition=lambda values: True):
@@ -103,7 +101,6 @@ class Surroundings(PlannerCar):
         return values_of(self.entry('optimality check', lambda entry: condition(values_of(entry)), 'nlp_checker'))
 
     def count(self, name):
-        """Return a whole number in the checker's diagnostics."""
         return int(self.diagnosis()[name])
 
 
@@ -126,7 +123,6 @@ def own(graph):
 
 @pytest.fixture(scope='module')
 def both(graph):
-    """Planner and checker, which tests share."""
     surroundings = Surroundings(graph)
     surroundings.run('planner', *PATIENT)
     surroundings.run('nlp_checker', *ONLY_ASKED)

@@ -24,7 +24,6 @@ class Services:
         self._bench, self._name = bench, name
 
     def values(self):
-        """Return all parameters by name, as Python's values."""
         names = self._call(ListParameters, 'list').result.names
         values = self._call(GetParameters, 'get', names=names).values
         return dict(zip(names, map(parameter_value_to_python, values)))

@@ -50,7 +50,6 @@ class Car(PlannerCar):
         return entry, values_of(entry)
 
     def skip(self, skips=True):
-        """Return the response of the service."""
         return self.bench.call(SetBool, 'planner/skip_departure', SetBool.Request(data=skips))
 
     def heats(self, is_heating=True):

@@ -47,7 +47,6 @@ class Car(PlannerCar):
         return super().route(age_s, **{'cabin_heating_power': [CABIN_W], **fields})
 
     def give_state(self, **fields):
-        """Let time pass, and publish a battery state."""
         self.bench.advance(STATE_PERIOD_S)
         self.send_state(**fields)
 

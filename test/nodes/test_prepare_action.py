@@ -192,7 +192,6 @@ class Driver(PlannerCar):
         self.figure('battery temperature [degC]')
 
     def figure(self, key):
-        """Return a figure of the planner's diagnostics."""
         return values_of(self.entry('preheating', lambda entry: key in values_of(entry)))[key]
 
     def state(self, age_s=0.0, **fields):

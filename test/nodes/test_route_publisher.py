@@ -135,7 +135,6 @@ class Trip:
         raise AssertionError(f'not within 600 s; the last: {self.entries()}')
 
     def entries(self):
-        """Return the latest entry of each name in the diagnostics."""
         return {status.name: status for message in self.diagnostics.messages for status in message.status}
 
     def position(self):

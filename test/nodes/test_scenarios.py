@@ -78,7 +78,6 @@ def write_short(folder, base, changes):
 
 
 def selected(request, scenarios):
-    """Return the scenarios that are run in this session."""
     tried = {item.callspec.params.get('name') for item in request.session.items
              if item.path == request.path and hasattr(item, 'callspec')}
     return sorted(scenarios & tried)

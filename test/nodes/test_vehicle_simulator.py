@@ -43,7 +43,6 @@ def route(tmp_path_factory):
 
 @pytest.fixture
 def start_simulator(rehearsal, route):
-    """Start a simulator on `route`; keywords are parameters."""
     def start_simulator(**parameters):
         values = {'route': route[1], 'start_time': float(START_S), 'initial_soc': 0.77,
                   'initial_battery_temperature': 4.0, **parameters}
@@ -53,12 +52,10 @@ def start_simulator(rehearsal, route):
 
 
 def seconds(stamp):
-    """Seconds after the start."""
     return stamp.sec - START_S + stamp.nanosec * 1e-9
 
 
 def outcome_at_the_end(diagnostics):
-    """Return the Outcome once the vehicle stands."""
     return outcome_from_diagnostics(diagnostics.wait_for(
         lambda message: outcome_from_diagnostics(message).state != DRIVING, 'end of the drive'))
 

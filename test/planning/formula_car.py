@@ -21,7 +21,6 @@ FORMULA_CAR = replace(
 
 
 def with_limits(discharge, charge):
-    """Return the car with other tables of limits."""
     return replace(FORMULA_CAR, battery=replace(
         FORMULA_CAR.battery, discharge_power_limit=discharge, charge_power_limit=charge))
 

@@ -41,7 +41,6 @@ class Drive:
         self.first = self.plan(self.kept)
 
     def plan(self, kept=None, passed_s=0.0, state=None, goal=None, deviation_k=DEVIATION_K, is_on=False, **change):
-        """Return the Schedule of the rest of the drive."""
         vehicle, route = change.pop('vehicle', self.vehicle), change.pop('route', self.route).after(passed_s)
         trip = make_trip(vehicle, route, **change)
         share = route.total_duration_s / self.route.total_duration_s
@@ -50,7 +49,6 @@ class Drive:
 
 
 def state_at(schedule, step):
-    """Return the BatteryState of a Schedule at the start of a step."""
     heat = schedule.heat
     late = () if heat is None else (float(heat.heater_power_w[step]), float(heat.coolant_excess_k[step]))
     return BatteryState(float(schedule.temperature_c[step]), float(schedule.soc[step]), *late)

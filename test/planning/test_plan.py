@@ -89,8 +89,6 @@ def test_dictionary_is_the_plan(plan):
 
 @dataclass(frozen=True)
 class Made:
-    """The compared results of a plan."""
-
     shortfall_k: float = 0.0
     soc_shortfall: float = 0.0
     undeliverable_power_w: float = 0.0

@@ -47,7 +47,6 @@ def test_a_number_replaces_and_a_sign_changes(signal):
 
 @pytest.fixture
 def result_of(recorded, said):
-    """Return the result of a replay of the first minutes with a change."""
     def run(change):
         status, output, _ = said('replay', recorded[1], '--to', '150', '--json', '-', '--change', change)
         assert status == 0

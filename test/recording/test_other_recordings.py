@@ -20,7 +20,6 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy'), pytest.mark.costly]
 
 @pytest.fixture
 def replayed(said):
-    """Return exit status and result of a replay."""
     def run(*words):
         status, output, errors = said('replay', *words, '--json', '-')
         return status, json.loads(output) if output else errors

@@ -29,7 +29,6 @@ DRAG = 0.5 * DENSITY_AT_15_C * CAR['drag_coefficient'] * CAR['frontal_area_m2']
 
 
 def vehicle(**changes):
-    """Return the car above, with changes."""
     car = {**CAR, **changes}
     return replace(
         load_vehicle('reference'), name='test car', defaults=DEFAULTS,

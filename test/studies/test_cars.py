@@ -148,7 +148,6 @@ def test_how_long_a_fault_showed(fault, commands, found_at_s, drives_s, shown_s,
 # --- Figures and requirements ---
 
 def made_drive(**changes):
-    """Return a DriveOutcome with default figures unless given."""
     return DriveOutcome(**{
         'arrival_error_k': 0.1, 'heating_energy_wh': 200.0, 'battery_energy_wh': 2000.0, 'switch_ons': 1,
         **changes})

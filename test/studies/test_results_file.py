@@ -13,8 +13,6 @@ STUDY = {'study': 'sweep', 'seed': 1, 'vehicle': 'reference (17ab)', 'methods': 
 
 @dataclass(frozen=True)
 class Made:
-    """A result with a number."""
-
     number: int
     value: float | None = None
 
@@ -24,7 +22,6 @@ RESULTS = [Made(0, 0.1 + 0.2), Made(2), Made(1, 1e-300)]
 
 @pytest.fixture
 def path(tmp_path):
-    """A results file with RESULTS."""
     path = tmp_path / 'study.jsonl'
     with ResultsFile(path, STUDY) as file:
         for result in RESULTS:

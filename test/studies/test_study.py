@@ -19,8 +19,6 @@ from bev_preheat_studies.study import add_study_arguments, check_study_arguments
 
 @dataclass(frozen=True)
 class Made:
-    """A situation's number, its cube, and the process that computed it."""
-
     number: int
     cube: int
     process: int = 0
