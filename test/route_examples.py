@@ -42,6 +42,14 @@ def gpx(times=True, element='trkpt', stop_s=0.0):
     return '\n'.join(lines)
 
 
+def positions_csv(times=True):
+    """Return a table of positions, as loggers write them."""
+    moments = [(START + timedelta(seconds=STEP_M / SPEED_MPS * at)).isoformat() for at in range(POINTS)]
+    return '\n'.join([f'{"timestamp," * times}lat,Longitude [deg],altitude_m,satellites', *(
+        f'{f"{moment}," * times}{latitude:.7f},{longitude:.7f},{elevation:.2f},9'
+        for moment, latitude, longitude, elevation in zip(moments, LATITUDE, LONGITUDE, ELEVATION))])
+
+
 def polyline(places, with_elevation=False):
     """Return the road as an encoded polyline; GraphHopper's elevations have two places."""
     points = zip(LATITUDE, LONGITUDE, *([ELEVATION] if with_elevation else []))

@@ -39,6 +39,11 @@ QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
     'watt_hour': (('watt_hour', 1.0, 0.0, 'wh watthour'), ('kilowatt_hour', 1e3, 0.0, 'kwh'),
                   ('joule', 1.0 / 3600.0, 0.0, 'j'), ('kilojoule', 1.0 / 3.6, 0.0, 'kj'),
                   ('megajoule', 1e6 / 3600.0, 0.0, 'mj')),
+    'watt_hour/kilometer': (
+        ('watt_hour/kilometer', 1.0, 0.0, 'wh/km'), ('kilowatt_hour/kilometer', 1e3, 0.0, 'kwh/km'),
+        ('kilowatt_hour/100_kilometer', 10.0, 0.0, 'kwh/100km'),
+        ('watt_hour/mile', 1.0 / 1.609344, 0.0, 'wh/mi wh/mile'),
+        ('kilowatt_hour/100_mile', 10.0 / 1.609344, 0.0, 'kwh/100mi kwh/100miles')),
     # No signal and no column of a route is measured in these, so channels with them are left out.
     'ampere_hour': (('ampere_hour', 1.0, 0.0, 'ah'),),
     'ohm': (('ohm', 1.0, 0.0, ''), ('milliohm', 1e-3, 0.0, 'mohm')),

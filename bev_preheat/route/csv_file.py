@@ -136,9 +136,9 @@ def _columns(table: Table) -> tuple[dict[str, FloatArray], dict[str, str], tuple
     headers, problems, unknown = headers_of(table)
     # A column that is not used, such as one with a misspelt name, would be replaced by a default.
     problems += unknown
-    if headers.keys() >= {'propulsion_power', 'consumption'}:
-        problems.append(f'{where}: columns {headers["propulsion_power"].name!r} and '
-                        f'{headers["consumption"].name!r} both give the drive; keep only one')
+    problems += [f'{where}: columns {headers["propulsion_power"].name!r} and {headers[name].name!r} both give the '
+                 'drive; keep only one' for name in ('consumption', 'consumption_by_length')
+                 if headers.keys() >= {'propulsion_power', name}]
     problems += [f'{where}: column {header.name!r}: if it holds values per segment, rename it to {instead}; '
                  'values cumulated from the start of the trip are not accepted' for quantity, instead in (
                      ('time', 'duration_s'), ('distance', 'length_m')) if (header := headers.get(quantity))]

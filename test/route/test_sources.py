@@ -17,7 +17,7 @@ from bev_preheat.vehicle import load_vehicle
 CAR = load_vehicle('small_car')
 COLD = RouteOptions(ambient_temperature_c=-5.0)
 TIMED = {
-    'gpx': examples.gpx,
+    'gpx': examples.gpx, 'table of positions': examples.positions_csv,
     'osrm': examples.osrm, 'osrm6': lambda: examples.osrm(geometry='polyline6'),
     'osrm geojson': lambda: examples.osrm(geometry='geojson'),
     'osrm steps': lambda: examples.osrm(annotations=False), 'two legs': lambda: examples.osrm(legs=2),
@@ -215,7 +215,7 @@ def test_a_jitter_of_positions_is_not_driven(tmp_path):
 
 
 @pytest.mark.parametrize('text', [
-    lambda: examples.gpx(times=False),
+    lambda: examples.gpx(times=False), lambda: examples.positions_csv(times=False),
     lambda: examples.gpx(times=False, element='rtept'),
     lambda: examples.geojson('LineString', times=False)])
 def test_a_line_without_times_is_driven_at_the_free_speed(tmp_path, text):
@@ -269,6 +269,18 @@ def test_edges_with_speeds_in_place_of_durations_and_elevations_of_valhalla_are_
     hilly = loaded(tmp_path, json.dumps(contents)).route
     gained_j = (hilly.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
     assert gained_j == pytest.approx(CAR.road_load.mass_kg * 9.80665 * 200.0 / CAR.drivetrain.efficiency, rel=0.1)
+
+
+@pytest.mark.parametrize('name, values', [
+    ('consumption_wh', (750, 8400)), ('Verbrauch [kWh/100km]', (15, 21)), ('consumption_wh_per_km', (150, 210)),
+    ('energy (kWh/km)', (0.15, 0.21)), ('consumption_kwh_per_100km', (15, 21)),
+    ('Energy [Wh/mi]', (241.4016, 337.96224))])
+def test_a_consumption_by_length_is_that_of_its_segment(tmp_path, name, values):
+    text = f'length_km,speed_kmh,{name}\n5,50,{values[0]}\n40,100,{values[1]}\n'
+    route = loaded(tmp_path, text, replace(COLD, with_auxiliaries=False)).route
+    energy_wh = np.add.reduceat(route.propulsion_power_w * route.duration_s, [
+        0, np.searchsorted(route.time_s, 360.0)]) / 3600.0
+    assert energy_wh == pytest.approx([750.0, 8400.0], rel=1e-6)
 
 
 def test_consumption_wins_over_the_road_load(tmp_path):

@@ -32,6 +32,8 @@ def _power(name: str, *names: str) -> Quantity:
     return Quantity('watt', LIMITS[f'{name}_w'], ('w', 'kw'), (name, *names))
 
 
+CONSUMPTIONS = ('consumption', 'energy', 'energy_consumption', 'verbrauch', 'energy_used', 'battery_energy',
+                'segment_energy', 'electric_energy')
 QUANTITIES = {
     'time': Quantity('second', (-1e12, 1e12), ('s',), (
         'time', 't', 'timestamp', 'elapsed', 'elapsed_time', 'cycle_time', 'cyc', 'zeit', 'date_time', 'datetime',
@@ -55,9 +57,14 @@ QUANTITIES = {
     'elevation': Quantity('meter', (-500.0, 9000.0), ('m',), (
         'elevation', 'altitude', 'alt', 'ele', 'elev', 'height', 'hoehe', 'höhe', 'end_elevation', 'elevation_end',
         'gps_altitude', 'z'), 'meter'),
-    'consumption': Quantity('watt_hour', (-1e6, 1e6), ('wh', 'kwh'), (
-        'consumption', 'energy', 'energy_consumption', 'verbrauch', 'energy_used', 'battery_energy',
-        'segment_energy', 'electric_energy')),
+    'consumption': Quantity('watt_hour', (-1e6, 1e6), ('wh', 'kwh'), CONSUMPTIONS),
+    'consumption_by_length': Quantity(
+        'watt_hour/kilometer', (-5e3, 5e3), ('wh_per_km', 'kwh_per_100km'), CONSUMPTIONS),
+    'latitude': Quantity('degree', (-90.0, 90.0), ('deg',), (
+        'latitude', 'lat', 'gps_latitude', 'gps_lat', 'position_lat', 'breitengrad'), 'degree'),
+    'longitude': Quantity('degree', (-180.0, 180.0), ('deg',), (
+        'longitude', 'lon', 'lng', 'long', 'gps_longitude', 'gps_lon', 'position_long', 'laengengrad',
+        'längengrad'), 'degree'),
     'ambient_temperature': Quantity('degC', LIMITS['ambient_temperature_c'], ('c',), (
         'ambient_temperature', 'ambient', 'outside_temperature', 'temperature', 'temperatur', 'temp',
         'outdoor_temperature', 'air_temperature', 'ambient_temp', 'aussentemperatur', 'außentemperatur')),
@@ -112,6 +119,7 @@ def read_header(name: str, unit: str = '') -> Header | str | None:
     """Return the Header of a column, None if its quantity is unknown, advice if its unit ('': none) is wrong."""
     # cycSecs, cycMps: words of a name in camel case; kWh is one word.
     text = re.sub(r'(?<=[a-z0-9])(?=[A-Z][a-z])(?!Wh\b)', '_', name.strip('" '))
+    text = re.sub('[ _]per[ _]', '/', text)
     bare = split_unit(text)
     # The whole name first: t_env is no time in the unit env.
     stems = [(_stem(text), '' if bare.unit else unit), (_stem(bare.name).removesuffix('_in'), bare.unit or unit)]

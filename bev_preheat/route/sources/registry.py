@@ -12,7 +12,7 @@ from bev_preheat.files.input_files import beginning_of
 from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.sources.headers import headers_of
 from bev_preheat.route.sources.journey import Journey, RouteOptions
-from bev_preheat.route.sources.table import journey_of_table
+from bev_preheat.route.sources.table import is_track, journey_of_table, journey_of_track
 
 # Largest file [bytes]; a day of samples at 10 Hz has less.
 LARGEST_FILE = 64_000_000
@@ -37,8 +37,8 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
         if _has_powers(table):
             return table
         with located(path):
-            _refuse_unused(options, ())
-        return journey_of_table(table)
+            _refuse_unused(options, ('free_speed_kmh',) if is_track(table) else ())
+        return journey_of_track(table, options) if is_track(table) else journey_of_table(table)
     with located(path):
         return (_read_xml if kind == 'xml' else _read_json)(path.read_bytes(), options)
 
@@ -69,7 +69,7 @@ def _has_powers(table: Table) -> bool:
     """Return whether a table has powers, or no column that describes a motion."""
     known = headers_of(table)[0].keys()
     return bool(known & {'propulsion_power', 'propulsion_power_rms', 'propulsion_power_magnitude'}) or (
-        not known & {'time', 'speed', 'duration', 'length'})
+        not known & {'time', 'speed', 'duration', 'length', 'latitude'})
 
 
 def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:

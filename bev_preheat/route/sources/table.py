@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bev_preheat.errors import figure, InvalidInput, quoted, shortened
+from bev_preheat.errors import figure, InvalidInput, located, quoted, shortened
 from bev_preheat.files.table import Table
 from bev_preheat.files.times import find_clock
 from bev_preheat.numerics import first_true, FloatArray
@@ -21,16 +21,17 @@ from bev_preheat.route.road_load import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.headers import column, Header, headers_of, read_header
-from bev_preheat.route.sources.journey import ChargingStop, Journey, STOP_RANGE_S
+from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions, STOP_RANGE_S
+from bev_preheat.route.sources.track import journey_of_points
 
 # Fields of a Journey by their columns, and the columns of segments.
 OF_JOURNEY = {'ambient_temperature_c': 'ambient_temperature', 'cabin_heating_power_w': 'cabin_heating_power',
               'auxiliary_power_w': 'auxiliary_power'}
-OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', *OF_JOURNEY.values(),
-               'charging_time')
+OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', 'consumption_by_length',
+               *OF_JOURNEY.values(), 'charging_time')
 OF_SAMPLES = ('time', 'speed', 'distance', 'slope', 'elevation', *OF_JOURNEY.values())
 # Columns that are not used beside a better one.
-BETTER = {'slope': 'elevation', 'distance': 'speed'}
+BETTER = {'slope': 'elevation', 'distance': 'speed', 'consumption_by_length': 'consumption'}
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
@@ -40,15 +41,41 @@ LONGEST_UNUSED = 400
 RISING_LENGTHS = 3
 
 
+def _has_motion(headers: dict[str, Header]) -> bool:
+    return bool('speed' in headers and headers.keys() & {'time', 'duration', 'length'}) or (
+        headers.keys() >= {'length', 'duration'}) or headers.keys() >= {'time', 'distance'}
+
+
+def is_track(table: Table) -> bool:
+    """Return whether a Table is a track: positions whose motion no column tells."""
+    headers = headers_of(table)[0]
+    return headers.keys() >= {'latitude', 'longitude'} and not _has_motion(headers)
+
+
+def journey_of_track(table: Table, options: RouteOptions) -> Journey:
+    """Return the Journey of a Table that is a track; raise InvalidInput naming line or point, and the remedy."""
+    headers, problems, _ = headers_of(table)
+    if problems:
+        raise InvalidInput(problems)
+    latitude_deg, longitude_deg = (column(table, headers[name]) for name in ('latitude', 'longitude'))
+    elevation_m = column(table, headers['elevation']) if 'elevation' in headers else (
+        np.full(len(latitude_deg), np.nan))
+    time_s = _times(table, headers['time']) if 'time' in headers else None
+    used = {headers[name].name for name in ('latitude', 'longitude', 'elevation', 'time') if name in headers}
+    unused = [name for name in table.header if name and name not in used]
+    with located(table.path):
+        return journey_of_points(
+            'table of positions', latitude_deg, longitude_deg, elevation_m, time_s, options,
+            [f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}'] if unused else [], 'row')
+
+
 def journey_of_table(table: Table) -> Journey:
     """Return the Journey of a Table; raise InvalidInput naming line, column and value."""
     headers, problems, unknown = headers_of(table)
-    has_motion = ('speed' in headers and headers.keys() & {'time', 'duration', 'length'}) or (
-        headers.keys() >= {'length', 'duration'}) or headers.keys() >= {'time', 'distance'}
-    if not has_motion:
+    if not _has_motion(headers):
         where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
         problems += [*unknown, f'{where}: a route needs time_s and speed_kmh (a drive cycle), or two of '
-                     'duration_s, speed_kmh and length_m for each segment; found: '
+                     'duration_s, speed_kmh and length_m for each segment, or latitude and longitude; found: '
                      + ', '.join(f'{header.name} ({header.quantity})' for header in headers.values())]
     if problems:
         raise InvalidInput(problems)
@@ -169,6 +196,8 @@ def motion_of_segments(table: Table, headers: dict[str, Header],
 def _segments(table: Table, headers: dict[str, Header]) -> Journey:
     columns = {name: column(table, headers[name]) for name in OF_SEGMENTS if name in headers}
     duration_s, speed_mps = motion_of_segments(table, headers, columns)
+    if (wh_per_km := columns.get('consumption_by_length')) is not None:
+        columns.setdefault('consumption', wh_per_km * duration_s * speed_mps / 1e3)
     remarks: list[str] = []
     if 'elevation' in columns:
         # Of the end of each segment; the first one is taken as level.
