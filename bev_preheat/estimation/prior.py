@@ -54,7 +54,7 @@ from bev_preheat.vehicle.description import HeatPath, Uncertainty, UNKNOWN_UNCER
 # differ by a factor of three: ln 3 / sqrt(12). Propulsion: a route's consumption. Other sources: a heat pump's
 # data sheet knows no frost, no pipes and no wear.
 FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.32, RESISTANCE: 0.115, HEATER: 0.058,
-                     PROPULSION: 0.08, SOURCE_HEAT: 0.15}
+                     PROPULSION: 0.08, SOURCE_HEAT: 0.1}
 # The least that counts if a file states its own: half of +-10, 20, 20 and 5 %, the best for nine i3 drives, each
 # left out. The factors also stand for ageing and other errors that no log shows.
 LEAST_DEVIATIONS = {HEAT_CAPACITY: 0.029, LEAKAGE: 0.0575, RESISTANCE: 0.0575, HEATER: 0.0145, SOURCE_HEAT: 0.03}
