@@ -117,3 +117,8 @@ def test_where_the_choice_is_always_the_session_is_todays():
     assert choice.decision is HeatingDecision.ALWAYS
     assert (choice.session.charging_time_s, choice.session.bought_energy_wh) == (
         today.charging_time_s, today.bought_energy_wh)
+    # Until then it heats, and not later; no heated step ends warmer.
+    power_w, ends_s, ends_c = (
+        today.hvch_battery_power_w, today.time_s[1:], today.battery_temperature_c[1:])
+    assert power_w[ends_s == choice.until_s] > 0.0 and not power_w[ends_s > choice.until_s].any()
+    assert choice.until_c == max(end_c for end_c, heater_w in zip(ends_c, power_w) if heater_w > 0.0)
