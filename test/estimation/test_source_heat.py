@@ -12,6 +12,7 @@ from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Uncertainty
 
 # Of any car with sources, the estimator reads only that there are some.
 CAR = replace(VEHICLE, heat_sources=load_vehicle('heat_pump_car').heat_sources)
@@ -48,6 +49,12 @@ def test_heat_that_comes_late_is_not_missing_for_long():
     estimator, error_k = driven(1.0, heat_lag_s=120.0)
     assert np.exp(estimator.estimate.mean[SOURCE_HEAT]) == pytest.approx(1.0, abs=0.1)
     assert error_k < 1.5
+
+
+@pytest.mark.parametrize('stated, expected', [(None, 0.1), (0.06, 0.06), (0.005, 0.03), (1.0, 0.1)])
+def test_a_file_states_how_well_it_knows_the_heat_of_a_watt(stated, expected):
+    belief = Estimator.of(replace(CAR, uncertainty=Uncertainty(source_heat=stated))).belief
+    assert np.sqrt(belief.covariance[..., SOURCE_HEAT, SOURCE_HEAT]) == pytest.approx(expected)
 
 
 def test_a_car_without_sources_learns_nothing_about_them():
