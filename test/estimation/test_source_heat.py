@@ -37,7 +37,7 @@ def driven(share, commands=UNHEATED, **car):
 def test_the_heat_of_a_watt_is_found(share, commands):
     estimator, error_k = driven(share, commands=commands)
     estimate = estimator.estimate
-    # Two thirds of the deviation; the rest is as likely one of the heat capacity, which other sources share.
+    # Two thirds of the deviation; the rest may be that of the heat capacity.
     assert np.exp(estimate.mean[SOURCE_HEAT]) == pytest.approx(share, abs=abs(1.0 - share) / 3.0 + 0.03)
     # Neither the HVCH nor a fault stands for it.
     assert estimate.corrections.heater_efficiency == pytest.approx(1.0, abs=0.05)
