@@ -19,8 +19,9 @@ from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_S
 from bev_preheat.identification.parameters import NAMES, STRUCTURES
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE, with_deviations
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
+from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import HeatPath, Leakage
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_heat, with_shell
 from bev_preheat.vehicle.writing import file_text
 
 if TYPE_CHECKING:
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, Identification
     from bev_preheat.numerics import Curve
-    from bev_preheat.vehicle.curves import Table
-    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.description import HeatSource, Vehicle
 
 # Only the lag of the coolant can be identified. If START has no coolant, it gets a heat capacity with which the
 # heater's full power makes it this much warmer than the battery [K].
@@ -64,6 +64,9 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
     share = min(values['drivetrain_heat'] / losses, 1.0) if losses > 0.0 else 0.0
     found = replace(
         vehicle, heat_path=path, hvch=replace(vehicle.hvch, efficiency=values['heater_efficiency']),
+        # The HVCH's efficiency tells nothing about the heat of others.
+        heat_sources=tuple(with_heat(source, vehicle.hvch.efficiency / values['heater_efficiency'])
+                           for source in vehicle.heat_sources),
         drivetrain=replace(vehicle.drivetrain, heat_recovery_efficiency=share),
         battery=replace(
             battery, capacity_ah=electrical.capacity_ah,
@@ -97,6 +100,8 @@ def identified_text(start: dict[str, FileData], vehicle: Vehicle, notes: Mapping
     own['leakage'] = {'gamma_0_w_per_k': _rounded(battery.leakage.gamma_0_w_per_k),
                       'gamma_v_w_per_k_per_mps': _rounded(battery.leakage.gamma_v_w_per_k_per_mps)}
     contents['hvch']['efficiency'] = _rounded(vehicle.hvch.efficiency)
+    for source in vehicle.heat_sources:
+        contents['heat_sources'][source.name]['heat_per_watt'] = _heat_per_watt(source, vehicle.hvch.efficiency)
     contents['drivetrain']['heat_recovery_efficiency'] = _rounded(vehicle.drivetrain.heat_recovery_efficiency)
     lags = {key: _rounded(value) for key, value in asdict(path).items()
             if value > 0.0 and (not path.is_shell or key in ('heater_lag_s', 'sensor_lag_s'))}
@@ -126,6 +131,14 @@ def _table(curve: Table | Curve) -> dict[str, FileData]:
     if len(temperature_c) == 1:
         return {'soc': list(soc), 'values': [row[0] for row in values]}
     return {'soc': list(soc), 'temperature_c': list(temperature_c), 'values': [list(row) for row in values]}
+
+
+def _heat_per_watt(source: HeatSource, efficiency: float) -> FileData:
+    """Return the heat per watt of a HeatSource beside an HVCH with an efficiency, as a vehicle file has it."""
+    assert isinstance(source.hvch_watts, Table)
+    heat = source.hvch_watts.changed(lambda hvch_watts: _rounded(efficiency * hvch_watts))
+    return heat.values[0][0] if len(heat.soc) == len(heat.temperature_c) == 1 else {
+        'ambient_c' if key == 'soc' else key: value for key, value in _table(heat).items()}
 
 
 def _rounded(value: float) -> float:

@@ -54,6 +54,25 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, said):
     assert f'{low:.4g}' in printed
 
 
+def test_other_heat_sources_give_what_they_were_seen_to_give(tmp_path, said):
+    start, output = load_vehicle('heat_pump_car'), tmp_path / 'my.yaml'
+    save_state(tmp_path / 'state.json', vehicle_fingerprint(vehicle_contents('heat_pump_car')),
+               Learned(np.log([1.0, 1.0, 1.0, 0.95, 1.0, 0.8]), 0.25 * prior_factor_covariance()))
+    status, printed, _ = said(
+        'identify', '--state-file', 'state.json', '--vehicle', 'heat_pump_car', '--output', output)
+    assert status == 0 and 'source heat' in printed
+    car = load_vehicle(output)
+    for mine, theirs in zip(car.heat_sources, start.heat_sources):
+        # Heat has the heater's factor, and cold, too.
+        factor = 0.95 * (1.0 if theirs.cools else 0.8)
+        for ambient_c, temperature_c in ((-17.0, 3.0), (5.0, 30.0), (30.0, 35.0)):
+            heat, told = (vehicle.hvch.efficiency * source.hvch_watts.function(FLOATS)(ambient_c, temperature_c)
+                          for vehicle, source in ((car, mine), (start, theirs)))
+            assert heat == pytest.approx(factor * told, rel=1e-4)
+    # Half the prior's deviation of 0.1, and 0.01 for the time since.
+    assert car.uncertainty.source_heat == pytest.approx(math.hypot(0.05, 0.01), rel=5e-3)
+
+
 def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp_path, said):
     start, output = tmp_path / 'start.yaml', tmp_path / 'my.yaml'
     start.write_bytes(vehicle_contents('small_car') + b'\nuncertainty: {leakage: 0.09, resistance: 0.07}\n')
