@@ -441,8 +441,7 @@ class Belief:
                               resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
         native = self._native()
         expected = native.take_reading(
-            terms_of(self.path), READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution),
-            True)
+            terms_of(self.path), READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution))
         return self._of(native), expected
 
     def _with_battery(self, temperature_c: float, resolution_k: float, soc: float,

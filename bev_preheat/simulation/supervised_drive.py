@@ -17,31 +17,24 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
-    HeaterStatusArrived,
     ProgressArrived,
     RouteArrived,
-    SourceStatusArrived,
 )
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater import HeaterSide
-from bev_preheat.vehicle.description import HVCH
 from bev_preheat.vehicle.heater_controller import HeaterCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from bev_preheat.control.events import Event
-    from bev_preheat.control.heater import HeaterStatus
     from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
-    from bev_preheat.vehicle.heater_controller import HeaterAnswer
-
-    ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
 
 
 class Wire:
@@ -68,6 +61,10 @@ class Wire:
         return BatteryStateArrived(Measurement(
             BatteryState(reading.temperature_c, reading.soc), stamp_ns, reading.voltage_v, reading.current_a,
             supply_status=reading.supply_status, location=reading.location))
+
+    def answers(self, heater: HeaterSide, now_ns: int) -> Iterable[Event]:
+        """Return the heater's controllers' answers to a reading at an instant [ns]; here they are silent."""
+        return ()
 
     def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
         """Hear of a step at an instant [ns]; `events` are of this Wire, or empty."""
@@ -96,15 +93,13 @@ class Moment:
 
 
 def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool],
-            told_by_heater: ToldByHeater | None = None, wire: Wire | None = None) -> Iterator[Moment]:
+            wire: Wire | None = None) -> Iterator[Moment]:
     """
     Drive a car from its start under a Supervisor; yield the Moments until `until()`.
 
-    Between two Moments the car drives under the latest command until that expires. `told_by_heater` makes the
-    HeaterStatus that arrives with each reading, from the heater's answer and its actual power [W], or None for
-    none; without it the heater's controller is silent.
+    Between two Moments the car drives under the latest command until that expires.
     """
-    drive = _Drive(car, supervisor, told_by_heater, wire or Wire(supervisor))
+    drive = _Drive(car, supervisor, wire or Wire(supervisor))
     yield drive.step(drive.wire.route(car.mission(START_NS)), is_last=False)
     while not until():
         yield from drive.due_now()
@@ -112,9 +107,8 @@ def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool]
 
 
 class _Drive:
-    def __init__(self, car: ImperfectCar, supervisor: Supervisor, told_by_heater: ToldByHeater | None,
-                 wire: Wire) -> None:
-        self._car, self._supervisor, self._told_by_heater, self.wire = car, supervisor, told_by_heater, wire
+    def __init__(self, car: ImperfectCar, supervisor: Supervisor, wire: Wire) -> None:
+        self._car, self._supervisor, self.wire = car, supervisor, wire
         self._heater = HeaterSide(car)
         self._ticks = 0
         self._settings = supervisor.state.settings
@@ -135,8 +129,9 @@ class _Drive:
         if progress is not None:
             events.append((None, self.wire.progress(progress)))
         readings = car.readings()
-        if readings and self._told_by_heater is not None:
-            events += [(None, event) for event in self._heater_events(self._told_by_heater)]
+        if readings:
+            events += [(None, event) for event in self.wire.answers(
+                self._heater, START_NS + round(car.clock_s * NS_PER_S))]
         events += [(reading, self.wire.battery(
             reading, START_NS + round(car.stamp_s(reading.instant_s) * NS_PER_S))) for reading in readings]
         ticks = self._tick_s <= now_s
@@ -149,13 +144,6 @@ class _Drive:
             yield self.step(event, reading=reading, is_last=number == len(events) and not ticks)
         if ticks:
             yield self.step()
-
-    def _heater_events(self, told_by_heater: ToldByHeater) -> Iterator[Event]:
-        for name in self._heater.names:
-            status = told_by_heater(self._heater.answer(START_NS, name), self._heater.measured_w(name),
-                                    START_NS + round(self._car.clock_s * NS_PER_S))
-            if status is not None:
-                yield HeaterStatusArrived(status) if name == HVCH else SourceStatusArrived(status, name)
 
     def go_on(self) -> None:
         """Drive on to the next instant with an event; sleeping computers have no events."""

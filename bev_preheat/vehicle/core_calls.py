@@ -105,7 +105,7 @@ class ReadingNoise:
 
 
 # The numbers of these structs in a row: written at once, which takes a fifth of field by field.
-PASSED, READING = Packed(f'2P6d{2 * MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4di')
+PASSED, READING = Packed(f'2P6d{2 * MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('2P4d')
 
 
 class NativeBelief:
@@ -141,7 +141,7 @@ class NativeBelief:
         return self._lost.value
 
     def take_reading(self, terms: BeliefTermsStruct, noise: ReadingNoise, interval_c: tuple[float, float],
-                     interval: tuple[float, float], tells_hypotheses: bool) -> tuple[FloatArray, FloatArray]:
+                     interval: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
         """
         Do `bev_take_reading` of intervals of temperature [deg C] and charge; return mean and covariance.
 
@@ -149,7 +149,7 @@ class NativeBelief:
         """
         both = np.empty((ELEMENTS + 1, ELEMENTS))
         at = address_of(both)
-        READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval, tells_hypotheses)
+        READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval)
         call('bev_take_reading', self._address, addressof(terms), self._places[1], at,
              at + DOUBLE_BYTES * ELEMENTS, addressof(self._lost))
         if self._lost.value:

@@ -170,7 +170,7 @@ class ReadingStruct(Structure):
     """`bev_reading`."""
 
     _fields_ = [*_each(c_void_p, 'noise_variances_k2 noise_variances'),
-                *_each(c_double, 'lowest_c highest_c lowest_soc highest_soc'), ('tells_hypotheses', c_int32)]
+                *_each(c_double, 'lowest_c highest_c lowest_soc highest_soc')]
 
 
 class ExpectedDriveStruct(Structure):

@@ -473,7 +473,7 @@ bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *te
   *lost = 0;
   bev_status status =
       see_interval(belief, terms, BEV_SENSOR, reading->noise_variances_k2,
-                       reading->lowest_c, reading->highest_c, reading->tells_hypotheses, lost);
+                       reading->lowest_c, reading->highest_c, 1, lost);
   if (status == BEV_OK && *lost == 0) {
     status = see_interval(belief, terms, BEV_SOC, reading->noise_variances,
                               reading->lowest_soc, reading->highest_soc, 0, lost);

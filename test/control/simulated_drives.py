@@ -5,11 +5,13 @@ import math
 from typing import NamedTuple
 
 from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.events import HeaterStatusArrived, SourceStatusArrived
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.supervised_drive import moments, START_NS, Wire
+from bev_preheat.vehicle.description import HVCH
 
 
 class Seen(NamedTuple):
@@ -22,6 +24,25 @@ class Seen(NamedTuple):
     car: ImperfectCar
 
 
+class Told(Wire):
+    """
+    Heaters whose controllers answer with each reading.
+
+    `told_by_heater` makes the HeaterStatus from a controller's answer, the actual power [W] and the instant [ns];
+    None: no answer.
+    """
+
+    def __init__(self, planner, told_by_heater):
+        super().__init__(planner)
+        self.told_by_heater = told_by_heater
+
+    def answers(self, heater, now_ns):
+        for name in heater.names if self.told_by_heater else ():
+            status = self.told_by_heater(heater.answer(START_NS, name), heater.measured_w(name), now_ns)
+            if status is not None:
+                yield HeaterStatusArrived(status) if name == HVCH else SourceStatusArrived(status, name)
+
+
 def drive(vehicle, phase, start, until_s=math.inf, told_by_heater=None, planned_for=None, sensors=Sensors(),
           faults=(), seed=0, **settings):
     """
@@ -31,7 +52,8 @@ def drive(vehicle, phase, start, until_s=math.inf, told_by_heater=None, planned_
     """
     car = ImperfectCar(vehicle, phase, start, Imperfections(sensors=sensors, heater_faults=tuple(faults)), seed)
     planner = Supervisor(planned_for or vehicle, Settings(**settings))
-    for moment in moments(car, planner, lambda: car.plant.is_standing or car.time_s >= until_s, told_by_heater):
+    for moment in moments(car, planner, lambda: car.plant.is_standing or car.time_s >= until_s,
+                          Told(planner, told_by_heater)):
         assert not moment.output.failure
         if moment.output.command is not None:
             yield Seen(moment.time_s, moment.output.command, planner.state.decision, planner, car)

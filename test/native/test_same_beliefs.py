@@ -131,7 +131,7 @@ def in_core(native, drive, low_c=-6.0, seen_w=0.0):
     terms = terms_of(vehicle.heat_path)
     native.follow(vehicle_in_core(vehicle), terms, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
                   vehicle.battery.leakage, ([0.0] * 5, [0.0] * 5), 0.0, (seen_w, 1e4, 1e6, 1e4))
-    native.take_reading(terms, noise, (low_c, 1.0), (0.69, 0.71), True)
+    native.take_reading(terms, noise, (low_c, 1.0), (0.69, 0.71))
 
 
 @pytest.mark.parametrize('spoil, how', [

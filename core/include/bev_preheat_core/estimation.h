@@ -148,8 +148,6 @@ typedef struct {
   double highest_c;
   double lowest_soc;
   double highest_soc;
-  /* Whether the temperature changes the weights. */
-  int32_t tells_hypotheses;
 } bev_reading;
 
 /*
