@@ -430,8 +430,8 @@ MISFITS = {
     'power over another signal': (COMMAND.format('power: Power'), {'car.dbc': 'overlapping.dbc'}, [
         'live.heater_command: Heater cannot be made', 'Power and Share are overlapping']),
     'a message of two sources': (
-        COMMAND.format('power: Power') + '\n  heat_sources: {pump: {command: {message: Heater, power: Share}}}', {},
-        ['live.heat_sources.pump.command.message: Heater is that of live.heater_command']),
+        COMMAND.format('power: Power') + '\n  heat_sources: {a: {command: {message: Heater, power: Share}}}', {}, [
+            'live.heat_sources.a.command.message: Heater is that of live.heater_command']),
     'follows nothing': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Outlet")}'), {}, [
         'live.heater_command.coolant.follows: HeaterState.Outlet is no MESSAGE.SIGNAL of the DBC']),
     'follows a share': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Share")}'), {}, [
