@@ -195,9 +195,9 @@ class HeaterFrame:
 
     def _off_value(self) -> float:
         """Return the value of the command's signal while the heater is off."""
+        power, law, (factor, offset) = self._power, self._rule.coolant, self._to_celsius or (1.0, 0.0)
+        low, high = law.range_c if self._to_celsius and law else (0.5 * power.scale, math.inf)
         if (off := self._rule.off_value) is not None:
-            power, law, (factor, offset) = self._power, self._rule.coolant, self._to_celsius or (1.0, 0.0)
-            low, high = law.range_c if self._to_celsius and law else (power.scale, math.inf)
             is_named = round((off - power.offset) / power.scale) in values_of_nothing(power)
             if self._enable is None and not is_named and low <= off * factor + offset <= high:
                 raise InvalidInput(f'{self._where}.off_value: {off:g} is a value at which the heater heats; write '
@@ -208,10 +208,7 @@ class HeaterFrame:
         if self._enable is None:
             raise InvalidInput(f'{self._where}.off_value: is missing; {self._name} is a temperature: name the '
                                'value at which the heater is off, or a signal that enables it (enable)')
-        assert self._rule.coolant is not None
-        factor, offset = self._to_celsius
-        lowest = (self._rule.coolant.range_c[0] - offset) / factor
-        return self._rounded_down(lowest + self._power.scale * (1.0 - 1e-6))
+        return self._rounded_down((low - offset) / factor + power.scale * (1.0 - 1e-6))
 
 
 def _usual_value(signal: Any) -> float:
