@@ -118,7 +118,7 @@ class HeaterFrame:
         return float(steps * power.scale + power.offset)
 
     def _check_roles(self) -> None:
-        """Raise InvalidInput if a signal has two roles, because a frame carries one value of it."""
+        """Raise InvalidInput if a signal has two roles, because a frame carries one value a signal."""
         checksum, keys = self._checksum, dict[str, str]()
         for key, name in (('power', self._power.name), ('counter', self._counter and self._counter.name),
                           ('enable', self._rule.enable), ('checksum.signal', checksum and checksum.signal),

@@ -117,7 +117,7 @@ def test_frames_of_another_bus_with_the_same_identifier_do_not_count(tmp_path, l
     path = tmp_path / 'frames.log'
     path.with_suffix('.dbc').write_text(
         'BO_ 341 BMS: 2 BMS\n SG_ BattTemp : 7|16@0- (0.01,0) [-40|80] "degC" BMS\n')
-    # The battery at 5 degC on one bus, what the other bus means by 24 degC a tenth of a second later.
+    # The battery at 5 degC on one bus; the frames of the other one, a tenth of a second later, read as 24 degC.
     rows = [line.format(at=at, tenth=bus, bus=bus, asc_bus=bus + 1, data=data, high=data >> 8, low=data & 255)
             for at in range(20) for bus, data in ((0, 500 + at), (1, 2400))]
     head = 'date Wed Jan 08 10:53:20.000 2025\nbase hex timestamps absolute\nno internal events\n'

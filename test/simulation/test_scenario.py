@@ -204,7 +204,7 @@ def test_a_scenario_may_set_what_the_node_may_be_given():
     ('drive.initial_battery_temperature_c', -55, 'temperature'),
     ('planner.no_such', 1.0, "planner: unknown key 'no_such'; known keys: method, target_battery_temperature, "),
     ('planner.battery_state_timeout', -1.0, 'planner.battery_state_timeout: -1.0'),
-    ('planner.method', 'magic', "planner: method: 'magic' is not one of"),
+    ('planner.method', 'magic', "planner: method: 'magic' is not"),
     ('planner.estimation', 1.0, 'planner.estimation: 1.0'),
     ('planner.command_lease', 0.8, 'planner: command_lease: 0.8 s must be longer than command_period, 1 s'),
     ('mismatch.heat_capacity', 5.0, 'mismatch.heat_capacity: 5.0'),
