@@ -52,6 +52,7 @@ class HeaterFrame:
         self._enable = None if rule.enable is None else signal_of(message, rule.enable, f'{where}.enable')
         self._checksum = None if rule.checksum is None else Checksum(
             rule.checksum, message, f'{where}.checksum', self._counter)
+        self._check_roles()
         self._others = self._other_values()
         if power.scale <= 0.0:
             raise InvalidInput(f'{where}.power: {self._name} has the factor {power.scale:g}; it must be positive')
@@ -69,6 +70,8 @@ class HeaterFrame:
         self.identifier, self.is_extended = int(message.frame_id), bool(message.is_extended_frame)
         self.is_fd = bool(message.is_fd) or message.length > 8
         try:
+            # A DBC is read although signals overlap; a frame cannot carry them.
+            message.refresh(strict=True)
             self.next(0.0)
         except Exception as error:
             # cantools raises errors of several packages.
@@ -113,6 +116,16 @@ class HeaterFrame:
         power = self._power
         steps = math.floor((value - power.offset) / power.scale + 1e-9)
         return float(steps * power.scale + power.offset)
+
+    def _check_roles(self) -> None:
+        """Raise InvalidInput if a signal has two roles, because a frame carries one value a signal."""
+        checksum, keys = self._checksum, dict[str, str]()
+        for key, name in (('power', self._power.name), ('counter', self._counter and self._counter.name),
+                          ('enable', self._rule.enable), ('checksum.signal', checksum and checksum.signal),
+                          ('checksum.data_id_nibble', checksum and checksum.nibble and checksum.nibble[0])):
+            if name and (other := keys.setdefault(name, key)) != key:
+                raise InvalidInput(f'{self._where}.{key}: {name} is the signal of {other} already; each needs a '
+                                   'signal of its own')
 
     def _other_values(self) -> dict[str, float]:
         """Return the values of all signals but power, counter and enable."""
@@ -182,17 +195,20 @@ class HeaterFrame:
 
     def _off_value(self) -> float:
         """Return the value of the command's signal while the heater is off."""
-        if self._rule.off_value is not None:
-            return float(self._rule.off_value)
+        power, law, (factor, offset) = self._power, self._rule.coolant, self._to_celsius or (1.0, 0.0)
+        low, high = law.range_c if self._to_celsius and law else (0.5 * power.scale, math.inf)
+        if (off := self._rule.off_value) is not None:
+            is_named = round((off - power.offset) / power.scale) in values_of_nothing(power)
+            if self._enable is None and not is_named and low <= off * factor + offset <= high:
+                raise InvalidInput(f'{self._where}.off_value: {off:g} is a value at which the heater heats; write '
+                                   'one at which it is off, or name a signal that enables it (enable)')
+            return float(off)
         if self._to_celsius is None:
             return 0.0
         if self._enable is None:
             raise InvalidInput(f'{self._where}.off_value: is missing; {self._name} is a temperature: name the '
                                'value at which the heater is off, or a signal that enables it (enable)')
-        assert self._rule.coolant is not None
-        factor, offset = self._to_celsius
-        lowest = (self._rule.coolant.range_c[0] - offset) / factor
-        return self._rounded_down(lowest + self._power.scale * (1.0 - 1e-6))
+        return self._rounded_down((low - offset) / factor + power.scale * (1.0 - 1e-6))
 
 
 def _usual_value(signal: Any) -> float:

@@ -208,6 +208,10 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     if 'vss' in live:
         problems += [f'{path}: live.{key}: is for CAN only'
                      for key in ('messages', 'heater_command', 'heater_status', 'heat_sources') if key in live]
+    heaters, senders = _heaters(live), dict[str, str]()
+    problems += [f'{path}: {rules.key}command.message: {rules.command.message} is that of {first}command; each '
+                 'heat source needs a message of its own' for rules in heaters.values()
+                 if (first := senders.setdefault(rules.command.message, rules.key)) != rules.key]
     if problems:
         raise InvalidInput(problems)
     usual_s = live.get('valid_for_s', VALID_FOR_S['vss' if 'vss' in live else 'can'])
@@ -219,7 +223,7 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
         if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
-        {name: _made(MessageRule, entry) for name, entry in live.get('messages', {}).items()}, _heaters(live))
+        {name: _made(MessageRule, entry) for name, entry in live.get('messages', {}).items()}, heaters)
 
 
 def _heaters(live: FileData) -> dict[str, HeaterRules]:

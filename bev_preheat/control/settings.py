@@ -10,6 +10,7 @@ import re
 from typing import Any
 
 from bev_preheat.charging.target_worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import DEFAULT_METHOD, REPLACED
 from bev_preheat.vehicle.description import Defaults, Vehicle
 
@@ -62,7 +63,7 @@ def settings_of(parameters: Mapping[str, Any]) -> Settings:
     Return the Settings of parameters by name; a missing parameter keeps its default.
 
     A target of 0 or NaN means the vehicle's; a method of earlier versions is replaced by its successor. Raises
-    KeyError if a name is not in FIELD_OF_PARAMETER.
+    KeyError if a name is not in FIELD_OF_PARAMETER, InvalidInput if the lease ends before the next command.
     """
     values = {FIELD_OF_PARAMETER[name]: value for name, value in parameters.items()}
     target_c = values.get('target_battery_temperature_c')
@@ -70,4 +71,9 @@ def settings_of(parameters: Mapping[str, Any]) -> Settings:
         values['target_battery_temperature_c'] = None
     if 'method' in values:
         values['method'] = REPLACED.get(values['method'], values['method'])
-    return Settings(**values)
+    settings = Settings(**values)
+    if settings.command_lease_s <= settings.command_period_s:
+        raise InvalidInput(
+            f'command_lease: {settings.command_lease_s:g} s must be longer than command_period, '
+            f'{settings.command_period_s:g} s, or the heater drops out between two commands')
+    return settings

@@ -34,16 +34,18 @@ BYTES = rf'(?P<data>(?:{HEX}{{1,2}}(?:[\s,]+|$)){{0,64}})'
 # Patterns of a line by the name of its format.
 LINES = {
     'candump': re.compile(
-        rf'\((?P<time>\d{{1,12}}(?:\.\d+)?)\)\s+\S+\s+(?P<id>{HEX}{{3,8}})#(?:#{HEX})?'
+        rf'\((?P<time>\d{{1,12}}(?:\.\d+)?)\)\s+(?P<bus>\S+)\s+(?P<id>{HEX}{{3,8}})#(?:#{HEX})?'
         rf'(?:(?P<data>(?:{HEX}{{2}}){{0,64}})|(?P<remote>[Rr]\d?))(?:\s+[RTrt])?'),
     'candump on a screen': re.compile(
-        rf'(?:\((?P<time>[0-9:. -]+)\)\s+)?\S+\s+(?:[RT]X [-BE\s]*)?(?P<id>{HEX}{{3}}|{HEX}{{8}})\s+\[\d+\]\s*'
+        rf'(?:\((?P<time>[0-9:. -]+)\)\s+)?(?P<bus>\S+)\s+(?:[RT]X [-BE\s]*)?(?P<id>{HEX}{{3}}|{HEX}{{8}})\s+'
+        r'\[\d+\]\s*'
         rf'(?:{BYTES}|(?P<remote>remote request))(?:\'.*\'|ERRORFRAME)?'),
     'SavvyCAN GVRET': re.compile(
         rf'(?P<time>\d{{1,20}}),(?:0x)?(?P<id>{HEX}{{1,8}}),(?P<extended>true|false|[01]),'
-        rf'(?:[RT]x,)?\d+,\d+,{BYTES}',
+        rf'(?:[RT]x,)?(?P<bus>\d+),\d+,{BYTES}',
         re.IGNORECASE),
-    'CRTD': re.compile(rf'(?P<time>\d+(?:\.\d+)?)\s+\d?[RT](?P<extended>11|29)\s+(?P<id>{HEX}{{1,8}})\s*{BYTES}'),
+    'CRTD': re.compile(
+        rf'(?P<time>\d+(?:\.\d+)?)\s+(?P<bus>\d?)[RT](?P<extended>11|29)\s+(?P<id>{HEX}{{1,8}})\s*{BYTES}'),
     'python-can CSV': re.compile(
         rf'(?P<time>\d+(?:\.\d+)?),0x(?P<id>{HEX}{{1,8}}),(?P<extended>[01]),(?P<remote>1)?0?,[01],\d+,'
         r'(?P<coded>[A-Za-z0-9+/=]*)')}
@@ -84,7 +86,8 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
         data = b''.join(bytes.fromhex(each.zfill(2)) for each in re.findall(f'{HEX}{{1,2}}', parts['data'] or ''))
     seconds = iso_seconds(time) if ':' in time else float(time)
     is_remote = parts.get('remote') is not None
-    return can.Message(seconds * scale, int(identifier, 16), is_extended, is_remote, data=data)
+    return can.Message(seconds * scale, int(identifier, 16), is_extended, is_remote, channel=parts.get('bus'),
+                       data=data)
 
 
 # Values that the DBC gives such a name are no readings.
@@ -198,7 +201,8 @@ class CanFrames(RawLog):
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
         groups = {identifier & J1939_GROUP: message for identifier, message in names.items()
                   if identifying_bits(identifier, message.is_extended_frame) == J1939_GROUP}
-        senders: dict[str, int] = {}
+        # The identifier and the bus of the first frame of each message.
+        senders: dict[str, tuple[int, Any]] = {}
         number, others = 0, set()
         for number, frame in enumerate(self._frames(remarks), start=1):
             message = names.get(frame.arbitration_id)
@@ -207,9 +211,12 @@ class CanFrames(RawLog):
             if message is None or frame.is_error_frame or frame.is_remote_frame or not frame.data:
                 others.add(frame.arbitration_id)
                 continue
-            if senders.setdefault(message.name, frame.arbitration_id) != frame.arbitration_id:
-                remarks.add(f'sender {message.name}', f'{self._path}, frame {number}: {message.name}: from '
-                            f'{frame.arbitration_id:X}; those from {senders[message.name]:X} count', noun='frame')
+            sender = frame.arbitration_id, frame.channel
+            if (first := senders.setdefault(message.name, sender)) != sender:
+                words = (f'from {sender[0]:X}; those from {first[0]:X} count' if sender[0] != first[0] else
+                         'from another bus; those of the first bus count')
+                remarks.add(f'sender {message.name}', f'{self._path}, frame {number}: {message.name}: {words}',
+                            noun='frame')
                 continue
             try:
                 values = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
@@ -281,10 +288,15 @@ def _summed(frames: Iterator[Any], start_s: float) -> Iterator[Any]:
 
 
 def _blf_reader(path: str | Path) -> Any:
-    """Return python-can's reader of BLF, with an end at an object that is shorter than its header."""
+    """Return python-can's reader of BLF; it raises at an object shorter than its header, and for a cut file."""
     import can
 
     class BlfReader(can.BLFReader):
+        def __iter__(self) -> Any:
+            yield from super().__iter__()
+            if (size := Path(path).stat().st_size) < self.file_size:
+                raise can.io.blf.BLFParseError(f'has {size} of the {self.file_size} bytes that its head names')
+
         def _parse_data(self, data: bytes) -> Iterator[Any]:
             sound = _sound_length(data)
             yield from super()._parse_data(data if sound is None else data[:sound])

@@ -36,7 +36,9 @@ class RosBag(RawLog):
         """Read the first messages of each topic for their fields; raises InvalidInput if the file is damaged."""
         require('rosbags')
         self._path = Path(path)
-        files = sorted(self._path.glob('*.mcap')) if self._path.is_dir() else [self._path]
+        # drive_10 comes after drive_2.
+        files = sorted(self._path.glob('*.mcap'), key=lambda file: (len(file.name), file.name)) if (
+            self._path.is_dir()) else [self._path]
         # None of a recording in SQLite.
         self._files = [file for file in files if beginning_of(file).startswith(MAGIC[0])]
         # Of a file whose messages are read as they come, they are not known before its end.

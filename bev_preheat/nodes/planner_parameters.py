@@ -8,7 +8,7 @@ from collections.abc import Callable
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.departures import load_departures, load_grid_prices
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
-from bev_preheat.errors import InvalidInput, located
+from bev_preheat.errors import located
 from bev_preheat.estimation.state_file import check_state_file
 from bev_preheat.nodes.node import LIFECYCLE, Values
 from bev_preheat.nodes.parameters import Parameter, StartParameter
@@ -80,14 +80,10 @@ ANSWER_SHARE = 0.1
 
 def read(values: Values) -> tuple[Vehicle, Settings]:
     """Return (Vehicle, Settings) of values in their ranges; raise InvalidInput if they do not fit."""
-    if values['command_lease'] <= values['command_period']:
-        raise InvalidInput(
-            f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
-            f'{values["command_period"]:g} s, or the heater drops out between two commands')
+    settings = settings_of({name: values[name] for name in FIELD_OF_PARAMETER})
     # A method of an installed package is loaded before it is needed.
     check_method(values['method'])
-    return load_vehicle(values['vehicle']), settings_of(
-        {name: values[name] for name in FIELD_OF_PARAMETER})
+    return load_vehicle(values['vehicle']), settings
 
 
 def take_effect(settings: Settings) -> None:

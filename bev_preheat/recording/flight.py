@@ -119,7 +119,7 @@ def _parts_of(path: Path) -> list[Path]:
     if path.is_dir():
         found = recordings_in(path)
         if not found:
-            others = ', '.join(sorted(each.name for each in path.glob('*.mcap')))
+            others = ', '.join(sorted(each.name for each in path.iterdir() if each.suffix in ('.mcap', '.db3')))
             raise InvalidInput(f'{path}: has no recording of the flight recorder'
                                f'{others and f"; name a file: {others}"}')
         life = _life(found[-1])

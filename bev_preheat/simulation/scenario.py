@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from bev_preheat.charging.stop import Charger, ChargingProspect, USUAL_DEPARTURE_SOC
-from bev_preheat.control.settings import FIELD_OF_PARAMETER
+from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput, located
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml, load_schema, problems_by
 from bev_preheat.files.input_files import find_configuration
+from bev_preheat.planning.planner import check_method
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
@@ -239,10 +240,8 @@ class _PhaseReader:
 
 
 def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
-    for name in parameters:
-        if name not in FIELD_OF_PARAMETER:
-            raise InvalidInput(f'planner: {name!r} is not a parameter of the planner that a '
-                               f'scenario may set: {", ".join(FIELD_OF_PARAMETER)}')
+    with located('planner'):
+        check_method(settings_of(parameters).method)
     return parameters
 
 

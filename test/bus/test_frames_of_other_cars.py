@@ -414,6 +414,23 @@ MISFITS = {
     'no off': (COMMAND.format(COOLANT), {}, ['heater_command.off_value: is missing; Heater.SetPoint']),
     'off that does not fit': (COMMAND.format(f'off_value: -30, {COOLANT}'), {}, [
         'live.heater_command: Heater cannot']),
+    'off at full power': (COMMAND.format('power: Power, off_value: 5'), {}, [
+        'live.heater_command.off_value: 5 is a value at which the heater heats']),
+    'off at a set-point': (COMMAND.format(f'off_value: 20, {COOLANT}'), {}, [
+        'live.heater_command.off_value: 20 is a value at which the heater heats']),
+    'counter of the power': (COMMAND.format('power: Power'), {'counter: Count': 'counter: Power'}, [
+        'live.heater_command.counter: Power is the signal of power already']),
+    'enabled by the power': (COMMAND.format('power: Power, enable: Power'), {}, [
+        'live.heater_command.enable: Power is the signal of power already']),
+    'enabled by the counter': (COMMAND.format('power: Power, enable: Count'), {}, [
+        'live.heater_command.enable: Count is the signal of counter already']),
+    'checksum of the power': (COMMAND.format('power: Power, checksum: {signal: Power, method: crc8}'), {}, [
+        'live.heater_command.checksum.signal: Power is the signal of power already']),
+    'power over another signal': (COMMAND.format('power: Power'), {'car.dbc': 'overlapping.dbc'}, [
+        'live.heater_command: Heater cannot be made', 'Power and Share are overlapping']),
+    'a message of two sources': (
+        COMMAND.format('power: Power') + '\n  heat_sources: {a: {command: {message: Heater, power: Share}}}', {}, [
+            'live.heat_sources.a.command.message: Heater is that of live.heater_command']),
     'follows nothing': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Outlet")}'), {}, [
         'live.heater_command.coolant.follows: HeaterState.Outlet is no MESSAGE.SIGNAL of the DBC']),
     'follows a share': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Share")}'), {}, [
@@ -471,6 +488,7 @@ MISFITS = {
 def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, texts):
     path = written_map(tmp_path, live)
     (tmp_path / 'twin.dbc').write_text(NS + 'BO_ 256 Twin: 8 CAR\n SG_ Soc : 0|8@1+ (0.5,0) [0|100] "%" GW\n')
+    (tmp_path / 'overlapping.dbc').write_text((BATTERY + HEATER).replace('Power : 8|8', 'Power : 6|8'))
     text = path.read_text()
     for before, after in changes.items():
         assert before in text

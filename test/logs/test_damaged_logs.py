@@ -126,6 +126,26 @@ def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
     assert any('is damaged' in remark and 'shorter than its header' in remark for remark in recording.remarks)
 
 
+@pytest.mark.parametrize('share', [0.3, 0.5, 0.99])
+@pytest.mark.parametrize('level', [0, -1])
+@pytest.mark.needs('can', 'cantools')
+def test_a_blf_file_that_is_cut_is_named(tmp_path, level, share):
+    import can
+    path = tmp_path / 'a.blf'
+    with can.BLFWriter(path, compression_level=level) as file:
+        for at in range(200):
+            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, is_extended_id=False,
+                                                 data=bytes([16, 14, at, 0, 0, 0, 200 - at, 0])))
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    contents = path.read_bytes()
+    kept = round(share * len(contents))
+    assert not [remark for remark in read_recording(path).remarks if 'damaged' in remark]
+    path.write_bytes(contents[:kept])
+    recording = read_recording(path)
+    assert 0 < len(recording.signals['voltage_v'].value) < 200
+    assert any(f"is damaged ('has {kept} of the {len(contents)} bytes" in remark for remark in recording.remarks)
+
+
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.needs('can', 'cantools', 'asammdf', 'mcap', 'rosbags')
 def test_binary_files_with_lengths_of_zero_or_all_ones_end_within_seconds(tmp_path, seed):

@@ -105,6 +105,29 @@ def test_frames_of_j1939_are_those_of_the_first_sender(tmp_path):
         read_recording(path)
 
 
+@pytest.mark.parametrize('line', [
+    '({at}.{tenth}00000) can{bus} 155#{data:04X}',
+    '(1700000{at:03}.{tenth}) vcan{bus} 155 [2] {high:02X} {low:02X}',
+    '{at}{tenth}00000,00000155,false,Rx,{bus},2,{high:02X},{low:02X}',
+    '17000{at:05}.{tenth} {bus}R11 155 {high:02X} {low:02X}',
+    '{at}.{tenth} {asc_bus} 155 Rx d 2 {high:02X} {low:02X}'],
+    ids=['candump', 'candump on a screen', 'GVRET', 'CRTD', 'ASC'])
+@pytest.mark.needs('can', 'cantools')
+def test_frames_of_another_bus_with_the_same_identifier_do_not_count(tmp_path, line):
+    path = tmp_path / 'frames.log'
+    path.with_suffix('.dbc').write_text(
+        'BO_ 341 BMS: 2 BMS\n SG_ BattTemp : 7|16@0- (0.01,0) [-40|80] "degC" BMS\n')
+    # The battery at 5 degC on one bus; the frames of the other one, a tenth of a second later, read as 24 degC.
+    rows = [line.format(at=at, tenth=bus, bus=bus, asc_bus=bus + 1, data=data, high=data >> 8, low=data & 255)
+            for at in range(20) for bus, data in ((0, 500 + at), (1, 2400))]
+    head = 'date Wed Jan 08 10:53:20.000 2025\nbase hex timestamps absolute\nno internal events\n'
+    path.write_text(head * ('asc' in line) + '\n'.join([*rows, '']))
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, 5.0 + 0.01 * np.arange(20))
+    assert [remark for remark in recording.remarks if remark.endswith(
+        'BMS: from another bus; those of the first bus count (and 19 more frames)')]
+
+
 @pytest.mark.parametrize('words, mean_nothing', [
     ('SNA DataNotAvailable SignalInvalid Fehlerwert ungueltiger_Wert Implausible Unavailable SensorDefect '
      'keine_Daten Not_Supported Open_Circuit Sensor_Failure Lost_Communication Timeout', True),

@@ -23,6 +23,7 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
     (['--change', 'hvch.efficiency=87'], 'the recorded vehicle file: hvch.efficiency'),
     (['--set', 'target=30'], 'did you mean --change target=...'),
     (['--set', 'comand_lease=3'], 'did you mean command_lease=...'),
+    (['--set', 'command_lease=0.5'], 'command_lease: 0.5 s must be longer than command_period, 1 s'),
     (['--set', 'colour=red'], "'colour=red' is not allowed"),
     (['--set', 'arrival_soc_margin=nan'], 'arrival_soc_margin'),
     (['--set', 'arrival_soc_margin=much'], 'a number'), (['--set', 'estimation=1'], 'true or false'),

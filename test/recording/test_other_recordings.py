@@ -156,4 +156,6 @@ def test_a_cut_bag_is_read_or_one_line(recorded, tmp_path, replayed, share):
 def test_a_folder_of_recordings_with_other_names_says_which_to_name(tmp_path, refused):
     # As of preheat scenario --record.
     (tmp_path / 'nominal.mcap').touch()
-    assert 'name a file: nominal.mcap' in refused('replay', tmp_path)
+    # As a recorder of ros2 bag leaves it that is killed: without metadata.yaml.
+    (tmp_path / 'drive_0.db3').write_bytes(b'')
+    assert 'name a file: drive_0.db3, nominal.mcap' in refused('replay', tmp_path)

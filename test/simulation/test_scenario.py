@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario files: the shipped ones, and the messages about wrong ones."""
 
+from pathlib import Path
+
 from mistakes import changed, GONE
 import pytest
 import yaml
@@ -9,6 +11,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import Goal
+from bev_preheat.simulation import scenario
 from bev_preheat.simulation.phases import Charge, Park
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import OtherBattery, PositionReports, Spike
@@ -173,6 +176,18 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
         assert load(tmp_path, contents).imperfections.heat_path == path
 
 
+def test_a_scenario_may_set_what_the_node_may_be_given():
+    from bev_preheat.control.settings import FIELD_OF_PARAMETER
+    from bev_preheat.nodes.planner_parameters import PARAMETERS
+    rules = yaml.safe_load(Path(scenario.__file__).with_name('scenario_schema.yaml').read_text())[
+        'properties']['planner']['properties']
+    assert list(rules) == list(FIELD_OF_PARAMETER)
+    for parameter in PARAMETERS:
+        if isinstance(parameter.default, float) and parameter.name in rules:
+            rule = rules[parameter.name]
+            assert (rule['minimum'], rule['maximum']) == parameter.limits, parameter.name
+
+
 @pytest.mark.parametrize('place, value, problem', [
     ('expect', GONE, 'missing expect'),
     ('name', '../up', "name: '../up' is not allowed; it must be one line of text without a slash"),
@@ -187,7 +202,11 @@ def test_a_heat_path_is_that_of_the_vehicle_file_unless_the_scenario_has_its_own
     ('drive.route', 'no_such', "route 'no_such' is unknown"),
     ('drive.ends_after_s', 5000, 'drive.ends_after_s: 5000 s is beyond'),
     ('drive.initial_battery_temperature_c', -55, 'temperature'),
-    ('planner.no_such', 1.0, "planner: 'no_such' is not a parameter of"),
+    ('planner.no_such', 1.0, "planner: unknown key 'no_such'; known keys: method, target_battery_temperature, "),
+    ('planner.battery_state_timeout', -1.0, 'planner.battery_state_timeout: -1.0'),
+    ('planner.method', 'magic', "planner: method: 'magic' is not"),
+    ('planner.estimation', 1.0, 'planner.estimation: 1.0'),
+    ('planner.command_lease', 0.8, 'planner: command_lease: 0.8 s must be longer than command_period, 1 s'),
     ('mismatch.heat_capacity', 5.0, 'mismatch.heat_capacity: 5.0'),
     ('sensors.no_such', 1.0, 'no_such'),
     ('sensors.drop_outs', [[20, 10]], r'sensors.drop_outs\[0\]: \[20, 10\] must rise'),
