@@ -68,7 +68,7 @@ def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.
     ({'pump': {**PUMP, 'power_steps_w': [1000, 2700]}}, {},
      'heat_sources.pump.power_steps_w: 2700 W is above heat_sources.pump.maximum_power_w, 2600 W'),
     ({'pump': {**PUMP, 'power_steps_w': [1, 2000]}}, {},
-     'heat_sources.pump.power_steps_w[0]: 1 is not allowed; it must be above 1 and at most 50000'),
+     'heat_sources.pump.power_steps_w[0]: 1 is not allowed; it must be at least 50 and at most 50000'),
     ({'pump': {**PUMP, 'minimum_on_time_s': 3601}}, {},
      'heat_sources.pump.minimum_on_time_s: 3601 is not allowed; it must be at least 0 and at most 3600')])
 def test_refused_in_words(sources, changes, problem):
