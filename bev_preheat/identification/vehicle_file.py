@@ -223,7 +223,7 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     rows = [(factor_name.replace('_', ' '), factor, factor / spread, factor * spread)
             for factor_name, factor, spread in zip(FACTOR_NAMES, factors, spreads)]
     notes = {key: f"learned on line: {figure(factor, 4)} times START's, 90 % interval "
-                  f'{figure(low, 4)} ... {figure(high, 4)}'
+                  f'{figure(low, 4)} ... {figure(high, 4)}{", beside hvch.efficiency" * (key == KEYS[-1])}'
              for key, (_, factor, low, high) in zip(KEYS, rows)}
     if learned.lags is not None:
         nominal_s = np.array([nominal_heat_lag_s(vehicle.heat_path), NOMINAL_SENSOR_LAG_S])
@@ -233,9 +233,11 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
                  for lag_name, lag_s, spread in zip(LAG_NAMES, lags_s, spreads_s)]
     car = corrected_vehicle(vehicle, Corrections(*factors))
     log_resistance = np.full(len(KNOTS_C), math.log(factors[2]))
+    efficiency = min(car.hvch.efficiency, 1.0)
     car = replace(car, name=name, battery=replace(
         car.battery, resistance=resistance_table(vehicle.battery, log_resistance, np.zeros(len(KNOTS_SOC)))),
-        hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)),
+        hvch=replace(car.hvch, efficiency=efficiency),
+        heat_sources=tuple(with_heat(each, car.hvch.efficiency / efficiency) for each in car.heat_sources),
         uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned, own)))
     notes['uncertainty'] = UNCERTAINTY_NOTE
     return LearnedVehicle(car, tuple(rows), notes)

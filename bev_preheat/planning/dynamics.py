@@ -241,9 +241,10 @@ def with_shell_accounts(trip: Trip, schedule: Schedule, accounts: Accounts) -> A
         return accounts
     excess_k, energies = schedule.heat.coolant_excess_k, accounts.energy_wh
     leakage_w = accounts.leakage_w - trip.leakage_w_per_k * 0.5 * (excess_k[:-1] + excess_k[1:])
-    drawn_wh = energies.hvch_electric - schedule.heat.lost_electric_wh
+    # Other sources, which are not allowed beside a lag, draw another power than their heat as HVCH power.
+    heater_w = schedule.drawn_power_w if trip.mix.is_alone else schedule.heater_power_w
     return accounts._replace(leakage_w=leakage_w, energy_wh=replace(
-        energies, hvch_heat=trip.vehicle.hvch.efficiency * drawn_wh,
+        energies, hvch_heat=trip.vehicle.hvch.efficiency * float(trip.route.duration_s @ heater_w) / JOULES_PER_WH,
         leakage=float(trip.route.duration_s @ leakage_w) / JOULES_PER_WH))
 
 

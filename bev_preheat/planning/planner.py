@@ -249,6 +249,14 @@ def _schedule_case(case: PlanningCase, trip: Trip, way: Way,
         return first if gated is trip else _schedule_trip(case, gated, way, options)
 
     schedule = schedule_within_gates(trip, case.state, plan_on, notes, case.heater_share)
+    below_c = case.vehicle.heating_gates.maximum_temperature_c - SHORTFALL_TOLERANCE_K
+    if schedule.temperature_c[-1] < below_c < case.aim_c:
+        # Steps too hot for the gate moved the heat ahead, and it leaks away: aimed at the gate, heating is late.
+        lower = case._replace(goal=case.aimed_at(below_c), kept=None)
+        how = lower.method_options(trip, case.method == DEFAULT_METHOD)
+        late = schedule_within_gates(
+            trip, case.state, lambda gated: _schedule_trip(lower, gated, way, how), dict(notes), case.heater_share)
+        schedule = max(schedule, late, key=lambda each: float(each.temperature_c[-1]))
     if schedule.heating_start_s is not None or schedule.temperature_c[-1] < case.goal.target_temperature_c:
         notes.update(dict.fromkeys(notes_on_route(trip)))
     return schedule, outcome if schedule is first else None

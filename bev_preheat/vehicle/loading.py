@@ -153,10 +153,10 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:
     """Yield a sentence for each implausible value of a HeatPath from a file."""
-    if not path.has_coolant:
-        return
-    if path.coolant_conductance_w_per_k == 0.0:
-        yield 'heat_path: coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat arrives'
+    if path.has_coolant == (path.coolant_conductance_w_per_k == 0.0):
+        yield (f'heat_path: coolant_heat_capacity_j_per_k {path.coolant_heat_capacity_j_per_k:g} beside '
+               f'coolant_conductance_w_per_k {path.coolant_conductance_w_per_k:g} is not allowed; both must be '
+               'above 0, or both 0')
     elif path.coolant_lag_s > MOST_COOLANT_LAG_S:
         yield (f'heat_path.coolant_conductance_w_per_k: {path.coolant_conductance_w_per_k:g} W/K '
                f'take {path.coolant_lag_s:.0f} s for the heat of '

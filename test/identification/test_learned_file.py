@@ -54,17 +54,21 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, said):
     assert f'{low:.4g}' in printed
 
 
-def test_other_heat_sources_give_what_they_were_seen_to_give(tmp_path, said):
+# Also where the HVCH cannot be as efficient as it seemed: 1.15 times 0.9.
+@pytest.mark.parametrize('of_heater', [0.95, 1.15])
+def test_other_heat_sources_give_what_they_were_seen_to_give(of_heater, tmp_path, said):
     start, output = load_vehicle('heat_pump_car'), tmp_path / 'my.yaml'
     save_state(tmp_path / 'state.json', vehicle_fingerprint(vehicle_contents('heat_pump_car')),
-               Learned(np.log([1.0, 1.0, 1.0, 0.95, 1.0, 0.8]), 0.25 * prior_factor_covariance()))
+               Learned(np.log([1.0, 1.0, 1.0, of_heater, 1.0, 0.8]), 0.25 * prior_factor_covariance()))
     status, printed, _ = said(
         'identify', '--state-file', 'state.json', '--vehicle', 'heat_pump_car', '--output', output)
     assert status == 0 and 'source heat' in printed
+    assert "0.8 times START's, 90 % interval 0.7356 ... 0.87, beside hvch.efficiency\nheat_s" in output.read_text()
     car = load_vehicle(output)
+    assert car.hvch.efficiency == pytest.approx(min(of_heater * 0.9, 1.0))
     for mine, theirs in zip(car.heat_sources, start.heat_sources):
         # Heat has the heater's factor, and cold, too.
-        factor = 0.95 * (1.0 if theirs.cools else 0.8)
+        factor = of_heater * (1.0 if theirs.cools else 0.8)
         for ambient_c, temperature_c in ((-17.0, 3.0), (5.0, 30.0), (30.0, 35.0)):
             heat, told = (vehicle.hvch.efficiency * source.hvch_watts.function(FLOATS)(ambient_c, temperature_c)
                           for vehicle, source in ((car, mine), (start, theirs)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from own_sources import ALONE, as_curve, driven, REFERENCE, vehicle_with
+from own_sources import ALONE, as_curve, driven, heat_of, REFERENCE, vehicle_with
 import pytest
 
 from bev_preheat.code_generation.ecu_export import vehicle_source
@@ -68,7 +68,7 @@ def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.
     ({'pump': {**PUMP, 'power_steps_w': [1000, 2700]}}, {},
      'heat_sources.pump.power_steps_w: 2700 W is above heat_sources.pump.maximum_power_w, 2600 W'),
     ({'pump': {**PUMP, 'power_steps_w': [1, 2000]}}, {},
-     'heat_sources.pump.power_steps_w[0]: 1 is not allowed; it must be above 1 and at most 50000'),
+     'heat_sources.pump.power_steps_w[0]: 1 is not allowed; it must be at least 50 and at most 50000'),
     ({'pump': {**PUMP, 'minimum_on_time_s': 3601}}, {},
      'heat_sources.pump.minimum_on_time_s: 3601 is not allowed; it must be at least 0 and at most 3600')])
 def test_refused_in_words(sources, changes, problem):
@@ -138,6 +138,15 @@ def test_the_battery_arrives_as_planned_in_another_plant(temperature_c):
     run = driven(plan, ROUTE, SOURCES, 0.9)
     assert run.temperature_c == pytest.approx(25.0, abs=0.03)
     assert run.soc == pytest.approx(plan.arrival_soc, abs=2e-4)
+
+
+def test_of_a_car_with_a_shell_the_heat_is_that_of_the_sources():
+    vehicle = vehicle_with(SOURCES, thermal={'shell_share': 0.2, 'conductance_w_per_k': 300, 'sensor': 'shell'})
+    plans = [planned(vehicle, -11.0), solve_optimum(vehicle, ROUTE, BatteryState(-11.0, 0.9), GOAL).plan]
+    for plan in plans:
+        heat_wh = heat_of(plan, ROUTE, SOURCES) @ ROUTE.duration_s / 3600.0
+        assert heat_wh > 1.2 * plan.energy_wh.hvch_electric
+        assert plan.energy_wh.hvch_heat == pytest.approx(heat_wh, rel=1e-4)
 
 
 def test_two_sources_like_the_hvch_are_one_larger_hvch():

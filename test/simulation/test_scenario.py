@@ -215,7 +215,7 @@ def test_a_scenario_may_set_what_the_node_may_be_given():
     ('expect.arrival_error_k', [1, -1], r'expect.arrival_error_k: \[1, -1\] must rise'),
     ('route_progress.period_s', 0, 'route_progress.period_s: 0'),
     ('route_progress.drop_outs', [[20, 10]], r'route_progress.drop_outs\[0\]: \[20, 10\] must rise'),
-    ('heat_path', {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* needs coolant_cond'),
+    ('heat_path', {'coolant_heat_capacity_j_per_k': 1e4}, 'heat_path: .* beside coolant_cond'),
     ('heater_faults.0.share', 1.5, r'heater_faults\[0\].share: 1.5'),
     ('traffic.0.event', 'earthquake', r'traffic\[0\].event'),
     ('traffic.0.factor', 2.0, r'traffic\[0\]: stop has duration_s, factor'),

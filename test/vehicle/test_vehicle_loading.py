@@ -148,12 +148,18 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('drivetrain.maximum_regeneration_power_w', 123001, 'drivetrain.maximum_regeneration_power_w: '
      '123001 is above drivetrain.maximum_power_w, 123000'),
     # The heat path.
-    ('heat_path', {'coolant_heat_capacity_j_per_k': 15000}, 'heat_path: '
-     'coolant_heat_capacity_j_per_k needs coolant_conductance_w_per_k, or no heat '
-     'arrives'),
+    *(('heat_path', {f'coolant_{name}': value}, f'heat_path: coolant_heat_capacity_j_per_k {capacity} beside '
+       f'coolant_conductance_w_per_k {conductance} is not allowed; both must be above 0, or both 0')
+      for name, value, capacity, conductance in (
+          ('heat_capacity_j_per_k', 15000, 15000, 0), ('conductance_w_per_k', 400, 0, 400))),
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
      'must be at most 3600 s'),
+    # In kilowatts.
+    ('heating_gates', {'power_steps_w': [2, 5000]},
+     'heating_gates.power_steps_w[0]: 2 is not allowed; it must be at least 50 and at most 50000'),
+    ('charging', {'cooling': {'set_point_c': 30, 'electrical_power_w': 2.5, 'cooling_power_w': 6000}},
+     'charging.cooling.electrical_power_w: 2.5 is not allowed; it must be at least 50 and at most 50000'),
     # Two masses.
     ('thermal', {**THERMAL, 'shell_share': 1.2}, 'thermal.shell_share: 1.2 is not allowed; it must be at least '
      '0.01 and at most 0.9'),
