@@ -30,7 +30,7 @@ class Corrections:
     leakage: AnyNumber = 1.0
     resistance: AnyNumber = 1.0
     heater_efficiency: AnyNumber = 1.0
-    # Heat of each watt of other sources, beside the factor of the HVCH; cold is that of the file.
+    # Heat of each watt of other sources, beside the factor of the HVCH; their cold has that of the HVCH alone.
     source_heat: AnyNumber = 1.0
 
 
