@@ -27,7 +27,7 @@ MOST_SPEED_MPS = 83.0
 # Share of the fixes that may be dropped.
 MOST_DROPPED = 0.2
 # Longer times between fixes are named [s].
-GAP_S = 60.0
+NAMED_GAP_S = 60.0
 # The car stands if it stays within this distance [m] for this time [s].
 STOP_RADIUS_M = 15.0
 LEAST_STOP_S = 20.0
@@ -92,8 +92,8 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
         waits_s = float(np.diff(elapsed_s)[stands].sum())
         remarks.append(f'{len(breaks_s) // 2} stops, {waits_s:.0f} s in total')
     gaps_s = np.diff(elapsed_s)[~stands]
-    if gaps := int((gaps_s > GAP_S).sum()):
-        remarks.append(f'gaps of more than {GAP_S:g} s without a {element}: {gaps}, the longest '
+    if gaps := int((gaps_s > NAMED_GAP_S).sum()):
+        remarks.append(f'gaps of more than {NAMED_GAP_S:g} s without a {element}: {gaps}, the longest '
                        f'{gaps_s.max():.0f} s; driven at constant speed')
     distance_m = np.concatenate(([0.0], np.cumsum(step_m)))
     return journey_of(kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m,
