@@ -143,13 +143,13 @@ def uses(node, executable, expected, wait_until):
 
 
 def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(silent_context, tmp_path):
-    can_map = tmp_path / 'can.yaml'
+    can_map, dbc = tmp_path / 'can.yaml', (SIGNALS / 'example_car.dbc').read_text()
+    pump = 'BO_ 754 Pump_Command: 2 GATEWAY\n SG_ Pump_Power : 0|16@1+ (1,0) [0|7000] "W" HVCH\n\n'
+    (tmp_path / 'example_car.dbc').write_text(dbc.replace('BO_ 753 HVCH_Status', f'{pump}BO_ 753 HVCH_Status'))
+    # Any signal with a unit of speed will do.
     can_map.write_text((SIGNALS / 'example_car.yaml').read_text().replace(
-        'dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}').replace(
-        # Any signal with a unit of speed will do.
         '  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: m/s}\n  soc:')
-        + '  heat_sources:\n    pump: {command: {message: HVCH_Command, power: HVCH_PowerRequest, '
-        'counter: HVCH_CommandAlive}}\n')
+        + '  heat_sources:\n    pump: {command: {message: Pump_Command, power: Pump_Power}}\n')
     allowed = policy(GATEWAY)
     action = allowed.pop(('actions', 'call'))
     # There is neither a bus nor a broker; the endpoints do not wait for them.
