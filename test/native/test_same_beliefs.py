@@ -9,7 +9,7 @@ import pytest
 from bev_preheat.estimation.belief import Belief, terms_of
 from bev_preheat.estimation.estimate import Estimate, SENSOR, SIZE, TEMPERATURE, UNDER_WAY
 from bev_preheat.estimation.forecast import arrival_deviation_k
-from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, PLACES
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
@@ -127,7 +127,7 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
 def in_core(native, drive, low_c=-6.0, seen_w=0.0):
     """Follow a drive in the core, and take a reading from `low_c` [deg C] on."""
     vehicle = VEHICLES['formulas']
-    noise = ReadingNoise(np.full(1, 0.1), np.full(1, 1e-6))
+    noise = ReadingNoise(np.full(len(PLACES), 0.1), np.full(len(PLACES), 1e-6))
     terms = terms_of(vehicle.heat_path)
     native.follow(vehicle_in_core(vehicle), terms, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
                   vehicle.battery.leakage, ([0.0] * 5, [0.0] * 5), 0.0, (seen_w, 1e4, 1e6, 1e4))
