@@ -18,6 +18,7 @@ import numpy as np
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.errors import LONGEST_QUOTE, shortened
+from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nonlinear_program.solver_process import Failure, Question, SolverAnswer
 from bev_preheat.numerics import NS_PER_S
@@ -111,7 +112,8 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
         if not factors and state == measurement.state:
             return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
                                Question(route, state, goal), plan.battery_energy)
-        if factors and is_method(plan.method):
+        # Only a car with other heat sources has the last factor.
+        if len(FACTOR_NAMES) - len(factors) in (0, 1) and is_method(plan.method):
             # Made with an uncertainty margin: compare the optimum with the method without the margin.
             return CheckedCase(mission.route_id, start_ns, plan.method, UNKNOWN,
                                Question(route, state, goal, plan.method, factors), plan.battery_energy)

@@ -128,6 +128,13 @@ def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, val
     assert case_of_plan(mission, goal_of, [measurement], plan) is None
 
 
+@pytest.mark.parametrize('count, is_checked', [(0, False), (1, False), (4, False), (5, True), (6, True), (7, False)])
+def test_a_model_with_another_number_of_factors_is_no_plan_to_check(heated, count, is_checked):
+    mission, goal_of, measurement, plan = heated
+    plan.model_factors = [1.0] * count
+    assert (case_of_plan(mission, goal_of, [measurement], plan) is not None) is is_checked
+
+
 @pytest.mark.parametrize('charger_w', [150e3, 50e3])
 def test_the_target_that_the_planner_has_chosen_is_checked(charger_w):
     supervisor, measurement = Stepwise(VEHICLE, Settings(estimation=False)), at(0)
