@@ -128,7 +128,8 @@ def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, val
     assert case_of_plan(mission, goal_of, [measurement], plan) is None
 
 
-@pytest.mark.parametrize('count, is_checked', [(0, False), (1, False), (4, False), (5, True), (6, True), (7, False)])
+@pytest.mark.parametrize('count, is_checked', [
+    (0, False), (1, False), (4, False), (5, True), (6, True), (7, False)])
 def test_a_model_with_another_number_of_factors_is_no_plan_to_check(heated, count, is_checked):
     mission, goal_of, measurement, plan = heated
     plan.model_factors = [1.0] * count
