@@ -55,8 +55,8 @@ class Decision:
     arrival temperature; None: unknown. The command follows `commanded`, because a heater that does not respond is
     still commanded, or else the plan. The heater delivers `command_share` of the command; 0: other sources heat,
     and it is only asked on. `model_factors` are those of the corrected vehicle (PreheatPlan.msg); () if it is not
-    corrected, or the heater does not obey, which they do not cover. `target` is the choice of the plan's target;
-    None: no choice.
+    corrected, or the heater does not obey, which they do not cover. `vehicle` is that of the plan. `target` is the
+    choice of the plan's target; None: no choice.
     `charger_heat_w` [W] is commanded while the vehicle charges and has no plan.
     """
 
@@ -70,6 +70,7 @@ class Decision:
     commanded: Plan | None = None
     command_share: float = 1.0
     model_factors: tuple[float, ...] = ()
+    vehicle: Vehicle | None = None
     target: TargetChoice | None = None
     charger_heat_w: float = 0.0
 

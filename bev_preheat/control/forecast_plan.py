@@ -97,7 +97,7 @@ def planned_as_measured(vehicle: Vehicle, state: BatteryState, task: PlanningTas
         plan, commanded, refusal = plan_preheating(*situation, heater_share=0.0), plan, task.moment.heater_refusal
         commanded, share = (None, 0.0) if _others_heat(plan) else (commanded, share)
     plan = _told(plan, vehicle, task, refusal=refusal)
-    return Decision(plan.status, None, plan, commanded=commanded, command_share=share)
+    return Decision(plan.status, None, plan, commanded=commanded, command_share=share, vehicle=vehicle)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
@@ -202,7 +202,7 @@ class ForecastPlanner:
             command_share=0.0 if planning.is_hvch_silent and _others_heat(expected) else planning.share,
             model_factors=(*planner.factors[:4], estimate.propulsion_factor, *(
                 planner.factors[4:] if described.heat_sources else ()))
-            if estimate.heater.heater is Heater.ANSWERS else ())
+            if estimate.heater.heater is Heater.ANSWERS else (), vehicle=car)
 
 
 class _Planning:

@@ -59,19 +59,20 @@ class HeatDivision:
 
     def __init__(self, moment: Moment, decision: Decision, switches: Switches) -> None:
         """Take the Switches before this instant."""
-        now_ns, temperature_c = moment.now_ns, moment.temperature_c
         plan, leg = decision.commanded or decision.plan, decision.leg
-        assert temperature_c is not None and plan is not None and leg is not None
-        self._now_ns, self._plan = now_ns, plan
+        assert plan is not None and leg is not None and decision.vehicle is not None
+        self._now_ns, self._plan = moment.now_ns, plan
         hvch = HeatSource(
             HVCH, Table.constant(1.0), Table.constant(1.0), power_steps_w=moment.vehicle.steps_w(HVCH),
             minimum_on_time_s=moment.settings.minimum_on_time_s,
             minimum_off_time_s=moment.settings.minimum_off_time_s)
         self._sources = {source.name: source for source in (hvch, *moment.vehicle.heat_sources)}
-        self._elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
-        segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+        self._elapsed_s = (moment.now_ns - decision.plan_start_ns) / NS_PER_S
+        segment = leg.route.segment_at((moment.now_ns - leg.start_ns) / NS_PER_S)
+        # Sources give other heat at another temperature: that of the plan.
+        temperature_c = float(np.interp(self._elapsed_s, plan.time_s, plan.battery_temperature_c))
         share, hvch_w = decision.command_share, heater_limit_w(moment, leg)
-        mix = mix_in_segment(moment.heating_vehicle, leg.route, segment, share * hvch_w)
+        mix = mix_in_segment(decision.vehicle, leg.route, segment, share * hvch_w)
         self._merit, self._by_merit = mix.at(0, temperature_c), mix.by_merit(temperature_c)
         # Of its command that a source delivers; 0 of the HVCH: it is only asked on.
         self._shares = {HVCH: share or 1.0, **{each.name: each.share for each in moment.unserved}}

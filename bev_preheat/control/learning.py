@@ -152,10 +152,15 @@ NO_TRIAL = SourceTrial()
 
 def heats_k_per_s(vehicle: Vehicle, powers: SourcePowers, drive: DriveInputs | None,
                   now_ns: int) -> dict[str, float]:
-    """Return by how much each source beside the HVCH warms or cools the battery [K/s] at an instant [ns]."""
+    """
+    Return by how much each source beside the HVCH warms or cools the battery [K/s] at an instant [ns].
+
+    None of a source that runs alone: there is none to tell it from, and none that makes up for it.
+    """
     if drive is None:
         return {}
-    k_per_j = vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
+    are_several = sum(each.history.power_w(now_ns) > 0.0 for each in powers.each) > 1
+    k_per_j = are_several * vehicle.hvch.efficiency / vehicle.pack_heat_capacity_j_per_k
     return {source.name: k_per_j * each.history.power_w(now_ns) * abs(
         each.hvch_watts(float(drive.ambient_temperature_c), powers.temperature_c))
         for source, each in zip(vehicle.heat_sources, powers.each[1:])}

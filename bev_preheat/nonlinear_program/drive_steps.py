@@ -242,8 +242,7 @@ def _drive_step(vehicle: Vehicle, limited: bool) -> casadi.Function:
             limit_w = sum(((high_w - low_w) * (limit_w + ROUNDING_W >= high_w)
                            for low_w, high_w in pairwise((0.0, *source.power_steps_w))), nothing)
         room.append(limit_w - source_w)
-        if not source.cools:
-            hvch_watts = hvch_watts * factors[FACTORS.index('source_heat')]
+        hvch_watts = hvch_watts * factors[FACTORS.index('source_heat')]
         # All heat takes the HVCH's path; the power beyond that of the HVCH for it has no heat.
         command_w, idle_power_w = command_w + hvch_watts * source_w, idle_power_w + (1.0 - hvch_watts) * source_w
     (ends['soc'], ends['temperature'], ends['heater_power'], ends['coolant_excess'], _, joule_w,

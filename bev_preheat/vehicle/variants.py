@@ -30,7 +30,7 @@ class Corrections:
     leakage: AnyNumber = 1.0
     resistance: AnyNumber = 1.0
     heater_efficiency: AnyNumber = 1.0
-    # Heat of each watt of other sources, beside the factor of the HVCH; their cold has that of the HVCH alone.
+    # Heat or cold of each watt of other sources, beside the factor of the HVCH.
     source_heat: AnyNumber = 1.0
 
 
@@ -62,8 +62,7 @@ def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
                             leakage.gamma_v_w_per_k_per_mps * corrections.leakage)),
         hvch=replace(vehicle.hvch,
                      efficiency=vehicle.hvch.efficiency * corrections.heater_efficiency),
-        heat_sources=tuple(source if source.cools else with_heat(source, corrections.source_heat)
-                           for source in vehicle.heat_sources))
+        heat_sources=tuple(with_heat(source, corrections.source_heat) for source in vehicle.heat_sources))
 
 
 def with_heat(source: HeatSource, factor: float) -> HeatSource:
@@ -212,7 +211,7 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
     Return `rates(temperature_c, soc, factors, drive)` -> (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]).
 
     The factors are those on heat capacity, leakage, resistance, HVCH efficiency, the route's propulsion power, and
-    the heat (not the cold) of other sources, whose electrical power counts as that of consumers. With a measured
+    the heat of other sources (below 0: cold), whose electrical power counts as that of consumers. With a measured
     battery power, the propulsion power is that minus all other consumers; else it is the route's times its factor.
     """
     # The heat of other sources is an input.
@@ -238,8 +237,7 @@ def make_drive_rates(vehicle: Vehicle, arithmetic: Arithmetic[AnyNumber],
                 + hidden * propulsion * drive.propulsion_power_magnitude_w)
         leakage_w_per_k = car.battery.leakage.coefficient_w_per_k(drive.speed_mps)
         heat_w = (car.hvch.efficiency * (
-            drive.heater_power_w + source_heat * arithmetic.maximum(drive.source_heat_w, 0.0)
-            + arithmetic.minimum(drive.source_heat_w, 0.0))
+            drive.heater_power_w + source_heat * drive.source_heat_w)
                   + leakage_w_per_k * drive.ambient_temperature_c
                   + car.drivetrain.heat_to_battery_w(magnitude_w))
         soc_rate, temperature_rate, joule_w = make_rates(car, arithmetic)(

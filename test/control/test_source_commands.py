@@ -22,6 +22,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.estimate import SOURCE_HEAT
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -30,7 +31,9 @@ from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
 from bev_preheat.vehicle.heater_controller import Refusal
+from bev_preheat.vehicle.variants import with_heat
 
 CAR = load_vehicle('heat_pump_car')
 # It stands for the third of five minutes, in which the motor may not heat, and the cabin takes the HVCH.
@@ -59,6 +62,19 @@ def test_all_heat_within_their_limits(estimation):
         assert [command.power_w(name) for command in commands.values()] == pytest.approx(powers_w)
     assert all(command.total_w == pytest.approx(sum(map(command.power_w, ('hvch', 'motor', 'heat_pump'))))
                for command in commands.values())
+
+
+@pytest.mark.parametrize('share', [0.8, 1.25])
+@pytest.mark.parametrize('start_c, goal, most_w', [
+    (-10.0, Goal(40.0), {'motor': 3000.0, 'heat_pump': 2500.0, 'hvch': 6000.0}),
+    (54.0, Goal(5.0, maximum_arrival_temperature_c=10.0), {'chiller': 3000.0})])
+def test_what_is_learned_about_sources_takes_no_power_from_a_target_out_of_reach(share, start_c, goal, most_w):
+    described = replace(CAR, uncertainty=UNKNOWN_UNCERTAINTY)
+    car = replace(CAR, heat_sources=tuple(with_heat(source, share) for source in CAR.heat_sources))
+    *_, last = driven(900.0, goal, start_c, car, planned_for=described)
+    assert last.decision.status is Status.TARGET_UNREACHABLE
+    assert (np.exp(last.planner.state.estimate.mean[SOURCE_HEAT]) - 1.0) / (share - 1.0) > 0.1
+    assert {name: last.command.power_w(name) for name in most_w} == pytest.approx(most_w)
 
 
 def test_what_is_commanded_is_what_is_learned_from():
@@ -166,8 +182,9 @@ def moment_without(state, vehicle, *unserved):
     (1.0, (False, 0.0), 8500.0, 2000.0, 2000.0, 0.0)])
 def test_the_others_make_up_for_what_a_source_lacks(hvch_share, pump, limit_w, heat_w, hvch_w, pump_w):
     state, unserved = state_after_the_start(), () if pump is None else (Unserved('heat_pump', '', *pump),)
+    moment = moment_without(state, CAR, *unserved)
     division = HeatDivision(
-        moment_without(state, CAR, *unserved), replace(state.decision, command_share=hvch_share), ())
+        moment, replace(state.decision, command_share=hvch_share, vehicle=moment.heating_vehicle), ())
     assert division.limit_w == pytest.approx(limit_w)
     powers = division.divided(heat_w)
     assert (powers.hvch_w, dict(powers.sources_w).get('heat_pump', 0.0)) == pytest.approx((hvch_w, pump_w))
@@ -264,8 +281,9 @@ def test_a_derated_source_that_must_run_keeps_its_least_step(heat_w, pump_w):
     """Of the pump's 1000 W, 600 W become the heat of 1500 W of the HVCH."""
     state = state_after_the_start()
     running = HeaterSwitch().asked(state.now_ns, 2500.0, 2500.0, 300.0, 180.0)
-    division = HeatDivision(moment_without(
-        state, car_with(**PUMP), Unserved('heat_pump', '', False, 0.6)), state.decision, (('heat_pump', running),))
+    moment = moment_without(state, car_with(**PUMP), Unserved('heat_pump', '', False, 0.6))
+    division = HeatDivision(
+        moment, replace(state.decision, vehicle=moment.heating_vehicle), (('heat_pump', running),))
     assert division.held_w == pytest.approx(1500.0)
     assert division.divided(heat_w)[:2] == (0.0, (('heat_pump', pump_w),))
 

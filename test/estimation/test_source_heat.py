@@ -21,21 +21,23 @@ PROMISED = replace(DRIVE, source_heat_w=PROMISED_W, auxiliary_power_w=DRIVE.auxi
 UNHEATED, LATE = Commands(), Commands(((1200, SECONDS),))
 
 
-def driven(share, commands=UNHEATED, **car):
+def driven(share, commands=UNHEATED, promised_w=PROMISED_W, **car):
     """Return the Estimator and the greatest error of its temperature in the last half hour [K]."""
-    estimator, errors_k = Estimator.of(CAR), []
-    car = DrivenCar(commands=commands, source_w=(DRAWN_W, share * PROMISED_W), step_k=0.1, noise_k=0.1, **car)
+    estimator, errors_k, promised = Estimator.of(CAR), [], replace(PROMISED, source_heat_w=promised_w)
+    car = DrivenCar(commands=commands, source_w=(DRAWN_W, share * promised_w), step_k=0.1, noise_k=0.1, **car)
     for second in range(SECONDS):
-        estimator = observed(estimator, car.drive(), commands, PROMISED, CAR)
+        estimator = observed(estimator, car.drive(), commands, promised, CAR)
         if second > SECONDS - 1800:
             errors_k.append(abs(estimator.estimate.temperature_c - car.temperature_c))
     return estimator, max(errors_k)
 
 
 @pytest.mark.parametrize('share', [0.7, 0.85, 1.0, 1.25])
-@pytest.mark.parametrize('commands', [UNHEATED, LATE], ids=['source alone', 'HVCH joins'])
-def test_the_heat_of_a_watt_is_found(share, commands):
-    estimator, error_k = driven(share, commands=commands)
+@pytest.mark.parametrize('commands, promised_w, start_c', [
+    (UNHEATED, PROMISED_W, -6.0), (LATE, PROMISED_W, -6.0), (UNHEATED, -PROMISED_W, 45.0)],
+                         ids=['source alone', 'HVCH joins', 'cold'])
+def test_the_heat_or_cold_of_a_watt_is_found(share, commands, promised_w, start_c):
+    estimator, error_k = driven(share, commands, promised_w, temperature_c=start_c)
     estimate = estimator.estimate
     # Two thirds of the deviation; the rest may be that of the heat capacity.
     assert np.exp(estimate.mean[SOURCE_HEAT]) == pytest.approx(share, abs=abs(1.0 - share) / 3.0 + 0.03)
