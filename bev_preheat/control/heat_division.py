@@ -3,11 +3,12 @@
 Divides the heat of a command among the heat sources, by merit and steps, each with a `HeaterSwitch` of its own.
 
 A source with steps runs at the step nearest to its part. Once on it runs at its least power at least, and once off
-it rests; the others take its part then. The least times of the HVCH are those of the settings.
+it rests; the others take its part then. The least time on of the settings holds for each, that off for the HVCH.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -64,9 +65,11 @@ class HeatDivision:
         self._now_ns, self._plan = moment.now_ns, plan
         hvch = HeatSource(
             HVCH, Table.constant(1.0), Table.constant(1.0), power_steps_w=moment.vehicle.steps_w(HVCH),
-            minimum_on_time_s=moment.settings.minimum_on_time_s,
             minimum_off_time_s=moment.settings.minimum_off_time_s)
-        self._sources = {source.name: source for source in (hvch, *moment.vehicle.heat_sources)}
+        # Plans of neighbouring instants may differ by a source.
+        self._sources = {source.name: replace(source, minimum_on_time_s=max(
+            source.minimum_on_time_s, moment.settings.minimum_on_time_s))
+            for source in (hvch, *moment.vehicle.heat_sources)}
         self._elapsed_s = (moment.now_ns - decision.plan_start_ns) / NS_PER_S
         segment = leg.route.segment_at((moment.now_ns - leg.start_ns) / NS_PER_S)
         # Sources give other heat at another temperature: that of the plan.

@@ -41,7 +41,7 @@ PARAMETERS = (
     Parameter('estimation', DEFAULTS.estimation,
               'Estimate temperature and model on line, and plan for the uncertainty.'),
     Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
-              'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
+              'The heater, or another heat source, once on, stays on at least this long', 's', (0.0, 600.0)),
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
               'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
     Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
