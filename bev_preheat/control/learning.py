@@ -155,7 +155,7 @@ def heats_k_per_s(vehicle: Vehicle, powers: SourcePowers, drive: DriveInputs | N
     """
     Return by how much each source beside the HVCH warms or cools the battery [K/s] at an instant [ns].
 
-    None of a source that runs alone: there is none to tell it from, and none that makes up for it.
+    0 if one source runs alone: no other could be the faulty one, and none makes up for it.
     """
     if drive is None:
         return {}
