@@ -67,8 +67,8 @@ def test_other_heat_sources_give_what_they_were_seen_to_give(of_heater, tmp_path
     car = load_vehicle(output)
     assert car.hvch.efficiency == pytest.approx(min(of_heater * 0.9, 1.0))
     for mine, theirs in zip(car.heat_sources, start.heat_sources):
-        # Heat has the heater's factor, and cold, too.
-        factor = of_heater * (1.0 if theirs.cools else 0.8)
+        # Heat and cold have the heater's factor, too.
+        factor = of_heater * 0.8
         for ambient_c, temperature_c in ((-17.0, 3.0), (5.0, 30.0), (30.0, 35.0)):
             heat, told = (vehicle.hvch.efficiency * source.hvch_watts.function(FLOATS)(ambient_c, temperature_c)
                           for vehicle, source in ((car, mine), (start, theirs)))
