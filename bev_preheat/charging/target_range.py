@@ -91,7 +91,7 @@ def read_charging_times(path: str | Path) -> Table:
     table = read_table(path)
     missing = [name for name in COLUMNS if name not in table.header]
     if missing:
-        raise InvalidInput(f'{path}: has no column {", ".join(missing)}; the columns are {", ".join(COLUMNS)}')
+        raise InvalidInput(f'{path}: has no column {", ".join(missing)}; it must have {", ".join(COLUMNS)}')
     soc, temperature_c, time_s = columns = [table.numbers(name) for name in COLUMNS]
     problems = [f'{path}: {name}: {value:g} is not allowed; it must be {low:g} ... {high:g}'
                 for name, values, (low, high) in zip(COLUMNS, columns, LIMITS)

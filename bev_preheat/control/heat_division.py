@@ -72,7 +72,7 @@ class HeatDivision:
             for source in (hvch, *moment.vehicle.heat_sources)}
         self._elapsed_s = (moment.now_ns - decision.plan_start_ns) / NS_PER_S
         segment = leg.route.segment_at((moment.now_ns - leg.start_ns) / NS_PER_S)
-        # Sources give other heat at another temperature: that of the plan.
+        # The heat of a source depends on the battery's temperature: the plan's own, for the division of its heat.
         temperature_c = float(np.interp(self._elapsed_s, plan.time_s, plan.battery_temperature_c))
         share, hvch_w = decision.command_share, heater_limit_w(moment, leg)
         mix = mix_in_segment(decision.vehicle, leg.route, segment, share * hvch_w)

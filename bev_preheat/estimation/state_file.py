@@ -292,7 +292,7 @@ def _read(path: AnyPath) -> bytes | None:
 
 
 def _not_ours(path: AnyPath) -> str:
-    return f'{path}: not overwritten: it is not a state file of this planner; name a file that does not exist yet'
+    return f'{path}: is not a state file of this planner, and stays as it is; name another file'
 
 
 def _move_aside(path: AnyPath, target: str) -> str:

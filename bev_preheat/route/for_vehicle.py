@@ -65,9 +65,10 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
     name = in_one_line(vehicle.name)
     options = options or RouteOptions()
     if is_legs:
-        _refuse_options(legs_file(source), options)
         # Rounded as in a file, so that the plan equals that for the file made from the legs.
-        return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source), None)
+        route = rounded(load_legs(source, vehicle).route)
+        _refuse_options(legs_file(source), options)
+        return RouteForVehicle(route, name, legs_file(source), None)
     file = route_file(source)
     journey = read_journey(file, options)
     if isinstance(journey, Journey):

@@ -100,5 +100,5 @@ def test_charging_times_that_cannot_be_are_refused(tmp_path, rows, problem):
     with pytest.raises(InvalidInput, match=problem):
         read_charging_times(file)
     file.write_text('arrival_soc,charging_time_s\n0.1,900\n')
-    with pytest.raises(InvalidInput, match='has no column arrival_temperature_c; the columns are arrival_soc, '):
+    with pytest.raises(InvalidInput, match='has no column arrival_temperature_c; it must have arrival_soc, '):
         read_charging_times(file)

@@ -104,6 +104,8 @@ def test_the_comparison_with_averages_is_printed(preheat):
     (('plan', '--route', 'cycle.csv', '--ambient', '300', *STATE), '--ambient: 300 degC is not allowed'),
     ((*MAKE, '--from', 'answer.json', '--ambient', '3', '--stop-duration', '-1'),
      '--stop-duration: -1 min is not allowed'),
+    (('plan', '--route', 'bare.yaml', '--ambient', '3', *STATE), 'legs[0]: missing ambient_temperature_c'),
     ((*MAKE, '--from', 'answer.json', '--ambient', '3', '--averages', '30'), '--averages: needs a drive cycle')])
-def test_mistakes_have_one_line(refused, arguments, problem):
+def test_mistakes_have_one_line(refused, tmp_path, arguments, problem):
+    (tmp_path / 'bare.yaml').write_text('name: bare\nlegs: [{length_m: 9000, speed_limit_kmh: 80}]\n')
     assert problem in refused(*arguments, '--vehicle', 'small_car')

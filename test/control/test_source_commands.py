@@ -77,6 +77,14 @@ def test_what_is_learned_about_sources_takes_no_power_from_a_target_out_of_reach
     assert {name: last.command.power_w(name) for name in most_w} == pytest.approx(most_w)
 
 
+def test_a_weak_chiller_that_runs_alone_is_not_switched_off_to_tell_it_from_others():
+    car = replace(CAR, heat_sources=tuple(with_heat(source, 0.5) for source in CAR.heat_sources))
+    described, goal = replace(CAR, uncertainty=UNKNOWN_UNCERTAINTY), Goal(5.0, maximum_arrival_temperature_c=10.0)
+    commands = [seen.command for seen in driven(
+        900.0, goal, 48.0, car, route_of(30, air_c=32.0), planned_for=described)]
+    assert {round(command.power_w('chiller')) for command in commands[2:]} == {3000}
+
+
 def test_what_is_commanded_is_what_is_learned_from():
     *_, last = driven(700.0)
     state, estimate = last.planner.state, last.planner.state.estimate

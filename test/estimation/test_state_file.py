@@ -214,8 +214,8 @@ def test_a_file_that_is_not_recognised_is_not_written_over(tmp_path, contents):
     path = tmp_path / 'theirs.json'
     contents = contents if isinstance(contents, bytes) else contents.encode()
     path.write_bytes(contents)
-    assert refusal(path) == (f'{path}: not overwritten: it is not a state file of this planner; name a file that '
-                             'does not exist yet')
+    assert refusal(path) == (f'{path}: is not a state file of this planner, and stays as it is; name '
+                             'another file')
     assert path.read_bytes() == contents
     assert os.listdir(tmp_path) == ['theirs.json']
 

@@ -96,7 +96,7 @@ def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp
     ('--state-file state.json --vehicle small_car drive.csv', '--state-file: not allowed with logs'),
     ('--state-file state.json --vehicle small_car --repair', '--state-file: not allowed with --repair'),
     ('--state-file nowhere.json --vehicle small_car', 'nowhere.json: no such file'),
-    ('--state-file other.json --vehicle small_car', 'it is not a state file of this planner'),
+    ('--state-file other.json --vehicle small_car', 'other.json: is not a state file of this planner'),
     ('--vehicle small_car', 'LOG: missing')])
 @pytest.mark.usefixtures('state_file')
 def test_another_car_logs_beside_it_and_what_is_no_state_file_are_refused(tmp_path, refused, words, line):

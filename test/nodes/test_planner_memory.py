@@ -13,7 +13,7 @@ import pytest
 from bev_preheat.files.input_files import configuration_folder
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
-NOT_OURS = 'not overwritten: it is not a state file of this planner; name a file that does not exist yet'
+NOT_OURS = 'is not a state file of this planner, and stays as it is; name another file'
 
 
 class Planner(PlannerCar):

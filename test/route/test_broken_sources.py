@@ -78,7 +78,7 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
 
 @pytest.mark.parametrize('contents, problem', [
     ('', 'is empty'),
-    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'),
+    ('{', 'line 1: is not JSON: '), ('[]', 'its list of segments is empty'),
     ('[1]', 'segment 1: must be an object'),
     ('{"a": [1], "b": [1, 2]}', 'its lists have different lengths: 1, 2'),
     ('{"a": 1}', 'is not a route: it has no routes (OSRM, TomTom, HERE, Google), no paths (GraphHopper), no trip '

@@ -93,7 +93,8 @@ def read_records(contents: Any) -> Journey:
         else:
             raise InvalidInput(_why_no_route(contents))
     if not isinstance(records, list) or not records:
-        raise InvalidInput(f'is not a list of segments: {in_words(records)}')
+        raise InvalidInput('its list of segments is empty' if records == [] else
+                           f'is not a list of segments: {in_words(records)}')
     header: dict[str, None] = {}
     for at, record in enumerate(records):
         if not isinstance(record, dict):
