@@ -291,8 +291,8 @@ class VehicleSimulatorNode(ProgramNode):
         energy = plant.energy_wh
         figures = (
             f'battery {plant.temperature_c:.2f} degC, state of charge {plant.soc:.4f}; energies: '
-            f'Joule heat {energy.joule:.1f}, drivetrain heat {energy.drivetrain_heat:.1f}, HVCH '
-            f'heat {energy.hvch_heat:.1f} of {energy.hvch_electric:.1f} electrical, leakage '
+            f'Joule heat {energy.joule:.1f}, drivetrain heat {energy.drivetrain_heat:.1f}, all heat '
+            f'sources {energy.hvch_heat:.1f} of {energy.hvch_electric:.1f} electrical, leakage '
             f'{energy.leakage:.1f}, battery in total {energy.battery_total:.1f} Wh')
         if plant.has_arrived:
             self.get_logger().info(f'Arrived after {duration_text(plant.duration_s)}: {figures}.')
