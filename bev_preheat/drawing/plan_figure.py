@@ -100,7 +100,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
 
     draw_steps(heater, edges, trip.drawing_limit_w / 1e3, **palette.HEATER_LIMIT)
     show_range(heater, [0.0], *drawn(heater), least=1.0)
-    heater.set_ylabel('heater power for\nbattery [kW]')
+    heater.set_ylabel(_power_label(vehicle))
 
     _draw_reserve(charge, 100.0 * reserve_soc(vehicle, goal))
     charge.set_ylabel('state of\ncharge [%]')
@@ -151,6 +151,10 @@ def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
             + (f' (≈ {hidden})' if hidden else ''))
 
 
+def _power_label(vehicle: Vehicle) -> str:
+    return 'power of heat\nsources [kW]' if vehicle.heat_sources else 'heater power for\nbattery [kW]'
+
+
 def _draw_heater(axis: Axes, edges: FloatArray, plan: Plan, line: Style, is_divided: bool) -> None:
     """Draw the power of a plan's heat sources and, if it is divided, that of each on top of the one before."""
     power_kw = plan.hvch_battery_power_w / 1e3
@@ -168,7 +172,8 @@ def _draw_heat(heat: Axes, leakage: Axes, edges: FloatArray, plan: Plan, account
     """Draw the heat of a plan's heater and of the battery itself, and its leakage."""
     if plan.heat is not None:
         draw_steps(heat, edges, plan.heat.arriving_heat_w / 1e3,
-                   **{**look.line(), **LATER}, label='heater' if labelled else None)
+                   **{**look.line(), **LATER},
+                   label=None if not labelled else 'heat sources' if plan.source_power_w else 'heater')
     draw_steps(heat, edges, accounts.joule_heat_w / 1e3,
                **look.line(label='Joule heat' if labelled else None))
     draw_steps(leakage, edges, accounts.leakage_w / 1e3, **look.line())
@@ -226,7 +231,8 @@ def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:
     axis.axhline(0.0, color='black', linewidth=0.6)
     for (label, colour, side, _), limit_kw, is_shown in zip(limits, values_kw, shown):
         label += (' (shaded: not allowed)' if is_shown else
-                  f', {limit_kw.min():.0f} to {limit_kw.max():.0f} kW ({side} this range)')
+                  f', {" to ".join(dict.fromkeys(f"{end:.0f}" for end in (limit_kw.min(), limit_kw.max())))} kW '
+                  f'({side} this range)')
         draw_steps(axis, edges, limit_kw, color=colour, linewidth=1.3, label=label)
         far_kw = panel[0] if side == 'below' else panel[1]
         beyond_kw = np.minimum(limit_kw, far_kw) if side == 'below' else np.maximum(limit_kw, far_kw)
@@ -276,7 +282,7 @@ def make_itinerary_figure(vehicle: Vehicle, legs: Sequence[Leg], plans: Sequence
         draw_steps(drive, edges, trip.route.speed_mps * 3.6, color=palette.ROUTE)
     _draw_stops(axes, time, starts_s, plans, heated.colour)
     for axis, label, least, shown in (
-            (temperature, 'temperature\n[°C]', 5.0, []), (heater, 'heater power for\nbattery [kW]', 1.0, [0.0]),
+            (temperature, 'temperature\n[°C]', 5.0, []), (heater, _power_label(vehicle), 1.0, [0.0]),
             (charge, 'state of\ncharge [%]', 5.0, []), (drive, 'speed\n[km/h]', 20.0, [0.0])):
         finish_panel(axis, label, shown, *drawn(axis), least=least)
     time.finish(drive, starts_s[0], starts_s[-1] + plans[-1].arrival_time_s)
