@@ -406,11 +406,12 @@ class Belief:
         mean[..., MOVING] = after
         covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         covariance[..., range(SIZE), range(SIZE)] += wander
+        # The noise is that of all hypotheses together: none is the likelier because it expects less.
         # The slope of the local rise over the steady rise is proportional to the Joule heat.
         rose = slopes[..., MOVING.index(LOCAL), JOULE_RISE]
-        covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * (rose * rose)
+        covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * np.vdot(self.weights, rose * rose)
         moved = slopes[..., :2, PROPULSION] / duration_s
-        covariance[..., :2, :2] += hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :]
+        covariance[..., :2, :2] += hidden_s2 * np.einsum('ab,abi,abj->ij', self.weights, moved, moved)
         return replace(self, mean=mean, covariance=covariance)
 
     # Readings

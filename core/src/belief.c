@@ -236,6 +236,9 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
   double *const covariances = &means[filters * BEV_ELEMENTS];
   memcpy(means, belief->mean, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
   memcpy(covariances, belief->covariance, (size_t)(filters * SQUARE) * sizeof(double));
+  /* Of the local rise, and of temperature and state of charge: no hypothesis is the likelier by less noise. */
+  double rose2 = 0.0;
+  double hidden[BEV_SOC + 1][BEV_SOC + 1] = {{0.0, 0.0}, {0.0, 0.0}};
   for (int32_t filter = 0; filter < filters; filter++) {
     double *const mean = &means[filter * BEV_ELEMENTS];
     double *const covariance = &covariances[filter * SQUARE];
@@ -255,13 +258,21 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     }
     /* The slope of the local rise over the steady rise gives the Joule heat. */
     const double rose = slopes[MOVING - 1][BEV_JOULE_RISE];
-    covariance[BEV_LOCAL * BEV_ELEMENTS + BEV_LOCAL] += rise_noise_k2 * (rose * rose);
+    rose2 += belief->weights[filter] * (rose * rose);
     /* Temperature and state of charge come first. */
     for (int32_t i = 0; i <= BEV_SOC; i++) {
       for (int32_t j = 0; j <= BEV_SOC; j++) {
-        covariance[i * BEV_ELEMENTS + j] +=
-            passed->hidden_variance_s2 * (slopes[i][BEV_PROPULSION] / duration_s)
-            * (slopes[j][BEV_PROPULSION] / duration_s);
+        hidden[i][j] += belief->weights[filter] * passed->hidden_variance_s2
+            * (slopes[i][BEV_PROPULSION] / duration_s) * (slopes[j][BEV_PROPULSION] / duration_s);
+      }
+    }
+  }
+  for (int32_t filter = 0; filter < filters; filter++) {
+    double *const covariance = &covariances[filter * SQUARE];
+    covariance[BEV_LOCAL * BEV_ELEMENTS + BEV_LOCAL] += rise_noise_k2 * rose2;
+    for (int32_t i = 0; i <= BEV_SOC; i++) {
+      for (int32_t j = 0; j <= BEV_SOC; j++) {
+        covariance[i * BEV_ELEMENTS + j] += hidden[i][j];
       }
     }
   }

@@ -13,6 +13,7 @@ from bev_preheat.estimation.estimate import (
     HEATER,
     LOCAL,
     PROPULSION,
+    RESISTANCE,
     SENSOR,
     TEMPERATURE,
     UNDER_WAY,
@@ -101,6 +102,23 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
     assert belief.mean[0, 0, moving] == pytest.approx(mean, rel=1e-4)
     # The variance of heat under way is near 0.
     assert belief.covariance[0, 0][seen] == pytest.approx(covariance, rel=5e-3, abs=1e-8)
+
+
+@pytest.mark.parametrize('power_w', [41900.0, None])
+def test_no_hypothesis_is_likelier_because_less_joule_heat_expects_less_noise(power_w):
+    """All expect the same readings, some with half the resistance: no reading may tell them apart by its noise."""
+    belief = changed(placed(), mean=[(element, 0.0) for element in (LOCAL, *PLACING)])
+    mean = belief.mean.copy()
+    mean[1:, :, RESISTANCE] = np.log(0.5)
+    known = replace(belief, mean=mean, covariance=np.zeros(belief.covariance.shape))
+    driven = known.followed(VEHICLE, 10.0, replace(
+        DRIVE, propulsion_power_w=40e3, propulsion_power_magnitude_w=40e3, terminal_power_w=power_w), 0.0, LIMIT_W)
+    warming_k = driven.mean[:, 0, TEMPERATURE] + 5.0
+    assert warming_k[0] > 1.5 * warming_k[1] > 0.0
+    for element, least in (LOCAL, 0.01), (TEMPERATURE, 1e-5):
+        noise = driven.covariance[..., element, element]
+        assert noise.min() > least
+        assert noise == pytest.approx(noise[0, 0], rel=0.02), element
 
 
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
