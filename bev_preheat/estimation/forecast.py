@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route.segments import Route
-    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.description import HeatSource, Vehicle
 
 
 class DrivenRoute(NamedTuple):
@@ -217,17 +217,34 @@ def replanned_deviation_k(as_planned_k: float, trip: DrivenRoute, plan: Plan, es
 
 
 def _heat_ahead(trip: DrivenRoute, plan: Plan) -> tuple[float, float, float]:
-    """Return the heat that a Plan can add by the HVCH and save [K], and the end of the latest heating [s]."""
+    """
+    Return by how much a Plan can correct a battery that turns out colder and warmer [K], and until when [s].
+
+    That is the heat that the HVCH can add and save, or, if the plan cools at last, the cold that can be saved and
+    added; until the end of the latest heating or cooling.
+    """
     car, route = trip.vehicle, trip.route
-    heated = np.flatnonzero(plan.command_w > 0.0)
-    if len(heated) == 0:
+    switched = np.flatnonzero(plan.command_w)
+    if len(switched) == 0:
         return 0.0, 0.0, 0.0
-    k_per_j = _k_per_j(car)
-    limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
-    saved_j = float((plan.command_w * route.duration_s).sum())
-    added_j = float(np.maximum(0.0, limit_w - plan.hvch_battery_power_w) @ route.duration_s)
-    end_s = float(plan.time_s[heated[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
-    return k_per_j * added_j, k_per_j * saved_j, end_s
+    cools, k_per_j = bool(plan.command_w[switched[-1]] < 0.0), _k_per_j(car)
+    if cools:
+        weather = route.ambient_temperature_c, plan.battery_temperature_c[:-1]
+        power_w = taken_w = np.maximum(-plan.command_w, 0.0)
+        limit_w = -np.sum([_most_heat_w(each, *weather) for each in car.heat_sources if each.cools], axis=0)
+    else:
+        power_w, taken_w = np.maximum(plan.command_w, 0.0), plan.hvch_battery_power_w
+        limit_w = np.maximum(0.0, car.hvch.maximum_power_w - route.cabin_heating_power_w)
+    saved_k = k_per_j * float((power_w * route.duration_s).sum())
+    added_k = k_per_j * float(np.maximum(0.0, limit_w - taken_w) @ route.duration_s)
+    end_s = float(plan.time_s[switched[-1] + 1]) if plan.heating_end_s is None else plan.heating_end_s
+    return (saved_k, added_k, end_s) if cools else (added_k, saved_k, end_s)
+
+
+def _most_heat_w(source: HeatSource, ambient_c: FloatArray, temperature_c: FloatArray) -> FloatArray:
+    """Return the most heat of a HeatSource as HVCH power [W], below 0 if it cools."""
+    return source.maximum_power_w.function(ARRAYS)(ambient_c, temperature_c) * source.hvch_watts.function(ARRAYS)(
+        ambient_c, temperature_c)
 
 
 def _suspected_k(trip: DrivenRoute, plan: Plan, suspected: Sequence[tuple[str, SuspectedFault]],

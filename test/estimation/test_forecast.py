@@ -44,6 +44,12 @@ def planned(name):
     return vehicle, route, state, plan
 
 
+def planned_to(target_c):
+    vehicle, _, state = TRIPS['reference']
+    route = load_route('reference', vehicle.defaults)
+    return vehicle, route, state, plan_preheating(vehicle, route, state, Goal(target_c))
+
+
 def arrival_c(vehicle, route, state, plan, moved, powers=None):
     """
     Arrival of a drive with the plan's heater powers by another car, whose state differs by `moved`.
@@ -213,3 +219,18 @@ def test_a_source_without_which_a_plan_is_made_takes_nothing_from_it():
     dead = SuspectedFault(Heater.DEAD, 0.9, 0.0, 100.0, 2.0, None)
     assert suspected_k(planned('small_car'), dead, lambda power_w, _: power_w)[0] > 2.0
     assert suspected_k(planned('small_car'), dead, lambda power_w, _: power_w, 'heat_pump')[0] == 0.0
+
+
+@pytest.mark.parametrize('case, corrected', [
+    (lambda: planned('reference'), 'both'), (summer, 'both'),
+    (lambda: planned_to(60.0), 'warmer'), (lambda: summer(20.0), 'colder')])
+def test_errors_that_later_heating_or_cooling_corrects_are_not_left_on_arrival(case, corrected):
+    """Out of reach, full power has nothing to add to a battery that turns out further away."""
+    vehicle, route, _, plan = case()
+    assert (plan.status is Status.TARGET_UNREACHABLE) == (corrected != 'both')
+    known = replace(estimate_with(np.zeros((SIZE, SIZE))), path=HeatPath(0.0, 50e3, 500.0, shell_share=0.2))
+    left_k = replanned_deviation_k(3.0, make_trip(vehicle, route), plan, known)
+    if corrected == 'both':
+        assert left_k < 1.0
+    else:
+        assert left_k == pytest.approx(3.0 * math.sqrt(0.5), rel=0.1)
