@@ -42,7 +42,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heated_step import make_heat_step
+from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 
 # Longest step [s], and the largest share of the charge in a step.

@@ -24,7 +24,7 @@ from bev_preheat.vehicle import model
 from bev_preheat.vehicle.core_interface import constant_lines, constants, read_headers
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, HeatPath, Hvch, Leakage, Vehicle
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import (
     make_euler,
     make_midpoint,

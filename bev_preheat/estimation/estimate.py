@@ -7,7 +7,7 @@ file's heat capacity, leakage, resistance and HVCH efficiency, on the route's pr
 that other sources give for each watt, beside the HVCH's factor. An Estimate has mean and covariance of these
 elements. The equations are those of `vehicle.variants`.
 
-Few vehicle files describe the heat path (`vehicle.description`) or the battery's shell (`vehicle.heated_step`),
+Few vehicle files describe the heat path or the battery's shell (both: `vehicle.heat_path`),
 and readings hardly distinguish a lagging heater, coolant that has to warm up, and a shell. One lag therefore
 stands for all: heat that has not arrived in the core, in kelvin of battery warming, arrives with a time constant.
 The sensor follows its place with another. Both are estimated as logarithms over a nominal lag. The sensor's place

@@ -19,7 +19,7 @@ from bev_preheat.numerics import FloatArray, FLOATS, NS_PER_S, S_PER_MIN, SATURA
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c, sensor_reading_c
+from bev_preheat.vehicle.heat_path import make_heated_step, sensed_c, sensor_reading_c
 
 PREDICTION_STEP_S = 30.0
 

@@ -20,7 +20,7 @@ import casadi
 from bev_preheat.numerics import AnyNumber, Arithmetic, Curve, CurveFunction
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, hvch_alone
 
@@ -38,7 +38,7 @@ FACTORS = ('heat_capacity', 'resistance', 'heater_efficiency', 'source_heat')
 
 def symbolic_step(vehicle: Vehicle) -> casadi.Function:
     """
-    Return the step of `vehicle.heated_step` as a CasADi Function.
+    Return the step of `vehicle.heat_path` as a CasADi Function.
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], terminal
     power [W] and heat [W] without the heater's, with the variance [W^2] between them, leakage [W/K],

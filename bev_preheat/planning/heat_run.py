@@ -2,7 +2,7 @@
 """
 Forward runs of a vehicle with a heat path: heater and coolant are states beside charge and temperature.
 
-The equations are those of `vehicle.description`. A vehicle without one has no HeatRun: its runs are
+The equations are those of `vehicle.heat_path`. A vehicle without one has no HeatRun: its runs are
 exactly those of `dynamics`.
 """
 
@@ -20,7 +20,7 @@ from bev_preheat.planning.dynamics import rolled
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
-from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step
+from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 

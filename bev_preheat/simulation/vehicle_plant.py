@@ -14,7 +14,7 @@ from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.route.segments import Route
 from bev_preheat.simulation.heater import HeaterLease, SimulatedSources
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
+from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensed_c, sensor_reading_c
 from bev_preheat.vehicle.model import (
     heat_under_w,
     heat_with_brake_w,
@@ -235,7 +235,7 @@ class VehiclePlant:
         return place_c
 
     def _two_masses_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
-        """Return `_model_step` for core and shell: midpoint steps, as a check of `vehicle.heated_step`."""
+        """Return `_model_step` for core and shell: midpoint steps, as a check of `vehicle.heat_path`."""
         path, core_j_per_k = self.vehicle.heat_path, self.vehicle.battery.heat_capacity_j_per_k
         shell_j_per_k, conductance = path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k
         parts = ceil(step_s * conductance * (1.0 / shell_j_per_k + 1.0 / core_j_per_k) / LONGEST_SHELL_STEP)

@@ -282,7 +282,7 @@ def make_lagging_step(vehicle: Vehicle) -> LaggingStep:
 
     That is temperature, state of charge, heat under way, sensor and local rise; `rates` are those of
     `make_drive_rates`, in which heat arrives at once, and `heat_capacity` is the factor on the vehicle's. The lags
-    are solved within the step (equations in vehicle.heated_step), because they may be shorter.
+    are solved within the step (equations in vehicle.heat_path), because they may be shorter.
 
     The temperature is the core's: all heat but Joule heat is under way until it has arrived there. `vehicle` has
     the heat capacity of shell and core.

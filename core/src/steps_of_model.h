@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The generated steps, chosen by integrator and by heat path. */
+/* The steps of bev_preheat.vehicle.model and heat_path, generated; chosen by integrator and by heat path. */
 #ifndef BEV_PREHEAT_CORE_STEPS_OF_MODEL_H_
 #define BEV_PREHEAT_CORE_STEPS_OF_MODEL_H_
 

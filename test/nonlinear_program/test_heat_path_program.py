@@ -15,7 +15,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat_studies.optimality.drawn_trips import draw_trip
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]

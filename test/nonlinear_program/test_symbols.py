@@ -12,7 +12,7 @@ from bev_preheat.nonlinear_program.symbols import symbolic_curve, symbolic_rates
 from bev_preheat.numerics import FLOATS, SATURATING_FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 

@@ -19,7 +19,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 

@@ -21,7 +21,7 @@ from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath, Leakage
-from bev_preheat.vehicle.heated_step import make_heated_step
+from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.variants import with_shell
 
 REFERENCE = load_vehicle('reference')

@@ -63,7 +63,7 @@ from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
-from bev_preheat.vehicle.heated_step import make_heat_step
+from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 from bev_preheat.vehicle.variants import Corrections
 

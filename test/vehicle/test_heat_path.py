@@ -12,7 +12,7 @@ import pytest
 from bev_preheat.numerics import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.heated_step import make_heated_step, sensed_c
+from bev_preheat.vehicle.heat_path import make_heated_step, sensed_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.variants import with_shell
 
