@@ -33,7 +33,7 @@ from bev_preheat.monitoring.view import (
 )
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.recording.deviation import Unheated
+from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 from bev_preheat.vehicle.description import HVCH
 

@@ -18,7 +18,7 @@ from bev_preheat.monitoring.source import LiveSource
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import NodeProgram
 from bev_preheat.optional_packages import require
-from bev_preheat.recording.deviation import Unheated
+from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.vehicle import load_vehicle
 
 PARAMETERS = (

@@ -2,7 +2,8 @@
 """
 Whether a replay answers as the recorded planner did, and the likely cause if not; or gives the expected figures.
 
-Expected figures have tolerances, for continuous integration.
+Expected figures have tolerances, for continuous integration. Commands must agree to the last digit, those of a
+recording of `ros2 bag` to `Flight.power_tolerance_w`.
 """
 
 from __future__ import annotations

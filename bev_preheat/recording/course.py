@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The course of a drive as recorded or replayed: instants, figures, the result of each trip as text."""
+"""A drive as recorded or replayed: instants, the figures of `preheat replay`, the result of each trip as text."""
 
 from __future__ import annotations
 

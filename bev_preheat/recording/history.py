@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.recording.course import LEAST_HEAT_W
-from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from bev_preheat.control.state_bytes import state_of
 from bev_preheat.control.supervisor import StepOutput, Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.inputs import INPUTS, RouteIntake
+from bev_preheat.recording.battery_response import BatteryResponse, SourceHeat
 from bev_preheat.recording.changes import Changes, with_keys
 from bev_preheat.recording.comparison import Comparison
 from bev_preheat.recording.course import Course
-from bev_preheat.recording.deviation import Deviation, SourceHeat
 from bev_preheat.recording.flight import Flight, Given, InputRemarks, Period, Start, WHOLE
 from bev_preheat.recording.heater_account import alter_status, RecordedHeat
 from bev_preheat.recording.history import History
@@ -220,7 +220,7 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     """
     Return the Course with Changes; `tell` and `history` as for `replay`.
 
-    Battery states differ from the recorded ones by the heat that the changed commands bring (`Deviation`).
+    Battery states differ from the recorded ones by the heat that the changed commands bring (`BatteryResponse`).
     `heater` has the shares of their commands that the heat sources deliver; None: the whole commands.
     """
     course, heat = Course(), _Commanded()
@@ -229,7 +229,7 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     if vehicle.heat_sources and flight.is_log:
         raise InvalidInput(f'{vehicle.name}: a log has no powers of its heat_sources; name a vehicle file without')
     recorded = RecordedHeat(flight, vehicle) if heater is None else heater
-    deviation, sources = Deviation(vehicle), SourceHeat(vehicle)
+    response, sources = BatteryResponse(vehicle), SourceHeat(vehicle)
     names = HVCH, *(source.name for source in vehicle.heat_sources)
     now_ns = now_at = 0
 
@@ -242,9 +242,9 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
         (before_w, before_heat_w), (after_w, after_heat_w) = (
             sources.of({name: recorded.share_at(now_at, name) * power_w(name) for name in names}, air_c, at_c)
             for power_w, at_c in ((partial(heat.at, now_ns), recorded_c),
-                                  (changed_w, recorded_c + deviation.temperature_k)))
-        deviation.advance(now_ns, after_w - before_w, after_heat_w - before_heat_w, message.percentage, recorded_c)
-        deviation.alter(message)
+                                  (changed_w, recorded_c + response.temperature_k)))
+        response.advance(now_ns, after_w - before_w, after_heat_w - before_heat_w, message.percentage, recorded_c)
+        response.alter(message)
 
     def alter_answer(message: Any) -> None:
         name = getattr(message, 'name', HVCH)

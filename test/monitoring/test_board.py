@@ -14,7 +14,7 @@ from bev_preheat.monitoring.board import change_of, Trail
 from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.monitoring.source import Cursor, message, view_values
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.deviation import Unheated
+from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.vehicle import load_vehicle
 
 

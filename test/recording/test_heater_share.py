@@ -10,8 +10,8 @@ from recorded_drive import LONG_S, LONG_TARGET_C, record_drive
 from bev_preheat.control.heater import HeaterAnswerReport, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.recording.battery_response import BatteryResponse, SourceHeat
 from bev_preheat.recording.changes import Changes, SignalChange
-from bev_preheat.recording.deviation import Deviation, SourceHeat
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.heater_account import alter_status, HeaterShares
 from bev_preheat.recording.records import RecordedStep
@@ -141,12 +141,12 @@ def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c
 
 
 def test_an_unknown_reading_leaves_the_difference_known():
-    deviation = Deviation(load_vehicle('reference'))
+    response = BatteryResponse(load_vehicle('reference'))
     for second, (soc, temperature_c) in enumerate([(0.5, 20.0), (nan, nan), (0.5, 20.0)]):
-        deviation.advance(second * NS_PER_S, 1000.0, 2000.0, soc, temperature_c)
-    assert deviation.power_w == 1000.0 and -1e-4 < deviation.soc < 0.0
+        response.advance(second * NS_PER_S, 1000.0, 2000.0, soc, temperature_c)
+    assert response.power_w == 1000.0 and -1e-4 < response.soc < 0.0
     # 2 kW of heat for two seconds in some 380 kJ/K.
-    assert deviation.temperature_k == pytest.approx(2000.0 * 0.87 * 2.0 / 380e3, rel=0.03)
+    assert response.temperature_k == pytest.approx(2000.0 * 0.87 * 2.0 / 380e3, rel=0.03)
 
 
 @pytest.mark.parametrize('air_c, heat_per_watt', [(-10.0, 2.0), (nan, 2.5)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery under another heater command than the recorded one, and without any."""
+"""Response of the battery to another heater command than the recorded one, and to none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ USUAL_SOC, USUAL_C = 0.5, 20.0
 UNHEATED_GAP_S = 600.0
 
 
-class Deviation:
+class BatteryResponse:
     """
     Temperature, state of charge and power of a battery by how much they differ from the recorded ones.
 
@@ -107,7 +107,7 @@ class Unheated:
     """
     How much warmer the battery is because of the heater, from its power so far.
 
-    The equation is that of Deviation: stored heat and leakage of the vehicle file; the change of
+    The equation is that of BatteryResponse: stored heat and leakage of the vehicle file; the change of
     the Joule heat by the few degrees is left out. It takes heat away at once, so it starts from the temperature
     that the battery settles at when the heat under way has arrived, as plans do: a reading shows heat late.
     `sources` are those of the vehicle beside the HVCH; None: none.
@@ -120,7 +120,7 @@ class Unheated:
 
     def restart(self) -> None:
         """Forget the heat, because another trip begins."""
-        self._deviation = Deviation(self._vehicle)
+        self._response = BatteryResponse(self._vehicle)
         self._latest_s: float | None = None
 
     def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float,
@@ -142,8 +142,8 @@ class Unheated:
         # The difference of a car without the heater is negative.
         power_w = _finite(power_w, 0.0)
         heat_w = power_w if heat_w is None else _finite(heat_w, 0.0)
-        self._deviation.advance(round(at_s * NS_PER_S), -power_w, -heat_w, soc, settled_c)
-        return settled_c + self._deviation.temperature_k
+        self._response.advance(round(at_s * NS_PER_S), -power_w, -heat_w, soc, settled_c)
+        return settled_c + self._response.temperature_k
 
     def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
                   powers_w: Sequence[tuple[float, float | None]]) -> list[float]:
@@ -154,7 +154,7 @@ class Unheated:
         `unheated_c` (N,).
         """
         ahead = copy.copy(self)
-        ahead._deviation = copy.copy(self._deviation)
+        ahead._response = copy.copy(self._response)
         # Its steps may be longer than gaps of measurements.
         return [ahead._taken_c(at_s, temperature_c, soc, *taken_w) for at_s, temperature_c, soc, taken_w in zip(
             times_s, temperatures_c, socs, (*powers_w, *powers_w[-1:]))]
