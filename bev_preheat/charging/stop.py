@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The inputs of a charging session besides vehicle and battery state: charger, surroundings, departure, prospect.
+A stop at a charger: the charger, its surroundings, departure and prospect; the inputs of a charging session.
 
 The prospect of charging at the end of a drive, how likely it is and how well the arrival is known, comes from
 the trip planner. Nothing given means that the vehicle charges, exactly at the planned instant.

@@ -2,8 +2,8 @@
 """
 Plans from the estimate.
 
-A forecast plan uses the estimated state, the corrected model, the uncertainty of the rest of the drive, and the
-heater as it responds.
+A forecast plan uses the estimated state, the corrected model, the uncertainty of the rest of the drive (how much
+earlier it heats: `planning.recursion`), and the heater as it responds.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's log: the findings of each step, once."""
+"""The planner's log: news in the output, the State and the Estimate of a step, each once."""
 
 from __future__ import annotations
 

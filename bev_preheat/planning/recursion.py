@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The recursion of method `value_function`: heat where a kelvin is worth more than it costs.
+Method `value_function`: heat where a kelvin is worth more than it costs, earlier if the arrival is uncertain.
 
 The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best
 of its ends: heater off, heated with the surplus of regeneration, at full power, cooled, or a mixture of two:

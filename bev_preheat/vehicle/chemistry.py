@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Typical cell data by chemistry; figures, units and sources are in chemistry.yaml."""
+"""Cell data that `preheat vehicle new` assumes by chemistry; figures, units and sources are in chemistry.yaml."""
 
 from __future__ import annotations
 
