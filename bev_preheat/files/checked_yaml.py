@@ -40,7 +40,7 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
         raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
     except (yaml.YAMLError, ValueError) as error:
         # ValueError: invalid values in the form of a number.
-        raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
+        raise InvalidInput(f'{path}: is not YAML: {_problem_of(error)}') from error
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         # PyYAML gives no details for `!!int ""` and `!!bool maybe`.
         raise InvalidInput(f'{path}: is not YAML: a value does not fit its tag (!!…)') from error
@@ -52,6 +52,17 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
     return contents
+
+
+def _problem_of(error: Exception) -> str:
+    """Return the place in the text, and the problem."""
+    if isinstance(error, yaml.reader.ReaderError):
+        return f'character {error.position + 1}, U+{error.character:04X}: {error.reason}'
+    if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
+        return str(error)
+    mark, begun = error.problem_mark, error.context_mark
+    within = f'{error.context}{f" from line {begun.line + 1}" if begun else ""}: ' if error.context else ''
+    return f'line {mark.line + 1}, column {mark.column + 1}: {within}{error.problem}'
 
 
 def problems_by(schema: FileData, contents: FileData) -> list[str]:

@@ -36,16 +36,18 @@ def test_a_file_holds_what_the_reference_parser_finds(load, path):
     assert load(path) == yaml.safe_load(Path(path).read_text(encoding='utf-8'))
 
 
-@pytest.mark.parametrize('text', [
-    'a: 1\nb: [1, 2\n', 'a: 1\n b: 2\n', 'a: "\\q"\n', '\ta: 1\n', 'a: *nothing\n', 'a: !!python/none x\n',
-    'a: 1\nb: 2\na: 3\n'],
-    ids=['open bracket', 'indentation', 'escape', 'tab', 'alias', 'tag', 'duplicate key'])
-def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(problem_of, monkeypatch, text):
+@pytest.mark.parametrize('text, place', [
+    ('a: 1\nb: [1, 2\n', 'line 3, column 1: while parsing a flow sequence from line 2'),
+    ('a: 1\n b: 2\n', 'line 2, column 3'), ('a: "\\q"\n', 'line 1, column 6'), ('\ta: 1\n', 'line 1, column 1'),
+    ('a: *nothing\n', 'line 1, column 4'), ('a: !!python/none x\n', 'line 1, column 4'),
+    ('a: 1\nb: 2\na: 3\n', 'line 3, column 1'), ('a: \x07\n', 'character 4, U+0007')],
+    ids=['open bracket', 'indentation', 'escape', 'tab', 'alias', 'tag', 'duplicate key', 'bell'])
+def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(problem_of, monkeypatch, text, place):
     told = problem_of(text)
     # Read by the fast parser as far as it gets, and by the other one alone.
     monkeypatch.setattr('bev_preheat.files.checked_yaml.HARMLESS_NESTING', 0)
     assert problem_of(text) == told
-    assert 'is not YAML' in told
+    assert told.startswith(f'is not YAML: {place}: ')
 
 
 def test_aliases_that_multiply_are_refused_at_once(problem_of):
