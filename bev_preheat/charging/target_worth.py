@@ -163,13 +163,14 @@ class TemperatureStep(NamedTuple):
                 f'are worth {duration_text(self.saved_s)} at the charger.')
 
 
-def greatest_step(targets: Iterable[TargetWorth]) -> TemperatureStep | None:
+def greatest_step(targets: Iterable[TargetWorth], without: TargetWorth) -> TemperatureStep | None:
     """
-    Return the few kelvins on arrival that save the most time at the charger; None if none stand out.
+    Return the few kelvins above the arrival `without` heating that save the most time at the charger, or None.
 
-    Limits over the battery temperature are often stairs, which a mean over all temperatures hides.
+    None if none stand out. Limits over the battery temperature are often stairs, which a mean over all hides.
     """
-    ends = sorted((target for target in targets if math.isfinite(target.charging_time_s)),
+    ends = sorted((target for target in targets if math.isfinite(target.charging_time_s)
+                   and target.arrival_temperature_c >= without.arrival_temperature_c),
                   key=lambda target: target.arrival_temperature_c)
     steps = [TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
                              low.charging_time_s - high.charging_time_s)
@@ -235,7 +236,7 @@ class Worth:
     @property
     def step(self) -> TemperatureStep | None:
         """The `greatest_step` of all targets."""
-        return greatest_step(self.targets)
+        return greatest_step(self.targets, self.without_heating)
 
     def step_in_words(self) -> str:
         """Return the sentence on the `step`; '' for none."""

@@ -149,7 +149,8 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without {way}, {problem}.')
-    pays_from = f'{way} pays as soon as an hour is worth {break_even:.2f} to you.'
+    pays_from = f'{way} pays as soon as ' + (
+        'your time is worth anything.' if break_even == 0.0 else f'an hour is worth {break_even:.2f} to you.')
     if 0.0 < without.cost - best.cost < LEAST_COST_DIFFERENCE:
         return (f'It makes no difference: {heating} would save less than {LEAST_COST_DIFFERENCE:.2f} in all. Some '
                 f'{pays_from}')
@@ -184,7 +185,8 @@ def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:
     more = prices.energy_per_kwh * (best.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
     time = (f'saves {duration_text(saved_s)} at the charger' if saved_s >= 0.0 else
             f'takes {duration_text(-saved_s)} longer at the charger')
-    energy = f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} in energy costs'
+    energy = ('costs nothing for energy' if prices.energy_per_kwh == 0.0 else
+              f'costs {more:.2f} more for energy' if more >= 0.0 else f'saves {-more:.2f} in energy costs')
     younger = without.ageing_cost - best.ageing_cost
     if younger == 0.0:
         return f'{time} and {energy}'

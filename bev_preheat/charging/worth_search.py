@@ -310,7 +310,7 @@ class WorthSearch:
 
     def step_in_words(self) -> str:
         """Return the sentence on the `greatest_step` of the targets evaluated so far; '' for none."""
-        step = greatest_step(self._found.values())
+        step = greatest_step(self._found.values(), self.without)
         return '' if step is None else step.in_words()
 
     def best_if_charged(self) -> TargetWorth:

@@ -139,8 +139,8 @@ def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
         if arguments.min_soc:
             problems.append('--min-soc: not allowed with --arrival-temperature, only with --route')
         if len(arguments.arrival_temperature) > MOST_TEMPERATURES:
-            problems.append(f'--arrival-temperature: {len(arguments.arrival_temperature)} '
-                            f'temperatures; it must be one or {MOST_TEMPERATURES}')
+            problems.append(f'--arrival-temperature: {len(arguments.arrival_temperature)} values are given; at '
+                            f'most {MOST_TEMPERATURES} are allowed')
     if problems:
         raise InvalidInput(problems)
 

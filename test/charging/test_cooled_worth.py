@@ -61,6 +61,8 @@ def test_no_cooling_where_it_does_not_pay():
     assert weak.best is weak.without_heating and weak.best.hvch_electric_wh == 0.0
     assert 'Not worth it' in weak.verdict and 'cooling' in weak.verdict
     assert min(item.target_c for item in weak.targets) < weak.without_heating.target_c - 5.0
+    # Its stairs lie at temperatures that it only comes to by cooling.
+    assert weak.step is None
 
 
 def test_the_command_says_cooling(tmp_path, capsys):

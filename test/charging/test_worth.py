@@ -14,6 +14,7 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import pays_from_per_h, Prices, TargetWorth
+from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -159,6 +160,17 @@ def test_verdict_of_heating_that_pays(usual):
         f'{saved_s // 60}:{saved_s % 60:02d} min at the charger and costs {more:.2f} more for energy. '
         f'Some heating pays as soon as an hour is worth {usual.break_even_value_of_time_per_h:.2f} to '
         'you.')
+
+
+@pytest.mark.parametrize('per_h, verdict', [
+    (10.0, 'Worth it: heating the battery to 9.0 degC before arrival saves 4:00 min at the charger and costs '
+     'nothing for energy. Some heating pays whatever your time is worth.'),
+    (0.0, 'Not worth it at 0.00 an hour: heating pays as soon as your time is worth anything.')])
+def test_verdict_where_energy_is_free(per_h, verdict):
+    without = TargetWorth(5.0, 5.0, 0.2, 0.0, 600.0, 40e3, per_h / 6.0)
+    heated = TargetWorth(9.0, 9.0, 0.2, 900.0, 360.0, 41e3, per_h / 10.0)
+    assert verdict_on(min(without, heated, key=lambda item: item.cost), without, 0.0, Prices(0.0, per_h),
+                      None) == verdict
 
 
 def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():

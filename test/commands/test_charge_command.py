@@ -72,7 +72,7 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
      f'{route_file("reference")}: has its own ambient temperature; leave out --ambient'),
     ([*ARRIVAL, '3', '--soc', '0.3'], '--soc: not allowed with --arrival-temperature, only with --route'),
     ([*ARRIVAL, '3', '--min-soc', '0.3'], '--min-soc: not allowed with --arrival-temperature, only with --route'),
-    ([*ARRIVAL, '3', '4', '5'], '--arrival-temperature: 3 temperatures; it must be one or 2'),
+    ([*ARRIVAL, '3', '4', '5'], '--arrival-temperature: 3 values are given; at most 2 are allowed'),
     ([word for word in DRIVE if word not in ('--temperature', '-7')], '--temperature: needed with --route')])
 def test_refused_in_one_line(refused, arguments, problem):
     assert refused(*arguments).startswith(problem)
