@@ -41,7 +41,7 @@ class Sensitivity:
     `unheated_colder_k` colder [K], and the drive takes `unheated_saves_wh` less battery energy [Wh]. `is_heated`:
     the plan heats with more than surplus regeneration.
 
-    Energies and kelvins are NaN if the compared drives are not both finished, because the charge does not last.
+    Energies and kelvins are NaN if the compared drive cannot be planned, or its charge does not last.
     """
 
     kelvin_saves_wh: float
@@ -104,7 +104,7 @@ def find_sensitivity(vehicle: Vehicle, route: Route, state: BatteryState, goal: 
                      plan: Plan) -> Sensitivity | None:
     """Return the Sensitivity of a Plan of `plan_preheating` for these inputs; None if it has none."""
     # Methods of other packages may be slow; the bounds are those of heating.
-    if (plan.status in WITHOUT_TARGET or plan.method not in METHODS
+    if (plan.status in WITHOUT_TARGET or plan.stranding is not None or plan.method not in METHODS
             or math.isfinite(goal.maximum_arrival_temperature_c)):
         return None
     range_c = lowest_c, highest_c = vehicle.battery.temperature_range_c
@@ -142,7 +142,7 @@ def _is_reached(plan: Plan | None) -> bool:
 
 def _beyond(plan: Plan, other: Plan | None) -> tuple[float, float]:
     """Return the battery energy that another Plan saves [Wh], and how much warmer it arrives [K]; NaN: unknown."""
-    if other is None or plan.stranding is not None or other.stranding is not None:
+    if other is None or other.stranding is not None:
         return math.nan, math.nan
     return (plan.energy_wh.battery_total - other.energy_wh.battery_total,
             other.arrival_temperature_c - plan.arrival_temperature_c)

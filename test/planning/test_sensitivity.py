@@ -121,18 +121,23 @@ def test_heat_from_surplus_is_not_needed_heat():
     assert it.needed_below_c < -22.0 and not it.is_heated and 'Without heating' not in it.in_words()
 
 
-def test_energies_of_a_drive_that_is_not_finished_are_unknown():
+def test_a_drive_that_the_charge_does_not_finish_has_no_sensitivity():
     route, state = load_route('reference', REFERENCE.defaults), BatteryState(-7.0, 0.2)
-    it = found(REFERENCE, route, state, Goal(25.0))
-    assert math.isnan(it.kelvin_saves_wh) and math.isnan(it.unheated_saves_wh)
+    assert found(REFERENCE, route, state, Goal(25.0)) is None
+
+
+USUAL = module.Sensitivity(96.84, 0.0, 22.04, -34.1, (-40.0, 60.0), 19.84, 2646.4, True)
+
+
+def test_unknown_energies_are_neither_told_nor_written():
+    it = replace(USUAL, kelvin_saves_wh=math.nan, unheated_colder_k=math.nan)
     figures = it.as_dictionary()
     assert figures['kelvin_saves_wh'] is figures['unheated_colder_k'] is None
     assert 'nan' not in it.in_words() and 'kelvin' not in it.in_words()
 
 
 def sentence(**changes):
-    return replace(module.Sensitivity(96.84, 0.0, 22.04, -34.1, (-40.0, 60.0), 19.84, 2646.4, True),
-                   **changes).in_words()
+    return replace(USUAL, **changes).in_words()
 
 
 @pytest.mark.parametrize('changes, expected', [
