@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publish the messages of the tutorial by_hand.md: `python3 by_hand.py WORD` with drive, cancel, off or on."""
 
+import signal
 import sys
 import time
 
@@ -13,6 +14,8 @@ from bev_preheat_msgs.msg import RoutePlan
 
 wanted = sys.argv[1]
 rclpy.init()
+# Ctrl-C ends it without a traceback.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 node = Node('by_hand')
 
 

@@ -225,7 +225,8 @@ def by_hand(bench):
     path, started = BY_HAND.with_suffix('.py'), []
 
     def start(word):
-        started.append(subprocess.Popen([sys.executable, str(path), word], text=True, stdout=subprocess.PIPE))
+        started.append(subprocess.Popen([sys.executable, str(path), word], text=True, stdout=subprocess.PIPE,
+                                        stderr=subprocess.PIPE))
         return started[-1]
 
     yield start
@@ -237,10 +238,12 @@ def by_hand(bench):
 # The same messages, published by a file of the tutorial.
 @pytest.mark.deep
 def test_the_walk_by_hand_without_ros2_heats_cancels_and_says_no(shell, by_hand):
-    by_hand('drive')
+    driving = by_hand('drive')
     shell.wait_for_heat()
     assert by_hand('cancel').wait(60) == 0
     shell.commands.wait_for(lambda command: command.reason == Status.NO_CHARGING_PLANNED)
     process = by_hand('off')
     assert process.communicate(timeout=60)[0] == 'Preheating is switched off.\n'
     shell.commands.wait_for(lambda command: command.reason == Status.DISABLED)
+    driving.send_signal(signal.SIGINT)
+    assert driving.communicate(timeout=60)[1] == ''
