@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 DIFFERENT = 1
 VEHICLE = 'vehicle'
+# Parameters that no step reads: changed, they change nothing.
+UNREAD = {'command_period': 'the steps are at the recorded instants',
+          'compiled_core': 'plans are the same with the core and without'}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -228,6 +231,8 @@ def changes_of(arguments: Namespace, planner: Changes) -> Changes:
                                f'=+NUMBER, =-NUMBER or =*NUMBER with a signal of {signals_in_words}, or '
                                'vehicle=FILE, or KEY=VALUE with a dotted key of the vehicle file, or '
                                'PARAMETER=VALUE')
+    for name in UNREAD.keys() & parameters:
+        raise InvalidInput(f'{name}: is not allowed as a change, because it changes nothing: {UNREAD[name]}')
     return Changes(vehicle, keys, parameters, tuple(signals))
 
 

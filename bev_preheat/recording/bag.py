@@ -13,6 +13,7 @@ import sqlite3
 from typing import Any
 
 from bev_preheat.control.events import BATTERY_STATE, ROUTE_PLAN
+from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import beginning_of, mcap_messages
 from bev_preheat.messages.fields import nanoseconds
@@ -40,8 +41,6 @@ TYPES = {**{topic: each.type_name for topic, each in INPUTS.items()}, COMMAND: '
 TRANSPORT_NS = 50_000_000
 # The recorder's clock is the planner's if stamps and times of arrival differ by less [ns].
 SAME_CLOCK_NS = NS_PER_S // 2
-# Without recorded commands, steps of their own show the planner that time goes by [ns].
-REPEAT_NS = NS_PER_S
 
 
 def bag_messages(path: Path, remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
@@ -177,7 +176,7 @@ def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) 
                    'the recording has no hvch_command: there are no commands to reproduce')
     if ROUTE_PLAN not in topics:
         remarks.append('the recording has no route_plan')
-    given = _steps(_from_start(inputs, commands), commands) if commands else with_repeats(inputs)
+    given = _steps(_from_start(inputs, commands), commands) if commands else with_repeats(inputs, beginning)
     return Flight(replace(beginning, now_ns=given[0].step.now_ns), tuple(given), (path,), remarks=tuple(remarks),
                   source=ROS2_BAG, has_commands=bool(commands), power_tolerance_w=1.0)
 
@@ -285,15 +284,16 @@ def _steps(inputs: list[Given], commands: list[RecordedStep]) -> list[Given]:
     return given + inputs[begin:]
 
 
-def with_repeats(given: list[Given]) -> list[Given]:
-    """Return the steps with further ones where more than REPEAT_NS pass."""
+def with_repeats(given: list[Given], beginning: Beginning) -> list[Given]:
+    """Return the steps with further ones where more than a command period of the planner passes."""
+    period_ns = round(NS_PER_S * beginning.parameters.get('command_period', Settings.command_period_s))
     filled: list[Given] = []
     for each in given:
         if filled:
-            now_ns = filled[-1].step.now_ns + REPEAT_NS
+            now_ns = filled[-1].step.now_ns + period_ns
             # A clock that jumped by more than a day is not filled.
             while now_ns < each.step.now_ns < filled[-1].step.now_ns + 86400 * NS_PER_S:
                 filled.append(Given(RecordedStep(now_ns)))
-                now_ns += REPEAT_NS
+                now_ns += period_ns
         filled.append(each)
     return filled

@@ -218,7 +218,7 @@ def instant_of(option: str, text: str, start_ns: int) -> int:
         return at_ns if at_ns >= start_ns - NS_PER_S else at_ns + NS_PER_DAY
     except (ValueError, OverflowError) as error:
         raise InvalidInput(f'{option}: {quoted(text)} is not allowed; it must be seconds from the start of the '
-                           'recording, or HH:MM:SS') from error
+                           'recording, such as 1500, or a time of day (UTC), 00:00:00 ... 23:59:59') from error
 
 
 def period_of(flight: Flight, begin: str | None, end: str | None) -> Period:
@@ -277,6 +277,8 @@ class InputRemarks:
         self._intervals_s: deque[float] = deque(maxlen=MOST_KEPT)
         self._overtaken = 0
         self._delay_s = self._offset_k = 0.0
+        # The first sentence on each signal in doubt.
+        self._doubts: dict[str, str] = {}
 
     def add(self, given: Given, played: Played) -> None:
         """Add a step."""
@@ -288,6 +290,9 @@ class InputRemarks:
             self._delay_s = mission.delay_ns / NS_PER_S
         if estimate is not None and abs(estimate.sensor_offset_k) > abs(self._offset_k):
             self._offset_k = estimate.sensor_offset_k
+        for verdict in played.state.signal_verdicts:
+            self._doubts.setdefault(
+                verdict.signal, f'signal in doubt from {moment(verdict.since_ns)} on: {verdict.sentence}')
 
     def _look_at_clock(self, now_ns: int) -> None:
         before_ns, self._latest_ns = self._latest_ns, now_ns
@@ -338,7 +343,7 @@ class InputRemarks:
         if abs(self._offset_k) > USUAL_OFFSET_K:
             found.append(f'the temperature sensor reads up to {abs(self._offset_k):.1f} K too '
                          f'{"warm" if self._offset_k > 0.0 else "cold"}, as the estimation found')
-        return found
+        return found + list(self._doubts.values())
 
 
 def _times(found: list[str]) -> str:

@@ -121,8 +121,8 @@ def read_log(path: Path, beginning: Beginning, route: str, signals: str | None) 
     given = [Given(RecordedStep(start_ns, events=({'kind': ROUTE_PLAN},)),
                    (TYPES[ROUTE_PLAN], bytes(serialize_message(message))))]
     given += _battery_states(recording, heater, start_ns)
-    return Flight(replace(beginning, now_ns=start_ns), tuple(with_repeats(given)), (path,), remarks=tuple(remarks),
-                  source=LOG, has_commands=False)
+    return Flight(replace(beginning, now_ns=start_ns), tuple(with_repeats(given, beginning)), (path,),
+                  remarks=tuple(remarks), source=LOG, has_commands=False)
 
 
 def _route(route: str, beginning: Beginning, start_ns: int) -> Any:

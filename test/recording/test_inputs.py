@@ -7,6 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.estimation.signal_checks import SignalVerdict
 from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import Given, InputRemarks
@@ -15,11 +16,11 @@ from bev_preheat.recording.records import RecordedStep
 START_NS = 1_768_197_600 * NS_PER_S
 
 
-def sentences(steps, delay_s, offset_k):
+def sentences(steps, delay_s, offset_k, verdicts=()):
     """Return what is said on steps (instant, stamp of a battery state or None) [s]."""
     remarks = InputRemarks()
     state = SimpleNamespace(active_mission=SimpleNamespace(delay_ns=round(delay_s * NS_PER_S)),
-                            estimate=SimpleNamespace(sensor_offset_k=offset_k))
+                            estimate=SimpleNamespace(sensor_offset_k=offset_k), signal_verdicts=verdicts)
     for now_s, stamp_s in steps:
         message, events = None, ()
         if stamp_s is not None:
@@ -44,3 +45,9 @@ def sentences(steps, delay_s, offset_k):
 def test_unusual_inputs_are_named(steps, delay_s, offset_k, words):
     [sentence] = sentences(steps, delay_s, offset_k)
     assert words in sentence
+
+
+def test_a_signal_in_doubt_is_named_once_with_its_reason():
+    verdicts = SignalVerdict('feed', 'it is slow', START_NS), SignalVerdict('voltage', 'it is high', START_NS)
+    assert sentences([(0, None), (1, None)], 0.0, 0.0, verdicts) == [
+        f'signal in doubt from 2026-01-12 06:00:00 UTC on: {reason}' for reason in ('it is slow', 'it is high')]

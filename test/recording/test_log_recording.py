@@ -20,10 +20,10 @@ COLUMNS = ('timestamp', 'battery_temperature_c', 'soc', 'voltage_v', 'current_a'
 @pytest.fixture
 def flight(tmp_path):
     """`flight(columns, rows)` writes a CSV log and gives its Flight."""
-    def flight(columns, rows):
+    def flight(columns, rows, **parameters):
         path = tmp_path / 'log.csv'
         path.write_text('\n'.join(','.join(map(str, row)) for row in (columns, *rows)) + '\n')
-        return open_recording(path, Changes(), Sources(route='reference'))
+        return open_recording(path, Changes(parameters=parameters), Sources(route='reference'))
 
     return flight
 
@@ -64,6 +64,12 @@ def test_each_reading_is_a_battery_state_and_the_heaters_power_stands_for_the_co
 def test_of_several_readings_a_second_the_first_counts(flight):
     found = flight(COLUMNS[:3], [(START_S + tenth / 10, 5.0 + tenth / 10, 0.8) for tenth in range(31)])
     assert [state.temperature for state in states_of(found)] == pytest.approx([5.0, 6.0, 7.0, 8.0])
+
+
+@pytest.mark.parametrize('parameters, steps', [({}, 9), ({'command_period': 0.5}, 17)])
+def test_the_planner_repeats_its_command_between_readings(flight, parameters, steps):
+    found = flight(COLUMNS[:3], [(START_S, 5.0, 0.8), (START_S + 8, 5.0, 0.8)], **parameters)
+    assert len({given.step.now_ns for given in found.given}) == steps
 
 
 def test_a_value_that_is_older_than_a_minute_is_unknown(flight):
