@@ -21,7 +21,7 @@ from bev_preheat.charging.target_worth import check_prices, ENERGY_PRICE_PER_KWH
 from bev_preheat.charging.verdict import too_warm, TooWarm
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.parser import given_options, option_group, option_of, Subparsers
-from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
+from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation, ROUTE_OPTIONS
 from bev_preheat.commands.terminal import print_figures
 from bev_preheat.drawing.charging_figure import make_session_figure
 from bev_preheat.errors import InvalidInput
@@ -34,7 +34,8 @@ from bev_preheat.vehicle import Vehicle, vehicle_file
 MOST_TEMPERATURES = 2
 PREHEATED, UNHEATED = 'preheated', 'without preheating'
 # Arguments for each of the two ways to give the state on arrival.
-OF_A_DRIVE = ('temperature', 'soc', 'target', 'step')
+OF_A_DRIVE = ('temperature', 'soc', 'target', 'min_soc', 'step',
+              *(name for name in ROUTE_OPTIONS if name != 'ambient'))
 OF_AN_ARRIVAL = ('arrival_soc', 'cabin_heating_power', 'auxiliary_power')
 
 
@@ -136,8 +137,6 @@ def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:
                 for option in given_options(arguments, mine)]
     problems += [f'{option_of(name)}: needed with {given}' for name in needed if getattr(arguments, name) is None]
     if not after_drive:
-        if arguments.min_soc:
-            problems.append('--min-soc: not allowed with --arrival-temperature, only with --route')
         if len(arguments.arrival_temperature) > MOST_TEMPERATURES:
             problems.append(f'--arrival-temperature: {len(arguments.arrival_temperature)} values are given; at '
                             f'most {MOST_TEMPERATURES} are allowed')

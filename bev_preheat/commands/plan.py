@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import replace
-import math
 from typing import Any
 
 from bev_preheat.charging.stop import CERTAIN, chance_text, ChargingProspect
@@ -86,6 +85,9 @@ def run_itinerary(arguments: Namespace) -> int:
     _refuse_what_legs_say(arguments)
     vehicle = load_planned_vehicle(arguments.vehicle)
     itinerary = load_itinerary(arguments.itinerary, vehicle)
+    if arguments.target is not None and not any(
+            leg.charging_planned and leg.target_temperature_c is None for leg in itinerary.mission.legs):
+        raise InvalidInput('--target: not allowed with this itinerary, because each charging leg has its own')
     warn(*itinerary.warnings)
     check_output_arguments(arguments, (vehicle_file(arguments.vehicle), *itinerary.files))
     # The first leg starts from the measured state.
@@ -128,9 +130,8 @@ def _situation(vehicle: Vehicle, leg: Leg, target_c: float) -> tuple[Vehicle, Ro
 
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:
-    given = [*(['--min-soc'] if arguments.min_soc else []),
-             *([] if math.isinf(arguments.max_arrival_temperature) else ['--max-arrival-temperature']),
-             *given_options(arguments, ('no_charging', *PROSPECT_OPTIONS, *ROUTE_OPTIONS))]
+    given = given_options(arguments, (
+        'min_soc', 'max_arrival_temperature', 'no_charging', *PROSPECT_OPTIONS, *ROUTE_OPTIONS))
     if given:
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg has its own')
 

@@ -50,8 +50,9 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 OF_DEPARTURE = WORDS_OF_GOAL._replace(arrival='the battery leaves at {temperature} degC')
 # Options that only this part of the subcommand reads.
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
-# Options of a goal for a running planner.
-OF_GOAL = ('at', 'in', 'target', 'max_arrival_temperature', 'plugged_in', 'skip_next', 'skip_none')
+# Options of a goal for a running planner, and all for one.
+OF_GOAL = ('at', 'in', 'target', 'max_arrival_temperature', 'plugged_in')
+OF_PLANNER = (*OF_GOAL, 'skip_next', 'skip_none', 'namespace', 'node')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -73,9 +74,8 @@ def add_parser(subparsers: Subparsers) -> None:
                         '(default: that of the route, or the last known)')
     parser.add_argument('--plugged-in', action='store_true',
                         help='the vehicle stands, and the grid supplies the heater')
-    parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
-    parser.add_argument('--node', default='planner', metavar='NAME',
-                        help='node name of the planner (default: %(default)s)')
+    parser.add_argument('--namespace', help='namespace of the planner (default: /)')
+    parser.add_argument('--node', metavar='NAME', help='node name of the planner (default: planner)')
     add_departure_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -116,8 +116,9 @@ def run(arguments: Namespace) -> int:
     check_departure_arguments(arguments)
     if arguments.departures is not None:
         return run_week(arguments)
-    if NAME.fullmatch(arguments.node) is None:
-        raise InvalidInput(f'--node: {quoted(arguments.node)} is not allowed; it must be letters, digits and '
+    node, namespace = arguments.node or 'planner', arguments.namespace or '/'
+    if NAME.fullmatch(node) is None:
+        raise InvalidInput(f'--node: {quoted(node)} is not allowed; it must be letters, digits and '
                            '_, no digit first')
     minutes = getattr(arguments, 'in')
     if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
@@ -130,9 +131,9 @@ def run(arguments: Namespace) -> int:
         with EndSignals() as signals:
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
             from bev_preheat.nodes.listening import listening
-            prefix = arguments.namespace.strip('/')
-            planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
-            with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
+            prefix = namespace.strip('/')
+            planner = f'/{prefix}/{node}' if prefix else f'/{node}'
+            with listening(f'prepare_{os.getpid()}', namespace=namespace) as listener:
                 if arguments.skip_next or arguments.skip_none:
                     is_done, sentence = skip_departure(listener, planner, arguments.skip_next)
                     result_console().say(sentence)
@@ -208,8 +209,11 @@ def check_departure_arguments(arguments: Namespace) -> None:
     if arguments.departures is None:
         for option in given_options(arguments, OFFLINE):
             raise InvalidInput(f'{option}: is for --departures only')
+        if arguments.skip_next or arguments.skip_none:
+            for option in given_options(arguments, (*OF_GOAL, 'ambient')):
+                raise InvalidInput(f'{option}: is not allowed with --skip-next and --skip-none')
         return
-    for option in given_options(arguments, OF_GOAL):
+    for option in given_options(arguments, OF_PLANNER):
         raise InvalidInput(f'{option}: is not allowed with --departures')
 
 

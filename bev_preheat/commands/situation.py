@@ -14,7 +14,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.stop import ChargingProspect, check_prospect
-from bev_preheat.commands.parser import Alternatives, completed_by, option_group
+from bev_preheat.commands.parser import Alternatives, completed_by, given_options, option_group
 from bev_preheat.commands.program import say
 from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.errors import InvalidInput
@@ -85,7 +85,7 @@ def add_situation_arguments(parser: ArgumentParser,
     add_drive_arguments(parser, route_group)
     more = option_group(parser, LESS_COMMON)
     more.add_argument('--no-charging', action='store_true', help='no fast charging at the end of the route')
-    more.add_argument('--max-arrival-temperature', type=float, metavar='DEGC', default=math.inf,
+    more.add_argument('--max-arrival-temperature', type=float, metavar='DEGC',
                       help='highest battery temperature on arrival [degC] (default: any)')
 
 
@@ -105,11 +105,11 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
                         help="target battery temperature on arrival [degC] (default: the vehicle's)")
     add_route_options(parser, ambient_help)
     more = option_group(parser, LESS_COMMON)
-    more.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
+    more.add_argument('--min-soc', type=float, metavar='0..1',
                       help='least state of charge on arrival (default: 0)')
     more.add_argument('--step', type=float, metavar='S',
                       help='plan in steps of this length [s] (default: the rows of the route, at most 60)')
-    parser.set_defaults(no_charging=False, max_arrival_temperature=math.inf)
+    parser.set_defaults(no_charging=False, max_arrival_temperature=None)
 
 
 def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
@@ -144,6 +144,8 @@ def add_vehicle_argument(parser: ArgumentParser, what: str = 'vehicle:', metavar
 
 def read_situation(arguments: Namespace) -> PlanningArguments:
     """Return the PlanningArguments of parsed arguments; raise InvalidInput if they are invalid."""
+    if arguments.no_charging and (given := given_options(arguments, ('target', 'max_arrival_temperature'))):
+        raise InvalidInput(f'{", ".join(given)}: not allowed with --no-charging')
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_or_log(arguments.route, vehicle, route_options(arguments))
     note(*loaded.remarks)
@@ -154,8 +156,9 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
         note(f'planned up to the {first}, after {route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    goal = Goal(target_of(arguments, vehicle), arguments.min_soc, not arguments.no_charging,
-                maximum_arrival_temperature_c=arguments.max_arrival_temperature)
+    most_c = arguments.max_arrival_temperature
+    goal = Goal(target_of(arguments, vehicle), arguments.min_soc or 0.0, not arguments.no_charging,
+                maximum_arrival_temperature_c=math.inf if most_c is None else most_c)
     return PlanningArguments(
         f'vehicle {vehicle.name}, route {arguments.route}', vehicle, in_steps(route, arguments),
         BatteryState(arguments.temperature, arguments.soc), goal, (vehicle_file(arguments.vehicle), loaded.file),

@@ -71,6 +71,7 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
     ([*DRIVE, '--ambient', '3'],
      f'{route_file("reference")}: has its own ambient temperature; leave out --ambient'),
     ([*ARRIVAL, '3', '--soc', '0.3'], '--soc: not allowed with --arrival-temperature, only with --route'),
+    ([*ARRIVAL, '3', '--free-speed', '90'], '--free-speed: not allowed with --arrival-temp'),
     ([*ARRIVAL, '3', '--min-soc', '0.3'], '--min-soc: not allowed with --arrival-temperature, only with --route'),
     ([*ARRIVAL, '3', '4', '5'], '--arrival-temperature: 3 values are given; at most 2 are allowed'),
     ([word for word in DRIVE if word not in ('--temperature', '-7')], '--temperature: needed with --route')])

@@ -92,6 +92,8 @@ def test_the_week_is_drawn(said, tmp_path):
     (('prepare', '--from', '2026-11-26 12:00'), '--from: is for --departures only'),
     ((*OFFLINE, '--skip-next'), '--skip-next: is not allowed with --departures'),
     ((*OFFLINE, '--in', '40'), '--in: is not allowed with --departures'),
+    ((*OFFLINE, '--node', 'other'), '--node: is not allowed with --departures'),
+    (('prepare', '--skip-next', '--target', '20'), '--target: is not allowed with --skip-next and --skip-none'),
     ((*OFFLINE[:-1], '26.11.2026'), '--from: '),
     ((*OFFLINE, '--ambient', 'nan'), '--ambient: nan degC is not allowed'),
     (('prepare', '--departures', 'missing.yaml'), 'missing.yaml'),

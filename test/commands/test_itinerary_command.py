@@ -141,6 +141,7 @@ def test_a_bad_itinerary_is_refused_with_file_and_key(refused, trip, legs, probl
 
 @pytest.mark.parametrize('arguments, problem', [
     (('--min-soc', '0.2'), '--min-soc: not allowed with --itinerary, because each leg has its own'),
+    (('--target', '30'), '--target: not allowed with this itinerary, because each charging leg has its own'),
     (('--ambient', '3'), '--ambient: not allowed with --itinerary'),
     (('--no-charging',), '--no-charging: not allowed with --itinerary, because each leg has its own'),
     (('--itinerary', 'winter_holidy'), "itinerary 'winter_holidy' is unknown; did you mean 'winter_holiday'?")])

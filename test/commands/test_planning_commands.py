@@ -25,8 +25,9 @@ PLAN_KEYS = {
 ENERGY_KEYS = {
     'joule', 'drivetrain_heat', 'hvch_heat', 'hvch_electric', 'leakage', 'battery_total'}
 
-SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-6.5',
-             '--soc', '0.88', '--target', '17', '--min-soc', '0.11']
+WITHOUT_TARGET = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-6.5', '--soc', '0.88',
+                  '--min-soc', '0.11']
+SITUATION = [*WITHOUT_TARGET, '--target', '17']
 VEHICLE = load_vehicle('reference')
 STATE, GOAL = BatteryState(-6.5, 0.88), Goal(17.0, 0.11)
 OPTIMUM, COMPARE, REPRODUCE = (pytest.param(command, marks=pytest.mark.needs('casadi'))
@@ -107,7 +108,7 @@ def test_what_stands_behind_the_plan_is_written_and_printed(written, command, sa
 
 @pytest.mark.parametrize('more', [['--no-charging'], ['--charging-probability', '0.01']])
 def test_without_a_target_nothing_stands_behind_the_plan(said, more):
-    status, out, err = said('plan', *SITUATION, *more, '--json', '-')
+    status, out, err = said('plan', *WITHOUT_TARGET, *more, '--json', '-')
     assert status == 0 and strict(out)['sensitivity'] is None and 'kelvin' not in err
 
 
@@ -213,6 +214,8 @@ REFUSED = {
     'unknown temperature': (['--temperature', 'nan'], 'battery temperature: nan is not allowed'),
     'charge in per cent': (['--soc', '88'],
                            'state of charge: 88 is not allowed; it must be 0 ... 1; 0.88?'),
+    'target without charging': (['--no-charging'], '--target: not allowed with --no-charging'),
+    'highest without charging': (['--no-charging', '--max-arrival-temperature', '30'], '--target, --max-arrival'),
     'no step': (['--step', '0'], '--step: 0 s is not allowed; it must be 0.1 ... 3600 s')}
 
 

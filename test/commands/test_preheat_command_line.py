@@ -49,7 +49,7 @@ def test_json_has_standard_output_for_itself(quick_scenario, said, arguments):
 
 @pytest.mark.parametrize('arguments, named', [
     (['charge', '--vehicle', 'reference', '--charger-power', '50000', '--arrival-soc', '0.2', '--ambient', '0',
-      '--arrival-temperature', '-5', '--arrival-temperature', '5', '25'], '3 temperatures'),
+      '--arrival-temperature', '-5', '--arrival-temperature', '5', '25'], '3 values'),
     (['route', '--vehicle', 'reference', '--output', 'r.csv', '--log', 'no.csv', '--log', 'log.csv'], 'no.csv'),
     (['vehicle', 'new', '--chemistry', 'nmc', '--charging-power-kw', '50', '--usable-energy-kwh', '40',
       '--nominal-voltage-v', '350', '--output', 'v.yaml', '--charging-curve-temperature-c', '30',

@@ -232,6 +232,7 @@ def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, said, mo
     (['--period', 'nan'], '--period: nan is not allowed; it must be 0.1 ... 10'),
     (['--soc', '1.2'], 'state of charge: 1.2 is not allowed; it must be 0 ... 1'),
     (['--vehicle', 'referenz'], "vehicle 'referenz' is unknown; did you mean 'reference'"),
+    (['--fault-source', 'heat_pump'], '--fault-source: only with --fault'),
     (['--days', '--plot', 'days.png'], '--plot: not allowed with --days'),
     (['--days', '--methods', 'paper'], '--methods: not allowed with --days'),
     (['--signals', '--fault', 'dead'], '--fault: not allowed with --signals')])

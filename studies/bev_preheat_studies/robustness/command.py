@@ -108,6 +108,8 @@ def run(arguments: Namespace) -> int:
                *['--fault'] * (kind == 'signals' and arguments.fault != 'none')]
     if kind and refused:
         raise InvalidInput(f'{", ".join(refused)}: not allowed with --{kind}')
+    if arguments.fault_source != HVCH and arguments.fault == 'none':
+        raise InvalidInput('--fault-source: only with --fault')
     trips = DEFAULT_TRIPS[kind] if arguments.trips is None else arguments.trips
     arguments.route = arguments.route or (list(ROUTES_OF_DAYS) if kind == 'days' else ['reference'])
     check_study_arguments(
