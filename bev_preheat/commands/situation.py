@@ -31,7 +31,7 @@ from bev_preheat.planning.planner import (
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.route.plausibility import unit_warnings
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import Offers, RouteOptions
 from bev_preheat.tunables import LONGEST_ROW_S
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
@@ -44,6 +44,10 @@ if TYPE_CHECKING:
 ROUTE_OPTIONS = 'ambient', 'free_speed', 'stop_duration', 'vehicle_id', 'consumption'
 # The title of options that few need.
 LESS_COMMON = 'less common options'
+OFFERS = Offers('{} {}', {
+    'ambient_temperature_c': ('--ambient', 'degC', -5), 'free_speed_kmh': ('--free-speed', 'km/h', 90),
+    'stop_duration_s': ('--stop-duration', 'min', 20), 'vehicle_id': ('--vehicle-id', ''),
+    'with_auxiliaries': ('--consumption', '', 'total', 'drivetrain')})
 AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
 PROSPECT_OPTIONS = 'charging_probability', 'arrival_deviation', 'charging_known_before'
 
@@ -133,7 +137,7 @@ def route_options(arguments: Namespace) -> RouteOptions:
     if stop_min is not None and not 1.0 <= stop_min <= 1440.0:
         raise InvalidInput(f'--stop-duration: {stop_min:g} min is not allowed; it must be 1 ... 1440 min')
     return RouteOptions(arguments.ambient, with_auxiliaries, arguments.free_speed,
-                        None if stop_min is None else 60.0 * stop_min, arguments.vehicle_id)
+                        None if stop_min is None else 60.0 * stop_min, arguments.vehicle_id, OFFERS)
 
 
 def add_vehicle_argument(parser: ArgumentParser, what: str = 'vehicle:', metavar: str = 'NAME|FILE') -> None:

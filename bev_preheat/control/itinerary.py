@@ -14,7 +14,7 @@ from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.input_files import find_configuration
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import route_for
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import BESIDE_ROUTE, RouteOptions
 from bev_preheat.vehicle.description import Vehicle
 
 SCHEMA = Path(__file__).with_name('itinerary_schema.yaml')
@@ -54,7 +54,7 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
     for index, node in enumerate(nodes):
         try:
             loaded.append(route_for(node['route'], vehicle, path.parent,
-                                    RouteOptions(node.get('ambient_temperature_c'))))
+                                    RouteOptions(node.get('ambient_temperature_c'), offers=BESIDE_ROUTE)))
             if loaded[-1].stops:
                 raise InvalidInput(f'{loaded[-1].file}: has {len(loaded[-1].stops)} charging stops; a leg of an '
                                    'itinerary has none on the way: divide the route')

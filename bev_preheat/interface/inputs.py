@@ -25,13 +25,18 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route as make_route_of_columns
 from bev_preheat.route import Route, route_for
 from bev_preheat.route.for_vehicle import route_source, RouteForVehicle
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import Offers, RouteOptions
 from bev_preheat.vehicle import load_vehicle as load_vehicle_file
 from bev_preheat.vehicle import Vehicle
 
 Arguments = ParamSpec('Arguments')
 Returned = TypeVar('Returned')
 LONGEST_QUOTED = 60
+# The arguments of `load_route`.
+OFFERS = Offers('{}={!r}', {
+    'ambient_temperature_c': ('ambient_c', 'degC', -5), 'free_speed_kmh': ('free_speed_kmh', 'km/h', 90),
+    'stop_duration_s': ('stop_duration_s', 's', 1200), 'vehicle_id': ('vehicle_id', ''),
+    'with_auxiliaries': ('consumption', '', 'total', 'drivetrain')})
 
 
 class _Kind(NamedTuple):
@@ -159,19 +164,9 @@ def make_vehicle(name: str, *, chemistry: str, charging_power_kw: float, **figur
         entries = describe_car(DataSheet(name, chemistry.lower(), **given))  # type: ignore[arg-type]
         return vehicle_of_text(vehicle_text(name, entries, 'bev_preheat.make_vehicle'), f'vehicle {name}')
     except InvalidInput as error:
-        raise _of_arguments(error, {}) from error
-
-
-def _of_arguments(error: InvalidInput, names: Mapping[str, str]) -> InvalidInput:
-    """Return a refusal that speaks of a command's options with the arguments here; `names` those that differ."""
-    def named(option: re.Match[str]) -> str:
-        name, value = names.get(option[1], option[1].replace('-', '_')), option[2]
-        if value is None:
-            return name
-        return f'{name}={value}' if value[-1].isdigit() else f'{name}={value!r}'
-
-    return InvalidInput([re.sub('--([a-z][a-z0-9-]*)(?: (-?[0-9]+|total|drivetrain))?', named, problem)
-                         for problem in error.problems])
+        # The options of the command are arguments here.
+        raise InvalidInput([re.sub('--([a-z][a-z0-9-]*)', lambda option: option[1].replace('-', '_'), problem)
+                            for problem in error.problems]) from error
 
 
 def _check_figures(name: object, chemistry: object, figures: Mapping[str, object]) -> None:
@@ -210,13 +205,9 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float |
         raise InvalidInput(f"consumption: must be 'total' or 'drivetrain', not {quoted(str(consumption))}")
     if stop_duration_s is not None and not 60.0 <= stop_duration_s <= 86400.0:
         raise InvalidInput(f'stop_duration_s: {stop_duration_s:g} is not allowed; it must be 60 ... 86400 s')
-    try:
-        loaded = route_or_log(name_or_file, vehicle, RouteOptions(
-            ambient_c, None if consumption is None else consumption == 'total', free_speed_kmh, stop_duration_s,
-            vehicle_id))
-    except InvalidInput as error:
-        raise _of_arguments(error, {'ambient': 'ambient_c', 'free-speed': 'free_speed_kmh',
-                                    'stop-duration': 'stop_duration_s'}) from error
+    loaded = route_or_log(name_or_file, vehicle, RouteOptions(
+        ambient_c, None if consumption is None else consumption == 'total', free_speed_kmh, stop_duration_s,
+        vehicle_id, OFFERS))
     if leg is None:
         return loaded.route
     edges = [0, *(stop.after_segment + 1 for stop in loaded.stops), len(loaded.route)]

@@ -6,7 +6,6 @@ from __future__ import annotations
 from array import array
 from dataclasses import dataclass, replace
 import math
-import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.inputs import Leg, Mission
@@ -17,7 +16,7 @@ from bev_preheat.planning.situation import check_situation
 from bev_preheat.route import route_for
 from bev_preheat.route.line import MapLine
 from bev_preheat.route.segments import LIMITS
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import Offers, RouteOptions
 from bev_preheat.tunables import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 
@@ -31,12 +30,12 @@ if TYPE_CHECKING:
 
 # No ambient temperature [deg C]; ROS parameters have no None, and a NaN does not survive a parameter file.
 NO_AMBIENT_C = -100.0
-# Options of `preheat`, and the parameters of the node with their units.
-OPTIONS = {'ambient': 'ambient_temperature [degC]', 'consumption': 'consumption', 'free-speed': 'free_speed [m/s]',
-           'stop-duration': 'stop_duration [s]', 'vehicle-id': 'vehicle_id'}
-# An example of such an option in a message: its figure has another unit.
-EXAMPLE = re.compile(r'( \[[^]]+\])?,? such as: --([a-z-]+) \S+')
-OPTION = re.compile(r'--([a-z-]+)')
+# The parameters of the node.
+OFFERS = Offers('{}:={}', {
+    'ambient_temperature_c': ('parameter ambient_temperature', 'degC', -5.0),
+    'free_speed_kmh': ('parameter free_speed', 'm/s', 25.0),
+    'stop_duration_s': ('parameter stop_duration', 's', 1200.0), 'vehicle_id': ('parameter vehicle_id', ''),
+    'with_auxiliaries': ('parameter consumption', '', 'total', 'drivetrain')})
 KMH_PER_MPS = 3.6
 # Duration of a charging stop if neither file nor parameter names one [s]: from 10 to 80 % at a fast charger.
 USUAL_STOP_S = 1500.0
@@ -82,13 +81,10 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     ambient_c = values['ambient_temperature']
     # Lower than any ambient temperature that a route may have.
     is_given = ambient_c >= LIMITS['ambient_temperature_c'][0]
-    try:
-        loaded = route_for(values['route'], vehicle, options=RouteOptions(
-            ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']],
-            known(KMH_PER_MPS * values['free_speed']), known(values['stop_duration']),
-            values['vehicle_id'] or None))
-    except InvalidInput as error:
-        raise InvalidInput([_with_parameters(problem) for problem in error.problems]) from error
+    loaded = route_for(values['route'], vehicle, options=RouteOptions(
+        ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']],
+        known(KMH_PER_MPS * values['free_speed']), known(values['stop_duration']), values['vehicle_id'] or None,
+        OFFERS))
     target_c = values['target_battery_temperature']
     is_set = math.isfinite(target_c) and target_c != 0.0
     leg = Leg(loaded.route, charging_planned=values['charging_planned'],
@@ -134,9 +130,3 @@ def in_words(offer: RouteOffer) -> str:
     coordinates = 'without coordinates' if offer.line is None else 'with coordinates'
     return (f'Route {offer.mission.route_id!r} for vehicle {offer.vehicle_name}: {offer.length_m / 1000:.1f} km '
             f'in {figure(route.total_duration_s / 60, 4)} min, {coordinates}, {len(offer.stops)} charging stops.')
-
-
-def _with_parameters(problem: str) -> str:
-    """Return a problem with the node's parameters in place of the options of `preheat`."""
-    named = EXAMPLE.sub(lambda found: f': parameter {OPTIONS.get(found[2], found[2])}', problem)
-    return OPTION.sub(lambda found: f'parameter {OPTIONS[found[1]]}' if found[1] in OPTIONS else found[0], named)

@@ -10,7 +10,7 @@ consumption.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import os
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOption
 from bev_preheat.route.sources.registry import read_journey
 from bev_preheat.vehicle.description import Vehicle
 
+AMBIENT = 'ambient_temperature_c'
 LEGS_PREFIX = 'legs/'
 LEGS_SUFFIXES = ('.yaml', '.yml')
 
@@ -107,10 +108,10 @@ def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool,
 def _refuse_options(file: Path, options: RouteOptions) -> None:
     """Raise InvalidInput if figures are given that the file has itself."""
     if options.ambient_temperature_c is not None:
-        raise InvalidInput(f'{file}: has its own ambient temperature; leave out --ambient')
-    if options != RouteOptions():
-        raise InvalidInput(f'{file}: has powers; --consumption, --free-speed, --stop-duration and --vehicle-id do '
-                           'not apply')
+        raise InvalidInput(f'{file}: has its own ambient temperature; leave out {options.name(AMBIENT)}')
+    for each in fields(RouteOptions):
+        if each.compare and getattr(options, each.name) is not None:
+            raise InvalidInput(f'{file}: has powers; leave out {options.name(each.name)}')
 
 
 def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:
@@ -156,7 +157,7 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
             columns.update(propulsion_columns(vehicle, motion, ambient_c))
         if journey.consumption_wh is None:
             if options.with_auxiliaries is not None:
-                raise InvalidInput('has no consumption; leave out --consumption')
+                raise InvalidInput(f'has no consumption; leave out {options.name("with_auxiliaries")}')
             estimated = '' if journey.sampled else ', accelerations within the segments estimated'
             remarks.append(f'propulsion power: from the speeds of this {journey.kind} and the road_load of '
                            f'vehicle {vehicle.name}{estimated}')
@@ -171,14 +172,14 @@ def ambient_of(journey: Journey, options: RouteOptions, path: Path) -> FloatArra
     count = len(journey.motion.duration_s)
     if journey.ambient_temperature_c is not None:
         if options.ambient_temperature_c is not None:
-            raise InvalidInput(f'{path}: has its own ambient temperature; leave out --ambient')
+            raise InvalidInput(f'{path}: has its own ambient temperature; leave out {options.name(AMBIENT)}')
         return journey.ambient_temperature_c
     if options.ambient_temperature_c is None:
-        raise InvalidInput(f'{path}: this {journey.kind} has no ambient temperature; give it [degC], such as: '
-                           '--ambient -5; in a scenario or an itinerary: ambient_temperature_c: -5 beside route')
+        raise InvalidInput(f'{path}: this {journey.kind} has no ambient temperature; '
+                           + options.advice(AMBIENT, 'give it'))
     if not -60.0 <= options.ambient_temperature_c <= 60.0:
-        raise InvalidInput(f'--ambient: {options.ambient_temperature_c:g} degC is not allowed; it must be '
-                           '-60 ... 60 degC')
+        raise InvalidInput(f'{options.name(AMBIENT)}: {options.ambient_temperature_c:g} degC is not allowed; it '
+                           'must be -60 ... 60 degC')
     return np.full(count, float(options.ambient_temperature_c))
 
 
@@ -187,7 +188,7 @@ def _use_consumption(columns: dict[str, Any], consumption_wh: FloatArray, vehicl
     """Replace the mean power by that of the source's consumption; variation is that of the road load."""
     if options.with_auxiliaries is None:
         raise InvalidInput('the consumption in this file may include heating and auxiliaries, or be that of the '
-                           'drivetrain alone; say which: --consumption total or --consumption drivetrain')
+                           f'drivetrain alone; {options.advice("with_auxiliaries", "say which")}')
     mean_w = consumption_wh * JOULES_PER_WH / columns['duration_s']
     if options.with_auxiliaries:
         for key in ('cabin_heating_power_w', 'auxiliary_power_w'):

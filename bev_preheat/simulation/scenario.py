@@ -21,7 +21,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.route.for_vehicle import RouteForVehicle
 from bev_preheat.route.segments import Route
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import BESIDE_ROUTE, RouteOptions
 from bev_preheat.simulation.heater import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections, Mismatch
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park, Phase
@@ -231,7 +231,7 @@ class _PhaseReader:
 
     def _route(self, node: dict[str, FileData]) -> Route:
         loaded = route_for(node['route'], self.vehicle, self._folder,
-                           RouteOptions(node.get('ambient_temperature_c')))
+                           RouteOptions(node.get('ambient_temperature_c'), offers=BESIDE_ROUTE))
         if loaded.stops:
             raise InvalidInput(f'{loaded.file}: has {len(loaded.stops)} charging stops; a drive of a scenario has '
                                'none on the way')

@@ -162,7 +162,7 @@ def file(tmp_path):
 def test_figures_that_a_file_lacks_are_arguments(file):
     car = bp.load_vehicle('small_car')
     cycle = file(examples.speed_table())
-    with pytest.raises(bp.InvalidInput, match=r'no ambient temperature; give it \[degC\], such as: ambient_c=-5;'):
+    with pytest.raises(bp.InvalidInput, match=r'no ambient temperature; give it \[degC\], such as: ambient_c=-5$'):
         bp.load_route(cycle, car)
     route = bp.load_route(cycle, car, ambient_c=-5.0)
     assert (route.ambient_temperature_c == -5.0).all()

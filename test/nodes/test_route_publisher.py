@@ -92,7 +92,7 @@ def test_the_route_plan_carries_what_the_parameters_say(file):
 
 
 @pytest.mark.parametrize('changed, problem', [
-    ({}, r'has no ambient temperature; give it: parameter ambient_temperature \[degC\]'),
+    ({}, r'has no ambient temperature; give it \[degC\], such as: parameter ambient_temperature:=-5.0'),
     ({'ambient_temperature': -59.0}, 'ambient temperature: -59 is not allowed; it must be at least -40'),
     ({'ambient_temperature': 0.0, 'target_battery_temperature': -55.0}, 'target battery temperature: -55'),
     ({'ambient_temperature': 0.0, 'route_id': 'x' * 300}, 'route_id: .* it must have at most 256 characters')])

@@ -9,13 +9,14 @@ import pytest
 from refusals import problems_in
 import route_examples as examples
 
+from bev_preheat.commands.situation import OFFERS
 from bev_preheat.route import route_for
-from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.journey import BESIDE_ROUTE, RouteOptions
 from bev_preheat.route.sources.polyline import decode_flexible
 from bev_preheat.vehicle import load_vehicle
 
 CAR = load_vehicle('small_car')
-COLD = RouteOptions(ambient_temperature_c=-5.0)
+COLD = RouteOptions(ambient_temperature_c=-5.0, offers=OFFERS)
 TIMED = {
     'gpx': examples.gpx, 'table of positions': examples.positions_csv,
     'osrm': examples.osrm, 'osrm6': lambda: examples.osrm(geometry='polyline6'),
@@ -364,8 +365,10 @@ def test_sumo_has_the_energy_of_its_output(tmp_path):
     (replace(COLD, stop_duration_s=90.0), '--stop-duration: is only for an answer of navigation with waypoints'),
     (replace(COLD, vehicle_id='x'), '--vehicle-id: is only for the battery output of SUMO'),
     (replace(COLD, with_auxiliaries=True), 'has no consumption; leave out --consumption'),
-    (RouteOptions(), 'this drive cycle has no ambient temperature; give it [degC], such as: --ambient -5; in a '
-     'scenario or an itinerary: ambient_temperature_c: -5 beside route')])
+    (RouteOptions(offers=OFFERS), 'this drive cycle has no ambient temperature; give it [degC], such as: '
+     '--ambient -5'),
+    (RouteOptions(offers=BESIDE_ROUTE), 'give it [degC], such as: ambient_temperature_c: -5 beside route'),
+    (RouteOptions(), 'has no ambient temperature; make a route file with preheat route --from')])
 def test_options_that_do_not_fit(tmp_path, options, problem):
     assert refusal(tmp_path, examples.speed_table(), options).endswith(problem)
 

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,20 @@ class Journey:
     sampled: bool = False
 
 
+class Offers(NamedTuple):
+    """
+    The figures of RouteOptions that a caller takes, for messages.
+
+    `form` joins name and value; `figures` has the name, the unit and examples of each: (name, unit, *examples).
+    """
+
+    form: str
+    figures: Mapping[str, tuple[Any, ...]]
+
+
+NO_OFFERS = Offers('', {})
+
+
 @dataclass(frozen=True)
 class RouteOptions:
     """
@@ -61,7 +76,7 @@ class RouteOptions:
     `ambient_temperature_c` [degC] applies if the file has none. `with_auxiliaries`: the consumption in the file
     includes heating and auxiliaries (None: not given). `free_speed_kmh` [km/h]: speed on free road, for a line
     without times. `stop_duration_s` [s]: duration of a charging stop at each waypoint (None: waypoints are
-    passed). `vehicle_id`: the vehicle in a file with several.
+    passed). `vehicle_id`: the vehicle in a file with several. `offers` are those that the caller takes.
     """
 
     ambient_temperature_c: float | None = None
@@ -69,7 +84,24 @@ class RouteOptions:
     free_speed_kmh: float | None = None
     stop_duration_s: float | None = None
     vehicle_id: str | None = None
+    offers: Offers = field(default=NO_OFFERS, compare=False)
 
+    def advice(self, figure: str, request: str, *values: object) -> str:
+        """Return the request for a missing figure in the caller's words; another way if it does not take it."""
+        if figure not in self.offers.figures:
+            return 'make a route file with preheat route --from'
+        name, unit, *examples = self.offers.figures[figure]
+        given = [self.offers.form.format(name, value) for value in values or examples]
+        such = '' if len(given) > 1 else ', such as'
+        return f'{request}{f" [{unit}]" if unit else ""}{such}: {" or ".join(given)}'
+
+    def name(self, figure: str) -> str:
+        """Return the caller's name of a figure that is given."""
+        return str(self.offers.figures.get(figure, (figure,))[0])
+
+
+# What scenarios and itineraries take.
+BESIDE_ROUTE = Offers('{}: {} beside route', {'ambient_temperature_c': ('ambient_temperature_c', 'degC', -5)})
 
 # Shorter segments, beside a stop, are joined with their neighbours [s].
 LEAST_SEGMENT_S = 1.0
@@ -216,8 +248,8 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
         ends, (leg.stop_s or options.stop_duration_s or 0.0 for leg in legs)) if duration_s > 0.0)
     passed = len(ends) - len(stops)
     if passed:
-        remarks.append(f'{passed} waypoint{" is" if passed == 1 else "s are"} passed without a stop; for charging '
-                       'stops give their duration [min], such as: --stop-duration 20')
+        remarks.append(f'{passed} waypoint{" is" if passed == 1 else "s are"} passed without a stop; '
+                       + options.advice('stop_duration_s', 'for charging stops give their duration'))
     latitude_deg = longitude_deg = elevation_m = None
     if line is not None:
         latitude_deg, longitude_deg, height_m = line

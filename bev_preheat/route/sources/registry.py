@@ -19,10 +19,10 @@ LARGEST_FILE = 64_000_000
 # Enough text to recognise a format.
 BEGINNING = 4096
 UTF_16 = b'\xff\xfe', b'\xfe\xff'
-# Option and purpose of fields of RouteOptions that only some formats use.
-OPTIONS = {'free_speed_kmh': ('--free-speed', 'a line on the map without times'),
-           'stop_duration_s': ('--stop-duration', 'an answer of navigation with waypoints'),
-           'vehicle_id': ('--vehicle-id', 'the battery output of SUMO')}
+# Purpose of fields of RouteOptions that only some formats use.
+PURPOSES = {'free_speed_kmh': 'a line on the map without times',
+            'stop_duration_s': 'an answer of navigation with waypoints',
+            'vehicle_id': 'the battery output of SUMO'}
 ROOT_ELEMENT = re.compile(rb'<(?![?!])(?:[\w.-]+:)?([\w.-]+)')
 COMMENT = re.compile(rb'<!--.*?-->', re.DOTALL)
 GEOJSON_TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection', 'Point',
@@ -74,9 +74,9 @@ def _has_powers(table: Table) -> bool:
 
 def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:
     """Raise InvalidInput if an option is given that a format does not use."""
-    for field, (option, purpose) in OPTIONS.items():
-        if getattr(options, field) is not None and field not in used:
-            raise InvalidInput(f'{option}: is only for {purpose}')
+    for figure, purpose in PURPOSES.items():
+        if getattr(options, figure) is not None and figure not in used:
+            raise InvalidInput(f'{options.name(figure)}: is only for {purpose}')
 
 
 def _read_xml(text: bytes, options: RouteOptions) -> Journey:

@@ -59,7 +59,7 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     if time_s is None:
         return _free(kind, latitude_deg, longitude_deg, elevation_m, options, remarks)
     if options.free_speed_kmh is not None:
-        raise InvalidInput(f'the {kind} has times; leave out --free-speed')
+        raise InvalidInput(f'the {kind} has times; leave out {options.name("free_speed_kmh")}')
     timely = _in_order(time_s)
     wild = int((~timely).sum())
     if wild > MOST_DROPPED * len(timely):
@@ -184,12 +184,12 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
           options: RouteOptions, remarks: list[str]) -> Journey:
     """Return the Journey of a line without times, driven at the free speed and slower in curves."""
     if options.free_speed_kmh is None:
-        raise InvalidInput(f'the {kind} has no times; give the speed on free road [km/h], such as: --free-speed '
-                           '90')
+        raise InvalidInput(f'the {kind} has no times; '
+                           + options.advice('free_speed_kmh', 'give the speed on free road'))
     low, high = SPEED_RANGE_KMH
     if not low <= options.free_speed_kmh <= high:
-        raise InvalidInput(f'--free-speed: {options.free_speed_kmh:g} km/h is not allowed; it must be {low:g} ... '
-                           f'{high:g} km/h')
+        raise InvalidInput(f'{options.name("free_speed_kmh")}: {options.free_speed_kmh:g} km/h is not allowed; it '
+                           f'must be {low:g} ... {high:g} km/h')
     step_m = distances_m(latitude_deg, longitude_deg)
     different = np.concatenate(([True], step_m > 0.01))
     latitude_deg, longitude_deg, elevation_m = (

@@ -84,7 +84,7 @@ def read_gpx(text: bytes, options: RouteOptions) -> Journey:
             raise InvalidInput(f'{without} of {len(points)} {element}s have no time, from {element} '
                                f'{int(np.argmin(timed)) + 1} on, and with them {lost_m / 1e3:.1f} km of '
                                f'{all_m / 1e3:.1f} km would be lost; take out the part without times, or take out '
-                               'all times and give --free-speed')
+                               f'all times and {options.advice("free_speed_kmh", "give the speed on free road")}')
         remarks.append(f'{without} {element}s without a time are left out, {lost_m:.0f} m of {all_m / 1e3:.1f} km')
         points = points[timed]
     if not has_times and without < len(points):
@@ -172,9 +172,10 @@ def _chosen(rows: dict[str, list[tuple[str, str, str]]], options: RouteOptions) 
     names = ', '.join(list(rows)[:NAMED_VEHICLES]) + (', …' if len(rows) > NAMED_VEHICLES else '')
     if options.vehicle_id is not None:
         if options.vehicle_id not in rows:
-            raise InvalidInput(f'--vehicle-id: {quoted(options.vehicle_id)} is not in the file; it has: {names}')
+            raise InvalidInput(f'{options.name("vehicle_id")}: {quoted(options.vehicle_id)} is not in the file; '
+                               f'it has: {names}')
         return options.vehicle_id
     if len(rows) > 1:
-        raise InvalidInput(f'has {len(rows)} vehicles; choose one, such as: --vehicle-id {next(iter(rows))} (it '
-                           f'has: {names})')
+        raise InvalidInput(f'has {len(rows)} vehicles, {names}; '
+                           + options.advice('vehicle_id', 'choose one', next(iter(rows))))
     return next(iter(rows))
