@@ -83,14 +83,13 @@ def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[
         draw_course(soc, edges, 100.0 * session.soc, **style)
         temperatures_c.append(session.battery_temperature_c[session.time_s <= shown_s])
     charging = charging_of(vehicle)
-    temperature.axhline(stop.ambient_c, **palette.AMBIENT)
-    bounds = [stop.ambient_c]
+    levels = [temperature.axhline(stop.ambient_c, **palette.AMBIENT)]
     if charging.battery_heating and charging.heating_limit_c is not None:
-        temperature.axhline(charging.heating_limit_c, **palette.TARGET, label="limit of the car's heating")
-        bounds.append(charging.heating_limit_c)
+        levels.append(temperature.axhline(charging.heating_limit_c, **palette.TARGET, label=(
+            f"limit of the car's heating, {charging.heating_limit_c:g} °C")))
     soc.axhline(100.0 * stop.departure_soc, **palette.TARGET, label='departure')
     finish_panel(power, 'charging power\n[kW]', *powers_kw, least=10.0)
-    finish_panel(temperature, 'battery temperature\n[°C]', *temperatures_c, least=10.0, bounds=bounds)
+    finish_panel(temperature, 'battery temperature\n[°C]', *temperatures_c, least=10.0, levels=levels)
     finish_panel(soc, 'state of charge\n[%]', *(100.0 * session.soc for session in sessions.values()),
                  [100.0 * stop.departure_soc], least=10.0)
     time.finish(soc, 0.0, shown_s, 'time at the charger')

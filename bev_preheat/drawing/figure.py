@@ -203,10 +203,18 @@ def show_range(axis: Axes, *values: ArrayLike, least: float,
     return shown
 
 
-def finish_panel(axis: Axes, label: str, *values: ArrayLike, least: float,
-                 bounds: Iterable[ArrayLike] = ()) -> None:
-    """Show values and bounds of a panel as `show_range` does, label its y axis, and put its legend above."""
-    show_range(axis, *values, least=least, bounds=bounds)
+def show_levels(axis: Axes, *values: ArrayLike, least: float, levels: Sequence[Line2D]) -> None:
+    """Show values, and horizontal lines as bounds, as `show_range` does; a label says that its line is beyond."""
+    heights = [line.get_ydata() for line in levels]
+    for line, height, is_shown in zip(levels, heights, show_range(axis, *values, least=least, bounds=heights)):
+        if not is_shown:
+            side = 'above' if _extent([height])[0] > axis.get_ylim()[1] else 'below'
+            line.set_label(f'{line.get_label()} ({side} this range)')
+
+
+def finish_panel(axis: Axes, label: str, *values: ArrayLike, least: float, levels: Sequence[Line2D] = ()) -> None:
+    """Show values and horizontal lines as `show_levels` does, label the y axis, and put the legend above."""
+    show_levels(axis, *values, least=least, levels=levels)
     axis.set_ylabel(label)
     legend_above(axis)
 

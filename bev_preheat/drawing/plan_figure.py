@@ -17,6 +17,7 @@ from bev_preheat.drawing.figure import (
     finish_panel,
     legend_above,
     shade_steps,
+    show_levels,
     show_range,
     stacked_figure,
     TimeAxis,
@@ -214,9 +215,9 @@ def _draw_temperatures(axis: Axes, edges: FloatArray, trip: Trip, goal: Goal,
 
 def _draw_reserve(axis: Axes, reserve_percent: float) -> None:
     """Draw the reserve, or state that it is below the panel."""
-    shown, = show_range(axis, *drawn(axis), least=5.0, bounds=[reserve_percent])
-    axis.axhline(reserve_percent, color=palette.RESERVE, linewidth=0.9, linestyle='--',
-                 label=f'reserve {reserve_percent:.0f} %' + ('' if shown else ' (below this range)'))
+    show_levels(axis, *drawn(axis), least=5.0, levels=[axis.axhline(
+        reserve_percent, color=palette.RESERVE, linewidth=0.9, linestyle='--',
+        label=f'reserve {reserve_percent:.0f} %')])
 
 
 def _draw_limits(axis: Axes, edges: FloatArray, trip: Trip, plan: Plan) -> None:

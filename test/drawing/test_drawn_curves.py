@@ -7,6 +7,7 @@ import pytest
 
 from bev_preheat.drawing.figure import (
     draw_course,
+    finish_panel,
     literal,
     MOST_POINTS,
     save_figure,
@@ -44,6 +45,13 @@ def test_a_near_bound_is_shown_and_a_far_one_does_not_flatten_the_curve(axis):
         True, False]
     low, high = axis.get_ylim()
     assert high > 60.0 and -10.0 < low < 0.0
+
+
+def test_the_legend_says_where_a_far_line_lies(axis):
+    levels = [axis.axhline(height, label=f'limit {height} °C') for height in (44, 90, -90)]
+    finish_panel(axis, 'temperature', [0.0, 40.0], least=1.0, levels=levels)
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == [
+        'limit 44 °C', 'limit 90 °C (above this range)', 'limit -90 °C (below this range)']
 
 
 NAMES = ('a$b', '$x$', r'$\frac{1}$', r'\$_{', 'a_b^c', 'naïve 路线', 'a\x01b', 'c\udcff', '%s {0}')
