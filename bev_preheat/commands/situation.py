@@ -279,12 +279,13 @@ def add_prospect_arguments(parser: ArgumentParser) -> None:
     """Add the arguments that `read_prospect` reads."""
     group = option_group(parser, 'charging or arrival in doubt')
     group.add_argument('--charging-probability', type=float, metavar='0..1',
-                       help='probability that the vehicle charges on arrival, above 0 (default: it does)')
+                       help='probability that the vehicle charges on arrival, above 0 (default: it does); below '
+                       '1, plan heats only if that pays')
     group.add_argument('--arrival-deviation', type=float, metavar='S',
                        help='standard deviation of the arrival time [s] (default: exact)')
     group.add_argument('--charging-known-before', type=float, metavar='S',
-                       help='for how long before the arrival the driver knows whether the vehicle charges [s] '
-                       '(default: on arrival)')
+                       help='how long before arrival the driver knows whether the vehicle charges [s] (default: '
+                       'on arrival)')
 
 
 def read_prospect(arguments: Namespace) -> ChargingProspect:
