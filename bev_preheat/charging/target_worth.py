@@ -195,7 +195,8 @@ class Worth:
     `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
     None if it is certain. `pays_from_chance` is the same, also if it is certain. `pays_to_price_per_kwh` is the
     highest price of energy for which some heating pays, infinite if it pays at any price, 0 if at none. `by_rule`
-    has the results of `maker_rules`, if asked for. `way` is HEATING, or COOLING if that is what pays.
+    has the results of `maker_rules`, if asked for. `way` is HEATING, or COOLING if that is what pays; `step` the
+    `greatest_step`.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -211,6 +212,7 @@ class Worth:
     pays_to_price_per_kwh: float = 0.0
     by_rule: dict[str, TargetWorth] = field(default_factory=dict)
     way: str = HEATING
+    step: TemperatureStep | None = None
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
@@ -232,11 +234,6 @@ class Worth:
                 'unheated_more_cost': self.without_heating.cost - self.best.cost,
                 **({} if self.pays_from_probability is None else {
                     'pays_from_probability': self.pays_from_probability})}
-
-    @property
-    def step(self) -> TemperatureStep | None:
-        """The `greatest_step` of all targets."""
-        return greatest_step(self.targets, self.without_heating)
 
     def step_in_words(self) -> str:
         """Return the sentence on the `step`; '' for none."""

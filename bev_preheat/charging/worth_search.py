@@ -41,6 +41,7 @@ from bev_preheat.charging.target_worth import (
     pays_to_price_per_kwh,
     Prices,
     TargetWorth,
+    TemperatureStep,
     Worth,
 )
 from bev_preheat.charging.verdict import (
@@ -308,10 +309,14 @@ class WorthSearch:
         return spent_wh(self._vehicle, item.arrival_soc, item.arrival_temperature_c,
                         self.without.arrival_soc - item.arrival_soc)
 
+    @property
+    def step(self) -> TemperatureStep | None:
+        """The `greatest_step` of the targets evaluated so far."""
+        return greatest_step(self._found.values(), self.without)
+
     def step_in_words(self) -> str:
-        """Return the sentence on the `greatest_step` of the targets evaluated so far; '' for none."""
-        step = greatest_step(self._found.values(), self.without)
-        return '' if step is None else step.in_words()
+        """Return the sentence on the `step`; '' for none."""
+        return '' if self.step is None else self.step.in_words()
 
     def best_if_charged(self) -> TargetWorth:
         """Return the TargetWorth with the lowest cost so far if the vehicle charges for certain."""
@@ -361,7 +366,7 @@ class WorthSearch:
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
             self.verdict(best), self.choice_after(best), self.choice_after(self.without),
             None if self._expectation is None else self.pays_from_probability(),
-            self.pays_from_chance(), self.pays_to_price_per_kwh(), way=self.way)
+            self.pays_from_chance(), self.pays_to_price_per_kwh(), way=self.way, step=self.step)
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,

@@ -26,6 +26,7 @@ LAST = {'route': 'drive.csv', 'charging_planned': False, 'minimum_arrival_soc': 
 def trip(tmp_path):
     """Write an itinerary of legs; returns the words of a command that plans it."""
     (tmp_path / 'drive.csv').write_text(ROUTE)
+    (tmp_path / 'cycle.csv').write_text('time_s,speed_kmh\n0,50\n60,50\n')
 
     def words(*legs):
         (tmp_path / 'trip.yaml').write_text(yaml.safe_dump({'name': 'there and on', 'legs': list(legs)}))
@@ -132,8 +133,9 @@ def without(leg, left_out):
     ([FIRST, {**LAST, 'route': 'winter_comute'}],
      "legs[1].route: route 'winter_comute' is unknown; did you mean 'winter_commute'?"),
     ([FIRST, {**LAST, 'route': './no.csv'}], 'no.csv: no such file'),
+    ([FIRST, {**LAST, 'route': 'cycle.csv'}], 'give it [degC], such as: ambient_temperature_c: -5 beside route'),
 ], ids=['missing', 'missing all', 'beyond', 'duration', 'soc', 'temperature', 'minimum', 'text',
-        'unknown', 'no route', 'route', 'file'])
+        'unknown', 'no route', 'route', 'file', 'ambient'])
 def test_a_bad_itinerary_is_refused_with_file_and_key(refused, trip, legs, problem):
     found = refused(*trip(*legs))
     assert 'trip.yaml: ' in found and problem in found

@@ -254,3 +254,6 @@ def test_files_that_it_names_are_seen_from_its_folder(tmp_path):
     # km/h / 3.6, and a thousand watts a kilowatt.
     assert route.distance_m == pytest.approx((700.0 * 50.0 + 800.0 * 90.0) / 3.6)
     assert route.propulsion_power_w.tolist() == [8e3, 16e3]
+    (tmp_path / 'own.csv').write_text('duration_s,speed_kmh\n700,50\n800,90\n')
+    with pytest.raises(InvalidInput, match='such as: ambient_temperature_c: -5 beside route'):
+        load(tmp_path, contents)
