@@ -4,8 +4,8 @@ Belief about the battery: one extended Kalman filter per hypothesis, and the hyp
 
 An interacting multiple-model filter (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33(8),
 1988). A heater may change from one kind to another, so the heaters' filters are mixed by the transition
-probabilities; those of the sensor's places run in parallel without mixing. Quantised readings are treated as
-intervals (`truncated_moments`).
+probabilities; those of the sensor's places run in parallel without mixing. All expect the same noise of the drive.
+Quantised readings are treated as intervals (`truncated_moments`).
 """
 
 from __future__ import annotations
@@ -406,7 +406,7 @@ class Belief:
         mean[..., MOVING] = after
         covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
         covariance[..., range(SIZE), range(SIZE)] += wander
-        # The noise is that of all hypotheses together: none is the likelier because it expects less.
+        # The noise is the mean over all hypotheses: none is likelier because it expects less.
         # The slope of the local rise over the steady rise is proportional to the Joule heat.
         rose = slopes[..., MOVING.index(LOCAL), JOULE_RISE]
         covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * np.vdot(self.weights, rose * rose)

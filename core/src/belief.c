@@ -236,7 +236,7 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
   double *const covariances = &means[filters * BEV_ELEMENTS];
   memcpy(means, belief->mean, (size_t)(filters * BEV_ELEMENTS) * sizeof(double));
   memcpy(covariances, belief->covariance, (size_t)(filters * SQUARE) * sizeof(double));
-  /* Of the local rise, and of temperature and state of charge: no hypothesis is the likelier by less noise. */
+  /* Means over all hypotheses: none is likelier because it expects less noise. */
   double rose2 = 0.0;
   double hidden[BEV_SOC + 1][BEV_SOC + 1] = {{0.0, 0.0}, {0.0, 0.0}};
   for (int32_t filter = 0; filter < filters; filter++) {
