@@ -159,10 +159,10 @@ class Export:
 
     def _check_folder(self, folder: AnyPath, names: set[str]) -> None:
         """Raise InvalidInput if a folder has files that an export does not write."""
-        if not os.path.lexists(self._folder):
+        if self._folder and not os.path.lexists(self._folder):
             return
         if not os.path.isdir(self._folder):
-            raise InvalidInput(f'--output: {os.fspath(folder)}: is not a folder')
+            raise InvalidInput(f"--output: {os.fspath(folder) or repr('')}: is not a folder")
         ours = {name.partition('/')[0] for name in names} | {BUILD}
         try:
             others = sorted(set(os.listdir(self._folder)) - ours)

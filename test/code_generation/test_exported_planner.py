@@ -28,10 +28,11 @@ from bev_preheat.vehicle.description import HeatPath, Leakage
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 pytestmark = pytest.mark.costly
-# Curves of the first are formulas with factors, of the second tables; the third has a heat path.
+# Curves of the first are formulas with factors, of the second tables; the third has a heat path, the last a shell.
 FORMULAS = corrected_vehicle(load_vehicle('reference'), Corrections(1.07, 0.9, 1.2, 0.97))
 CARS = {'formulas': FORMULAS, 'tables': load_vehicle('mid_size_lfp'),
-        'heat path': replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0))}
+        'heat path': replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0)),
+        'shell': load_vehicle('shell_and_core')}
 VECTORS = 25
 FUZZ = Path(__file__).with_name('fuzz_planner.c')
 
@@ -89,6 +90,11 @@ def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
     assert len(heated(export.vectors)) > 5 and len(heated_within_limits(export.vectors)) > 3
     for method in range(len(METHODS)):
         assert max(len(vector.columns[1]) for vector in heated(export.vectors, method)) == 360
+
+
+def test_a_battery_of_shell_and_core_has_the_energies_of_python(tmp_path):
+    done = exported(tmp_path / 'ecu', CARS['shell'], 15)
+    assert len(heated(done.vectors)) > 1 and done.check().returncode == 0, done.check().stdout
 
 
 @pytest.mark.parametrize('method', range(len(METHODS)), ids=METHODS)

@@ -28,7 +28,7 @@ def test_what_is_no_folder_of_its_own_or_stands_in_the_way_is_refused(refused):
     Path('mine/thesis.tex').write_text('kept')
     Path('out/vectors.txt').mkdir(parents=True)
     for folder, problem in (
-            ('file', 'file: is not a folder'),
+            ('file', 'file: is not a folder'), ('', "'': is not a folder"),
             ('mine', 'mine: has files that an export does not write: thesis.tex; name a folder of its own'),
             ('out', 'out/vectors.txt: is a folder; only a regular file can be written'),
             ('file/below', f'file/below/MISRA.md: cannot be a file: {os.strerror(errno.ENOTDIR)}')):

@@ -115,6 +115,15 @@ bev_status bev_ecu_keep_accounts(const bev_vehicle *vehicle, const bev_trip *tri
                                   plan->brake_w};
   const bev_status status =
       bev_keep_accounts(vehicle, BEV_RUNGE_KUTTA_4, trip, &made, NULL, &plan->energy_wh);
+  if (vehicle->shell_share > 0.0) {
+    /* Heat arrives in the shell, which is warmer than the core and leaks. */
+    const double *excess_k = &plan->soc[3 * (steps + 1)];
+    plan->energy_wh.hvch_heat = vehicle->heater_efficiency * plan->energy_wh.hvch_electric;
+    for (int32_t k = 0; k < steps; k++) {
+      plan->energy_wh.leakage -= trip->leakage_w_per_k[k] * 0.5 * (excess_k[k] + excess_k[k + 1])
+          * trip->duration_s[k] / BEV_JOULES_PER_WH;
+    }
+  }
   if (is_direct == 0) {
     const double heater_w = plan->soc[2 * (steps + 1) + steps];
     const double after_wh = vehicle->heater_lag_s * heater_w / BEV_JOULES_PER_WH;
