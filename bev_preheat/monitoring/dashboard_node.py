@@ -17,6 +17,7 @@ from bev_preheat.monitoring.planners import Planners, PLANNERS_PERIOD_S
 from bev_preheat.monitoring.source import LiveSource
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import NodeProgram
+from bev_preheat.nodes.setup_watch import unknown_parameters
 from bev_preheat.optional_packages import require
 from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.vehicle import load_vehicle
@@ -34,6 +35,7 @@ PROGRAM = NodeProgram(
     'dashboard', 'Serves a web page that shows running planners: what they do and why, with curves and, if '
     'allowed, buttons.', PARAMETERS,
     subscribes=(('preheat_plan', 'bev_preheat_msgs/PreheatPlan'), ('hvch_command', 'bev_preheat_msgs/HvchCommand'),
+                ('heat_source_command', 'bev_preheat_msgs/HeatSourceCommand'),
                 ('battery_state', 'sensor_msgs/BatteryState'),
                 ('hvch_status', 'bev_preheat_msgs/HvchStatus: the delivered power'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan: the reserve of charge'),
@@ -50,10 +52,13 @@ class DashboardNode(Node):
         from bev_preheat.monitoring.server import PageServer
         super().__init__('dashboard', start_parameter_services=False)
         values = declare(self, PARAMETERS)
+        for sentence in unknown_parameters(self):
+            self.get_logger().warning(sentence)
         self._planners = Planners(self)
         self._source = LiveSource(self._planners.boards, self._planners.lock)
         self._vehicle_clients: dict[str, Any] = {}
         self._knows_vehicle: set[str] = set()
+        self._vehicles: dict[str, str] = {}
         self._controls: Controls | None = None
         access = Access(values['address'], values['token'])
         self._server = PageServer(access, values['port'], self._source, self._planners.warn)
@@ -75,6 +80,7 @@ class DashboardNode(Node):
         back, forgotten = self._planners.look()
         self._knows_vehicle -= {*back, *forgotten}
         for name in forgotten:
+            self._vehicles.pop(name, None)
             client = self._vehicle_clients.pop(name, None)
             if client is not None:
                 self.destroy_client(client)
@@ -105,7 +111,13 @@ class DashboardNode(Node):
         try:
             if len(values) != 1 or values[0].type != ParameterType.PARAMETER_STRING:
                 raise InvalidInput('the planner has no parameter vehicle')
-            unheated, problem = Unheated(load_vehicle(values[0].string_value)), ''
+            vehicle = values[0].string_value
+            if self._vehicles.setdefault(name, vehicle) != vehicle:
+                # The drive of another car, perhaps with other heat sources.
+                self._vehicles[name] = vehicle
+                with self._source.lock:
+                    board.forget()
+            unheated, problem = Unheated(load_vehicle(vehicle)), ''
         except InvalidInput as error:
             problem = f'Without the vehicle file no temperature without heating is shown: {error}'
         with self._source.lock:

@@ -90,7 +90,7 @@ def test_planners_come_answer_go_and_come_back(bench):
     tab.watch('', lambda tab: True, 'an empty list')
     assert tab.planners == []
     planner = bench.start('planner')
-    bench.start('planner', '-r', '__ns:=/car_7')
+    other = bench.start('planner', '-r', '__ns:=/car_7', '-p', 'vehicle:=heat_pump_car')
     with driving(bench, route_id=EVIL), driving(bench, '/car_7', temperature_c=3.0):
         # Topics come in any order: the page may hear of the plan before it hears a battery state.
         view = tab.watch('/planner', lambda tab: tab.view['status'] == 'WAITING' and tab.view['regime']
@@ -102,8 +102,8 @@ def test_planners_come_answer_go_and_come_back(bench):
         assert view['predicted'] == pytest.approx(25.0, abs=1.0)
         # Without heating it arrives colder by the heat of some 2 kWh.
         assert 8.0 < tab.plan['planned'][-1] - tab.plan['planUnheated'][-1] < 30.0
-        tab.watch('/car_7/planner', lambda tab: tab.view['temperature'] == 3.0 and not tab.view['banner'],
-                  'the other one')
+        tab.watch('/car_7/planner', lambda tab: tab.view['temperature'] == 3.0 and not tab.view['banner']
+                  and len(tab.view['sources']) == 4, 'the other one')
         assert [each['name'] for each in tab.planners] == ['/car_7/planner', '/planner']
         assert_it_answers(host, tab)
         planner.send_signal(signal.SIGKILL)
@@ -115,6 +115,11 @@ def test_planners_come_answer_go_and_come_back(bench):
         bench.start('planner')
         tab.watch('/planner', lambda tab: not tab.view['banner'] and tab.view['status'] == 'WAITING', 'it is back')
         assert ask(host, planner='/planner', kind='enable')['isAccepted']
+        other.send_signal(signal.SIGTERM)
+        tab.watch('/car_7/planner', lambda tab: tab.planners[0]['problem'] == 'gone', 'the other one is gone')
+        bench.start('planner', '-r', '__ns:=/car_7')
+        tab.watch('/car_7/planner', lambda tab: not tab.view['banner'] and tab.view['power'] is not None
+                  and not tab.view['sources'], 'another car')
     assert 'WARN' not in dashboard.output() and 'ERROR' not in dashboard.output()
 
 
@@ -176,8 +181,9 @@ def test_a_taken_port_and_a_bad_parameter_are_one_line(refusal):
 
 def test_the_token_is_neither_in_ros_nor_in_the_log_and_it_publishes_nothing(bench):
     token = 'correct-horse-battery'
-    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', f'token:={token}')
+    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', f'token:={token}', '-p', 'control:=true')
     host = page_of(dashboard)
+    assert "parameter 'control' is unknown and ignored; did you mean 'controls'?" in dashboard.output()
     with pytest.raises(OSError, match='401'):
         urlopen(f'http://{host}/?token={token[:-1]}', timeout=LIMIT_S)
     poll_until(lambda: 'dashboard' in bench.node.get_node_names(), 'the node')
