@@ -214,7 +214,8 @@ class View:
 
     def __post_init__(self) -> None:
         self.oldest_s = self.now_s
-        self.missing: dict[str, str] = {}
+        self.missing = {signal: f'{signal}: is not on the bus' for signal in self.live_map.sources
+                        if not self.channels.get(signal)}
 
     @property
     def is_lost(self) -> bool:
@@ -286,8 +287,7 @@ class View:
                 f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
         values = {signal: self.value(signal) for signal in BATTERY_SIGNALS}
         cells_c = self.all_values(CELLS)
-        lacking = [self.missing.get(signal, f'{signal}: is not on the bus') for signal in self.live_map.required
-                   if values.get(signal) is None]
+        lacking = [self.missing[signal] for signal in self.live_map.required if values.get(signal) is None]
         if lacking:
             return None, tuple(lacking)
         charging = None

@@ -266,6 +266,14 @@ def test_modules_that_are_not_there_are_not_in_the_mean(tmp_path, raw, expected_
     assert (battery and battery.temperature_c) == expected_c
 
 
+def test_names_that_are_on_no_bus_are_told_although_battery_state_does_without_them(tmp_path):
+    path = written_map(tmp_path, '  cells_c: Cells.Nope', signals=', current_a: BMS.Amps, speed_mps: ABS.Speed')
+    source = CanSource(load_live_map(path), lambda: 100.0)
+    source.on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
+    battery, _ = source.battery(100.5)
+    assert set(battery.missing) == {f'{name}: is not on the bus' for name in ('current_a', 'speed_mps', 'cells_c')}
+
+
 def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
     cells = [[20.0 + row + cell if (row, cell) not in ((1, 0), (2, 0), (2, 1)) else '' for cell in range(4)]
              for row in range(4)]
