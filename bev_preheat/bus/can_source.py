@@ -15,7 +15,7 @@ from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATE
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import CanSettings, LiveMap, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
-from bev_preheat.errors import InvalidInput, located, quoted
+from bev_preheat.errors import InvalidInput, located, LONGEST_PROBLEM, quoted, shortened
 from bev_preheat.logs.can_frames import identifying_bits, recorded_frames
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -138,7 +138,8 @@ class CanLink:
                 self._receive_frames(bus)
             except Exception as error:
                 # python-can passes on errors of drivers and of the operating system.
-                self.problem = f'{type(error).__name__}: {quoted(str(error))}; it is tried again'
+                self.problem = (f'{type(error).__name__}: {shortened(str(error), LONGEST_PROBLEM)!r}; '
+                                'it is tried again')
             self._shut()
             self._ended.wait(CAN_RECONNECT_S)
 

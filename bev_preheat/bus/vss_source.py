@@ -13,7 +13,7 @@ from typing import Any
 
 from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, LiveSource
-from bev_preheat.errors import figure, InvalidInput, located, quoted
+from bev_preheat.errors import figure, InvalidInput, located, LONGEST_PROBLEM, quoted, shortened
 from bev_preheat.files.input_files import read_text
 from bev_preheat.files.units import unit_named
 from bev_preheat.optional_packages import require
@@ -240,8 +240,8 @@ def text_of(path: Any, key: str) -> str | None:
 
 
 def _in_words(error: Exception) -> str:
-    details = getattr(error, 'error', None)
+    reason, message, details = type(error).__name__, str(error), getattr(error, 'error', None)
     with suppress(Exception):
         if details:
-            return f'{details.get("reason", type(error).__name__)}: {quoted(str(details.get("message", "")))}'
-    return f'{type(error).__name__}: {quoted(str(error))}'
+            reason, message = details.get('reason', reason), str(details.get('message', ''))
+    return f'{reason}: {shortened(message, LONGEST_PROBLEM)!r}'

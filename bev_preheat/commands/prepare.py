@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 from functools import partial
+import math
 import os
 import re
 import signal
@@ -52,7 +53,8 @@ OF_DEPARTURE = WORDS_OF_GOAL._replace(arrival='the battery leaves at {temperatur
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'from', 'json', 'plot')
 # Options of a goal for a running planner, and all for one.
 OF_GOAL = ('at', 'in', 'target', 'max_arrival_temperature', 'plugged_in')
-OF_PLANNER = (*OF_GOAL, 'skip_next', 'skip_none', 'namespace', 'node')
+SKIPS = ('skip_next', 'skip_none')
+OF_PLANNER = (*OF_GOAL, *SKIPS, 'namespace', 'node')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -123,6 +125,9 @@ def run(arguments: Namespace) -> int:
     minutes = getattr(arguments, 'in')
     if minutes is not None and not 0.0 < minutes <= LONGEST_MIN:
         raise InvalidInput(f'--in: {minutes:g} is not allowed; it must be above 0 and at most {LONGEST_MIN:g} min')
+    # A message has NaN for "not given".
+    if arguments.max_arrival_temperature is not None and math.isnan(arguments.max_arrival_temperature):
+        raise InvalidInput('--max-arrival-temperature: nan is not allowed; it must be a number')
     ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
                   else None if minutes is None else 60.0 * minutes)
     require_ros()
@@ -209,9 +214,9 @@ def check_departure_arguments(arguments: Namespace) -> None:
     if arguments.departures is None:
         for option in given_options(arguments, OFFLINE):
             raise InvalidInput(f'{option}: is for --departures only')
-        if arguments.skip_next or arguments.skip_none:
+        for skip in given_options(arguments, SKIPS):
             for option in given_options(arguments, (*OF_GOAL, 'ambient')):
-                raise InvalidInput(f'{option}: is not allowed with --skip-next and --skip-none')
+                raise InvalidInput(f'{option}: is not allowed with {skip}')
         return
     for option in given_options(arguments, OF_PLANNER):
         raise InvalidInput(f'{option}: is not allowed with --departures')

@@ -27,7 +27,7 @@ from bev_preheat.bus.conditioning import (
 )
 from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command
@@ -61,7 +61,12 @@ class BusConditioning:
         self._request = ConditioningRequest()
         # It executes nothing; it reports whether the battery is being heated.
         self._heater = HeaterController(HeaterLimits(math.inf, longest_lease_s=longest_lease_s))
-        self._client = ActionClient(node, PrepareBattery, f'{planner}/prepare_battery')
+        try:
+            node.resolve_topic_name(action := f'{planner}/prepare_battery')
+        except RuntimeError as error:
+            raise InvalidInput(f'planner: {quoted(planner)} is not allowed; it must be the name of a '
+                               'node') from error
+        self._client = ActionClient(node, PrepareBattery, action)
         self._wanted: ConditioningGoal | None = None
         self._sent: ConditioningGoal | None = None
         self._handle: Any = None

@@ -207,6 +207,12 @@ def test_a_request_that_is_not_allowed_is_named_and_the_cabin_sees_what_counts(c
     assert not cabin.warning()
 
 
+@pytest.mark.parametrize('name', ['a b', 'car/'])
+def test_a_planner_by_another_name_than_of_a_node_is_refused(refusal, name):
+    assert f'planner: {name!r} is not allowed; it must be the name of a node' in refusal(
+        'bus_gateway', '--ros-args', '-p', 'signals:=vss', '-p', f'planner:={name}')
+
+
 def test_a_rejected_goal_is_a_warning(cabin):
     cabin.ask().reject()
     cabin.pass_by(0.2)
