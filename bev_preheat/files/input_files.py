@@ -140,6 +140,9 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     if text in names:
         return folder / f'{text}{suffix}'
     near = [*_files_beside(text), *get_close_matches(text[:LONGEST_QUOTE], names, n=1)]
+    if not near and Path(text).suffix:
+        # The name of a file, which is missing.
+        check_input(text)
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = 'signal map' if kind == 'signals' else (
         f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1])

@@ -83,6 +83,7 @@ def test_legs_are_found_by_name_by_file_and_from_a_folder(tmp_path, monkeypatch)
      'ending in .yaml'),
     ('legs/nowhere.yaml', 'legs/nowhere.yaml: no such file'),
     ('nowhere.yml', './nowhere.yml: no such file'),
+    ('nowhere.gpx', 'nowhere.gpx: no such file'),
     ('legs/no/where', 'legs/no/where: no such file')])
 def test_legs_that_are_not_there(tmp_path, monkeypatch, name, problem):
     monkeypatch.chdir(tmp_path)
