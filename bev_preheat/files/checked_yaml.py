@@ -78,12 +78,17 @@ def _refused(schema: FileData, contents: FileData) -> list[str]:
     return schema_problems(schema, contents)
 
 
+EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$')
 # LibYAML parses six times faster; not every build of PyYAML has it.
 _FAST: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 def _strict(loader: Any) -> Any:
-    """Return a loader that refuses duplicate keys (YAML's own takes the last one) and leaves dates as texts."""
+    """
+    Return a loader that refuses duplicate keys (YAML's own takes the last one) and leaves dates as texts.
+
+    It reads 7e3 as a number, as YAML 1.2 and parameter files of ROS; that of YAML 1.1 is 7.0e+3 only.
+    """
     class Strict(loader):  # type: ignore[misc]
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
             seen = set()
@@ -96,6 +101,7 @@ def _strict(loader: Any) -> Any:
 
     # Schemas say where a date is allowed, and readers know the zone.
     Strict.add_constructor('tag:yaml.org,2002:timestamp', Strict.construct_scalar)
+    Strict.add_implicit_resolver('tag:yaml.org,2002:float', EXPONENTIAL, list('-+.0123456789'))
     return Strict
 
 

@@ -36,6 +36,11 @@ def test_a_file_holds_what_the_reference_parser_finds(load, path):
     assert load(path) == yaml.safe_load(Path(path).read_text(encoding='utf-8'))
 
 
+def test_exponents_need_neither_a_point_nor_a_sign(load, tmp_path):
+    (path := tmp_path / 'numbers.yaml').write_text('a: [7e3, 7.0e3, -1E-3, .5e2, e3, 7e, "7e3"]\n')
+    assert load(path) == {'a': [7000.0, 7000.0, -0.001, 50.0, 'e3', '7e', '7e3']}
+
+
 @pytest.mark.parametrize('text, place', [
     ('a: 1\nb: [1, 2\n', 'line 3, column 1: while parsing a flow sequence from line 2'),
     ('a: 1\n b: 2\n', 'line 2, column 3'), ('a: "\\q"\n', 'line 1, column 6'), ('\ta: 1\n', 'line 1, column 1'),
