@@ -188,7 +188,8 @@ def unknown_parameters(node: Node) -> list[str]:
         nearest = get_close_matches(name, known, 1)
         sentences.append(f'parameter {name!r} is unknown and ignored' + (
             f'; did you mean {nearest[0]!r}?' if nearest else ''))
-    if not given and '--params-file' in sys.argv:
-        sentences.append('the parameter file holds nothing for '
-                         f'{node.get_fully_qualified_name()}; all parameters have their defaults')
+    # Of `-p NAME:=VALUE` or `-p NODE:NAME:=VALUE`.
+    typed = {word.partition(':=')[0].rpartition(':')[2] for word in sys.argv}
+    if '--params-file' in sys.argv and typed.issuperset(given):
+        sentences.append(f'the parameter file holds nothing for {node.get_fully_qualified_name()}')
     return sentences

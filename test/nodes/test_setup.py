@@ -136,7 +136,7 @@ def test_a_file_for_another_node_is_told(rehearsal, tmp_path, monkeypatch):
     path = tmp_path / 'parameters.yaml'
     path.write_text('planer:\n  ros__parameters:\n    vehicle: small_car\n')
     diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
-    arguments = '--params-file', str(path)
+    arguments = '--params-file', str(path), '-p', 'planner:vehicle:=small_car'
     monkeypatch.setattr('sys.argv', ['planner', '--ros-args', *arguments])
     rehearsal.start('planner', *arguments)
     setup_entry(diagnostics, 'planner', 'the parameter file holds nothing for /planner')
