@@ -167,7 +167,7 @@ class Planners:
 
 
 def find_planners(node: Node, known: dict[str, Topics]) -> dict[str, Topics]:
-    """Return the Topics of planners that are there, by full name; those in `known` are not examined again."""
+    """Return the Topics of planners that are there, by full name; `known` are those found before."""
     found: dict[str, Topics] = {}
     for topic, types in node.get_topic_names_and_types():
         if PLAN not in types:
@@ -176,9 +176,8 @@ def find_planners(node: Node, known: dict[str, Topics]) -> dict[str, Topics]:
             if endpoint.topic_type != PLAN or endpoint.node_name.startswith('_'):
                 continue
             name = endpoint_name(endpoint)
-            topics = known.get(name)
-            if topics is None or topics[PLAN] != topic:
-                topics = _examine(node, endpoint.node_name, endpoint.node_namespace, topic)
+            # Again each time, because some may be discovered later.
+            topics = _examine(node, endpoint.node_name, endpoint.node_namespace, topic) or known.get(name)
             if topics is not None:
                 found[name] = topics
     return found

@@ -22,7 +22,7 @@ from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan, RoutePlan
 
 LIMIT_S = 120.0
 EVIL = '<img src=x onerror=alert(1)></script>"\''
@@ -163,6 +163,23 @@ def test_whatever_a_publisher_sends_is_no_end(bench):
     assert view['status'] == 'STATUS_250' and view['power'] is view['predicted'] is view['temperature'] is None
     assert tab.plan['planTime'] == [] and len(view['sentence']) < 2100
     assert dashboard.exit_status is None and 'ERROR' not in dashboard.output()
+
+
+def test_topics_that_are_discovered_later_than_the_planner_are_followed(bench):
+    tab = Tab(page_of(bench.start('dashboard', '-p', 'port:=0')))
+    bench.publisher(PreheatPlan, 'preheat_plan', LATCHED)
+    commands = bench.publisher(HvchCommand, 'hvch_command')
+    bench.record(BatteryState, 'battery_state', 1)
+
+    def command(publisher, message):
+        message.header.stamp = bench.node.get_clock().now().to_msg()
+        publisher.publish(message)
+
+    with repeating(lambda: command(commands, HvchCommand()), 0.2):
+        tab.watch('/tester', lambda tab: tab.view['power'] == 0.0, 'a planner')
+        sources = bench.publisher(HeatSourceCommand, 'heat_source_command')
+        with repeating(lambda: command(sources, HeatSourceCommand(name='pump', battery_heating_power=900.0)), 0.2):
+            tab.watch('/tester', lambda tab: ['pump', 900.0] in tab.view['sources'], 'its heat source')
 
 
 def test_a_taken_port_and_a_bad_parameter_are_one_line(refusal):
