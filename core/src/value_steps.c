@@ -139,6 +139,8 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
       heat_w = 0.0;
     } else if (found > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_ROUNDING_W)) {
       continue;
+    } else {
+      /* An end with another power. */
     }
     end->settled_c = bev_seen_ahead_c(of, k, settled_c, start, end);
     end->cost_j += of->price_j[k + 1] * (end->states[0] - of->soc[k + 1]);
@@ -158,7 +160,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
 }
 
 /* Compare a mixture with the best of its direction. */
-static void keep_better(choice *best, const mixture *found) {
+static void keep_cheaper(choice *best, const mixture *found) {
   mixture *const before = &best->by_direction[found->direction + 1];
   *before = found->value_j < before->value_j ? *found : *before;
 }
@@ -170,7 +172,7 @@ choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t 
     const int32_t direction = direction_of(ends[end].powers_w[0]);
     const mixture whole = {
         ends[end].cost_j + worth_j(of, next, ends[end].settled_c, direction), 0.0, end, direction};
-    keep_better(&best, &whole);
+    keep_cheaper(&best, &whole);
   }
   for (int32_t end = 0; of->is_certain != 0 && end + 1 < count; end++) {
     const step_end *low = &ends[end];
@@ -204,7 +206,7 @@ choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t 
     const double low_place = (low->settled_c - next->least_c) / next->step_k;
     const mixture mixed = {low->cost_j + least_j - low_place * per_point_j,
                            ((double)found - low_place) / (to - low_place), end, is_cold ? -1 : 1};
-    keep_better(&best, &mixed);
+    keep_cheaper(&best, &mixed);
   }
   return best;
 }
