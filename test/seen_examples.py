@@ -17,7 +17,7 @@ def a_plan(at_s=START_S, **changed):
         'at_s': at_s, 'route_id': 'home', 'method': 'value_function', 'status': int(Status.WAITING),
         'sentence': 'Heating starts in 10:00 min.', 'heating_start_s': START_S + 600.0,
         'heating_end_s': START_S + 1800.0, 'arrival_s': START_S + 1800.0, 'predicted_c': 24.5, 'deviation_k': 0.4,
-        'target_c': 25.0, 'target_reason': '', 'arrival_soc': 0.61, 'charging_s': 1800.0,
+        'target_c': 25.0, 'most_c': math.nan, 'target_reason': '', 'arrival_soc': 0.61, 'charging_s': 1800.0,
         'charging_unheated_s': 2520.0, 'times_s': (START_S, START_S + 600.0, START_S + 1800.0),
         'temperatures_c': (-7.0, -5.0, 24.5), 'socs': (0.9, 0.85, 0.61), 'powers_w': (0.0, 5000.0)}
     return PlanSeen(**{**values, **changed})

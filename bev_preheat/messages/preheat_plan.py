@@ -62,7 +62,7 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
         message.propulsion_power_source = mission.power_source
     _write_later(message, later_decisions)
     _write_target(message, decision.target)
-    message.charge_runs_out_distance = message.lacking_energy = math.nan
+    message.charge_runs_out_distance = message.lacking_energy = message.maximum_arrival_temperature = math.nan
     if plan is None:
         message.predicted_arrival_temperature_deviation = math.nan
         for name in (*PLAN_FIELDS.values(), *ENERGY_FIELDS.values()):
@@ -78,6 +78,8 @@ def _write_plan(message: PreheatPlan, decision: Decision, plan: Plan) -> None:
             setattr(message, name, getattr(source, field))
     for field, name in TRAJECTORIES.items():
         setattr(message, name, doubles(getattr(plan, field)))
+    if math.isfinite(plan.maximum_arrival_temperature_c):
+        message.maximum_arrival_temperature = plan.maximum_arrival_temperature_c
     message.heat_source_name = list(plan.source_power_w)
     message.heat_source_power = doubles(np.array([*plan.source_power_w.values()]))
     message.method, message.planning_time = plan.method, plan.planning_time_s

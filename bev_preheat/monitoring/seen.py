@@ -51,6 +51,7 @@ class PlanSeen(NamedTuple):
     predicted_c: float
     deviation_k: float
     target_c: float
+    most_c: float
     target_reason: str
     arrival_soc: float
     charging_s: float
@@ -121,7 +122,8 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
         heating_end_s=_set_instant(message.heating_end), arrival_s=_set_instant(message.arrival),
         predicted_c=message.predicted_arrival_temperature,
         deviation_k=message.predicted_arrival_temperature_deviation,
-        target_c=message.target_battery_temperature, target_reason=message.target_reason,
+        target_c=message.target_battery_temperature, most_c=message.maximum_arrival_temperature,
+        target_reason=message.target_reason,
         arrival_soc=message.predicted_arrival_soc, charging_s=message.charging_time,
         charging_unheated_s=message.charging_time_unheated, later_legs=len(message.later_arrival),
         times_s=tuple(start_s + each for each in after_s) if is_whole else (),

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.monitoring.view import instant, LONGEST_SENTENCE, number, status_name, written
-from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -174,9 +173,8 @@ def _plan_values(board: Board) -> dict[str, Any]:
         'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
         'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
         'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
-        # A plan that cools is for the highest temperature on arrival, which its sentence has.
-        'deviation': number(plan.deviation_k, 2), 'target': (
-            None if plan.status in (Status.WAITING_TO_COOL, Status.COOLING) else number(plan.target_c, 2)),
+        'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
+        'most': number(plan.most_c, 2),
         'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE),
         'arrivalSoc': number(plan.arrival_soc, 4),
         'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}

@@ -30,7 +30,7 @@ MOST_CHANGES = 3000
 # The clock has jumped if it went back, or on by more [ns].
 CLOCK_JUMP_NS = 86400 * NS_PER_S
 COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',
-           'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power', 'unheated')
+           'predicted_high', 'target', 'most', 'ambient', 'commanded', 'confirmed', 'soc', 'power', 'unheated')
 # Numbers in a sentence change from step to step; only other words make it another one.
 NUMBER = re.compile(r'[0-9.+-]+')
 
@@ -144,6 +144,8 @@ class History:
         if plan is not None:
             row |= _band('predicted', plan.arrival_temperature_c, decision.arrival_deviation_k)
             row['target'] = plan.target_temperature_c
+            if math.isfinite(plan.maximum_arrival_temperature_c):
+                row['most'] = plan.maximum_arrival_temperature_c
         heater_w, heat_w = command_w if estimate is None else estimate.heater.share * command_w, None
         answer = None if state.heater_answer is None else state.heater_answer.status
         if answer is not None and not state.vehicle.heat_sources:

@@ -89,7 +89,14 @@ def test_without_a_plan_the_figures_are_unknown():
                if kind == 'double' and name not in ('delay', 'planning_time')]
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (21, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (22, [], '', False, 0, Time(sec=7), Time())
+
+
+@pytest.mark.parametrize('asked_c, told_c', [(inf, nan), (36.5, 36.5), (0.0, 0.0)])
+def test_the_highest_temperature_on_arrival_if_one_is_asked_for(decision, asked_c, told_c):
+    plan = replace(decision.plan, maximum_arrival_temperature_c=asked_c)
+    told = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert told.maximum_arrival_temperature == pytest.approx(told_c, nan_ok=True)
 
 
 @pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])

@@ -29,9 +29,8 @@ def test_the_view_has_the_values_of_the_messages():
                 'banner': None, 'late': [], 'tripFrom': START_S}
     assert {key: view[key] for key in expected} == expected
     assert view['ages']['battery'] == 0.5
-    for status in (Status.WAITING_TO_COOL, Status.COOLING):
-        # The target is then the least temperature on arrival, far below the one that is aimed at.
-        assert view_values(a_board(status=status, target_c=22.0, predicted_c=50.4), 100.5)['target'] is None
+    assert view['most'] is None
+    assert view_values(a_board(target_c=22.0, most_c=36.0), 100.5)['most'] == 36.0
 
 
 @pytest.mark.parametrize('later, reserve', [(0, 0.25), (1, 0.15), (2, 0.1), (5, 0.25)])

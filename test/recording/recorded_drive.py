@@ -2,6 +2,7 @@
 """Flight recordings of simulated drives, made without DDS but with the messages and the writer of the node."""
 
 from dataclasses import replace
+import math
 
 from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
@@ -38,12 +39,13 @@ class Outputs(MessageWire):
 
 
 def record_drive(folder, target_c=TARGET_C, length_s=LENGTH_S, planner=None, vehicle='reference', resolution_k=0.5,
-                 **imperfections):
+                 most_c=math.inf, **imperfections):
     """Drive a part of the reference route, record it, and return the outputs of the steps."""
     scenario = load_scenario('nominal')
     scenario = replace(
         scenario, vehicle=load_vehicle(vehicle), seed=3,
-        phases=(DrivePhase(scenario.first.route.before(length_s), Goal(target_c)),),
+        phases=(DrivePhase(scenario.first.route.before(length_s), Goal(
+            target_c, maximum_arrival_temperature_c=most_c)),),
         state=BatteryState(10.0, 0.8), planner=planner or {},
         imperfections=Imperfections(sensors=Sensors(temperature_resolution_k=resolution_k), **imperfections))
     supervisor = Supervisor(scenario.vehicle, settings_of(scenario.planner))

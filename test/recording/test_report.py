@@ -69,7 +69,7 @@ def test_columns_are_those_of_the_drive(page):
 
 
 def test_the_power_of_each_of_several_heat_sources_adds_up_to_the_command(page, tmp_path):
-    record_drive(tmp_path, 16.0, 120, vehicle='heat_pump_car')
+    record_drive(tmp_path, 16.0, 120, vehicle='heat_pump_car', most_c=18.0)
     path = tmp_path / 'drive.html'
     assert main(['replay', str(tmp_path), '--report', str(path)]) == 0
     text = path.read_text(encoding='utf-8')
@@ -88,7 +88,10 @@ def test_the_power_of_each_of_several_heat_sources_adds_up_to_the_command(page, 
     heat_per_w = {'hvch': efficiency, 'motor': 0.75, 'heat_pump': 2.0, 'chiller': 0.0}
     expected_k = sum(heat_per_w[name] * sum(powers_w) for name, powers_w in sources.items()) / capacity_j_per_k
     assert warmer_k[-1] == pytest.approx(expected_k, abs=0.6) and expected_k > 3.0
-    assert contents_of(page[1].read_text(encoding='utf-8'))['recorded']['sources'] == {}
+    assert numbers(columns['most']) == pytest.approx([2.0 + target_c for target_c in numbers(
+        columns['target'])], nan_ok=True) and 18.0 in numbers(columns['most'])
+    plain = contents_of(page[1].read_text(encoding='utf-8'))['recorded']
+    assert plain['sources'] == {} and all(map(math.isnan, numbers(plain['columns']['most'])))
 
 
 def test_without_heating_it_would_be_colder_once_it_has_heated(page):

@@ -55,6 +55,7 @@
       {name: 'predicted on arrival', key: 'predicted', colour: 'blue', dash: 'dash', low: 'predicted_low',
         high: 'predicted_high', digits: 2},
       {name: 'target', key: 'target', colour: 'orange', dash: 'long'},
+      {name: 'at most', key: 'most', colour: 'orange', dash: 'dashdot'},
       {name: 'ambient', key: 'ambient', colour: 'grey', dash: 'dot', off: true},
       {name: 'without heating', key: 'unheated', colour: 'grey', dash: 'dash'},
       changedLine('measured', 'measured'), changedLine('predicted', 'predicted', {dash: 'dash'}),

@@ -49,7 +49,9 @@ const bevView = (() => {
     put('temperature', fixed(view.temperature, 1));
     put('predicted', fixed(view.predicted, 1));
     put('spread', isNumber(view.deviation) ? `±${NO_BREAK}${view.deviation.toFixed(1)}` : '');
-    put('note-battery', `now and at arrival${isNumber(view.target) ? `, target ${fixed(view.target, 1)}${NO_BREAK}°C` : ''}`);
+    const most = isNumber(view.most) ? `${NO_BREAK}…${NO_BREAK}${fixed(view.most, 1)}` : '';
+    put('note-battery', `now and at arrival${
+      isNumber(view.target) ? `, target ${fixed(view.target, 1)}${most}${NO_BREAK}°C` : ''}`);
     showCountdown(view);
     const isOne = !view.sources.length, drawn = drawnBy(view);
     put('title-heater', isOne ? 'Heater' : 'Heat sources');
@@ -171,6 +173,7 @@ const bevView = (() => {
       {name: 'without heating', short: 'unheated', key: 'unheated', times: 'unheatedTime', colour: 'grey', dash: 'dot', width: 2},
       {name: 'target', key: 'target', times: 'targetTime', colour: 'ink', dash: 'long', width: 1.2,
         constant: true},
+      {name: 'at most', key: 'most', times: 'mostTime', colour: 'ink', dash: 'dashdot', width: 1.2, constant: true},
       {name: 'at arrival', short: 'arrival', key: 'spread', low: 'spreadLow', high: 'spreadHigh', times: 'spreadTime', colour: 'purple',
         width: 3, constant: true}]},
     {title: 'Heater', unit: 'kW', height: 110, least: 0, leastSpan: 1, series: [
@@ -223,6 +226,7 @@ const bevView = (() => {
       ...past, ...powers, ...ahead, planPower: held(ahead.planPower), ...stacked(names, history, ahead, first, at),
       unheatedTime: past.time.concat(ahead.planTime), unheated: past.unheated.concat(ahead.planUnheated),
       targetTime: isNumber(view.target) ? [first, arrival] : [], target: twice(view.target),
+      mostTime: isNumber(view.most) ? [first, arrival] : [], most: twice(view.most),
       spreadTime: hasSpread ? [arrival - width, arrival + width] : [], spread: twice(view.predicted),
       spreadLow: twice(view.predicted - half), spreadHigh: twice(view.predicted + half),
       reserveTime: isNumber(view.reserve) ? [first, arrival] : [], reserve: twice(view.reserve)};
