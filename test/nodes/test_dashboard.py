@@ -116,7 +116,7 @@ def test_planners_come_answer_go_and_come_back(bench):
         tab.watch('/planner', lambda tab: not tab.view['banner'] and tab.view['status'] == 'WAITING', 'it is back')
         assert ask(host, planner='/planner', kind='enable')['isAccepted']
         other.send_signal(signal.SIGTERM)
-        tab.watch('/car_7/planner', lambda tab: tab.planners[0]['problem'] == 'gone', 'the other one is gone')
+        tab.watch('/car_7/planner', lambda tab: tab.planners[0]['problem'] == 'gone', 'the other planner has left')
         bench.start('planner', '-r', '__ns:=/car_7')
         tab.watch('/car_7/planner', lambda tab: not tab.view['banner'] and tab.view['power'] is not None
                   and not tab.view['sources'], 'another car')
