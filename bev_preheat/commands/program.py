@@ -25,7 +25,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
 # Replacements for terminals without these characters; one for one, so that tables stay aligned.
 SIMPLER = {'…': '.', '–': '-', '−': '-', '×': 'x', '±': '~', '·': '.', '²': '2', 'μ': 'u',
            'Δ': 'd'}
-# After this time [s] a signal lost in a callback is raised again.
+# After this time [s] a signal lost in a callback is raised again, until it is heard.
 AGAIN_S = 0.02
 READABLE = 'bev_preheat.readable'
 
@@ -149,12 +149,14 @@ def _signals_heard(heard: list[int], ends_process: bool) -> Iterator[None]:
     """Raise Interrupted on signals during the block, and record their numbers."""
     def hear(number: int, frame: FrameType | None) -> None:
         heard.append(number)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         raise Interrupted
 
     def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
         if isinstance(unraisable.exc_value, Interrupted):
-            # It arrived within a callback, which cannot pass it on.
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+            # It arrived within a callback, which cannot pass it on. One alarm alone may come just before a call
+            # that waits, which would then wait on.
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
         else:
             hook_before(unraisable)
 

@@ -102,6 +102,23 @@ def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
     assert capsys.readouterr().err == 'work: interrupted\n'
 
 
+def test_it_comes_again_until_it_is_heard(tmp_path):
+    """The first alarm comes before a call that waits for the next one, as one in the instant before would."""
+    (tmp_path / 'wait.c').write_text(
+        '#include <unistd.h>\nvoid wait_on(void);\nvoid wait_on(void) { usleep(60000); pause(); }\n')
+    subprocess.run(['cc', '-shared', '-fPIC', '-o', 'wait.so', 'wait.c'], cwd=tmp_path, check=True)
+    code = ('import ctypes, os, signal, sys\n'
+            'from bev_preheat.commands.program import run_program\n'
+            'class Interrupting:\n'
+            '    def __del__(self):\n'
+            '        os.kill(os.getpid(), signal.SIGINT)\n'
+            'def work():\n'
+            '    Interrupting()\n'
+            f'    ctypes.CDLL({str(tmp_path / "wait.so")!r}).wait_on()\n'
+            'sys.exit(run_program("work", lambda: work, ends_process=True))\n')
+    assert ended([sys.executable, '-c', code]) == (130, '', 'work: interrupted\n')
+
+
 def test_an_optional_package_that_is_missing_is_one_line_with_its_installation(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'scipy', None)
     assert run_program('work', lambda: import_module('scipy'), ends_process=False) == 2
