@@ -118,7 +118,7 @@ def run(arguments: Namespace) -> int:
     check_departure_arguments(arguments)
     if arguments.departures is not None:
         return run_week(arguments)
-    node, namespace = arguments.node or 'planner', arguments.namespace or '/'
+    node, namespace = 'planner' if arguments.node is None else arguments.node, arguments.namespace or '/'
     if NAME.fullmatch(node) is None:
         raise InvalidInput(f'--node: {quoted(node)} is not allowed; it must be letters, digits and '
                            '_, no digit first')

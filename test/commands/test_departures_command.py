@@ -93,6 +93,7 @@ def test_the_week_is_drawn(said, tmp_path):
     ((*OFFLINE, '--skip-next'), '--skip-next: is not allowed with --departures'),
     ((*OFFLINE, '--in', '40'), '--in: is not allowed with --departures'),
     ((*OFFLINE, '--node', 'other'), '--node: is not allowed with --departures'),
+    (('prepare', '--node', ''), "--node: '' is not allowed"),
     (('prepare', '--skip-next', '--in', '40'), '--in: is not allowed with --skip-next'),
     (('prepare', '--skip-none', '--ambient', '0'), '--ambient: is not allowed with --skip-none'),
     (('prepare', '--max-arrival-temperature', 'nan'), '--max-arrival-temperature: nan is not allowed'),
