@@ -272,9 +272,12 @@ class _Planning:
             self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, **heater_as: Any) -> Plan:
-        task = self._task
+        task, goal = self._task, self._task.goal
+        if forecast is not None and math.isfinite(goal.maximum_arrival_temperature_c):
+            # In tenths of a kelvin, so that the values of a plan hold for a while.
+            goal = replace(goal, local_rise_k=round(max(forecast.local_rise_k, 0.0), 1))
         return plan_preheating(
-            self._vehicle, self._route, self._state, task.goal, task.moment.settings.method,
+            self._vehicle, self._route, self._state, goal, task.moment.settings.method,
             self._uncertainty(forecast), step_prices=self._step_prices, kept=self._kept,
             **{'heat_lag_s': self._lag_s, **heater_as})
 

@@ -13,16 +13,19 @@ import numpy as np
 from bev_preheat.estimation.belief import terms_of, WANDERED_IN_AN_HOUR
 from bev_preheat.estimation.estimate import (
     HEAT_LAG,
+    JOULE_RISE,
     PROPULSION,
     rates_and_slopes,
     SIZE,
     SOC,
+    state_rates,
     TEMPERATURE,
     UNDER_WAY,
 )
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.numerics import array_exp, ARRAYS
 from bev_preheat.tunables import (
+    LOCAL_LAG_S,
     NOISY_FROM_W,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
@@ -83,6 +86,14 @@ class Forecast:
         return math.hypot(replanned_k, _suspected_k(
             self.trip, self.plan, self.suspected, self.estimate.under_way_k))
 
+    @cached_property
+    def local_rise_k(self) -> float:
+        """Rise of the temperature reading above its place by the Joule heat before arrival [K]."""
+        car, states, drive = _steps(self.trip, self.plan)
+        _, _, joule_w = state_rates(car, states[:, np.newaxis], drive)
+        left = array_exp((self.trip.route.time_s - self.trip.route.total_duration_s) / LOCAL_LAG_S)
+        return 1e-3 * self.estimate.mean.item(JOULE_RISE) * float(np.average(joule_w[:, 0], weights=np.diff(left)))
+
 
 def arrival_sensitivities(trip: DrivenRoute, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """
@@ -92,17 +103,8 @@ def arrival_sensitivities(trip: DrivenRoute, plan: Plan) -> tuple[FloatArray, Fl
     times the effect of each element on the temperature in that step. Second, the change with
     the propulsion factor in each step alone, shape (N,).
     """
-    car, route = _of_one_mass(trip.vehicle), _fed_route(trip, plan)
-    states = np.zeros((len(route), SIZE))
-    states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
-    states[:, SOC] = plan.soc[:-1]
-    drive = DriveInputs(*(column[:, np.newaxis] for column in (
-        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
-        route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
-        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w,
-        plan.command_w - plan.hvch_battery_power_w)))
-    _, slopes = rates_and_slopes(car, states, drive)
-    slopes = slopes[:, TEMPERATURE] * route.duration_s[:, np.newaxis]
+    _, slopes = rates_and_slopes(*_steps(trip, plan))
+    slopes = slopes[:, TEMPERATURE] * trip.route.duration_s[:, np.newaxis]
     # Effect on arrival of a kelvin at the end of each step.
     kept = array_exp(slopes[:, TEMPERATURE])
     worth = np.concatenate((np.cumprod(kept[:0:-1])[::-1], [1.0]))
@@ -111,6 +113,19 @@ def arrival_sensitivities(trip: DrivenRoute, plan: Plan) -> tuple[FloatArray, Fl
     # Heat under way at the start arrives.
     total[TEMPERATURE] = total[UNDER_WAY] = float(np.prod(kept))
     return total, by_step[:, PROPULSION]
+
+
+def _steps(trip: DrivenRoute, plan: Plan) -> tuple[Vehicle, FloatArray, DriveInputs]:
+    """Return the vehicle, the states (N, SIZE) at the beginning of a plan's steps, and DriveInputs (N, 1)."""
+    route = _fed_route(trip, plan)
+    states = np.zeros((len(route), SIZE))
+    states[:, TEMPERATURE] = plan.battery_temperature_c[:-1]
+    states[:, SOC] = plan.soc[:-1]
+    return _of_one_mass(trip.vehicle), states, DriveInputs(*(column[:, np.newaxis] for column in (
+        route.speed_mps, route.ambient_temperature_c, route.propulsion_power_w,
+        route.propulsion_power_variance_w2, route.propulsion_power_magnitude_w,
+        route.cabin_heating_power_w, route.auxiliary_power_w, plan.hvch_battery_power_w,
+        plan.command_w - plan.hvch_battery_power_w)))
 
 
 def arrival_deviation_k(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:

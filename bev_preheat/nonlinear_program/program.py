@@ -287,7 +287,7 @@ def _constraint_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Flo
     defects = {name: 0.0 for name in program.constraints.names if name.endswith('_defect')}
     goal, most_k = problem.goal, np.inf
     if problem.vehicle.cools and goal.charging_planned:
-        most_k = goal.maximum_arrival_temperature_c - goal.target_temperature_c
+        most_k = goal.highest_arrival_c - goal.target_temperature_c
     return (program.constraints.pack({'lowest_soc': lowest_soc, 'highest_soc': -np.inf,
                                       'highest_temperature': -np.inf}, otherwise=0.0),
             program.constraints.pack({**defects, 'highest_soc': highest_soc, 'target': most_k,

@@ -178,7 +178,7 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
     wanted = Requirements(
-        goal.target_temperature_c, aimed_soc, uncertainty, price, goal.maximum_arrival_temperature_c)
+        goal.target_temperature_c, aimed_soc, uncertainty, price, goal.highest_arrival_c)
     values = None if kept is None else kept.that_hold(trip, wanted)
     found = None if values is None else engine.follow_values(trip, start, wanted, values)
     if found is None:

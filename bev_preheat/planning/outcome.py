@@ -190,7 +190,7 @@ class NoRegretCheck:
         """
         if self.unheated.empty_at_s is not None:
             return self.unheated
-        wanted_c, most_c = self._goal.target_temperature_c, self._goal.maximum_arrival_temperature_c
+        wanted_c, most_c = self._goal.target_temperature_c, self._goal.highest_arrival_c
         for propose in proposals:
             wanted = propose(wanted_c)
             if self.allows(wanted):

@@ -346,7 +346,8 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     reserve = reserve_soc(trip.vehicle, goal)
     sources_w = trip.mix.split_w(schedule.heater_power_w, schedule.temperature_c[:-1])
     most_c = goal.maximum_arrival_temperature_c if goal.charging_planned else math.inf
-    shortfall_k = max(0.0, target_c - arrival_c, arrival_c - most_c)
+    highest_c = goal.highest_arrival_c if goal.charging_planned else math.inf
+    shortfall_k = max(0.0, target_c - arrival_c, arrival_c - highest_c)
     soc_shortfall = max(0.0, reserve - arrival_soc)
     most_w = trip.vehicle.hvch.maximum_power_w
     left_w = trip.mix.most_heat_w if isinstance(trip.mix, HeatMix) else most_w - trip.route.cabin_heating_power_w

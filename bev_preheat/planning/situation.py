@@ -33,7 +33,8 @@ class Goal:
     """
     The conditions to meet on arrival.
 
-    A battery that would arrive warmer than `maximum_arrival_temperature_c` [deg C] is cooled, if the vehicle can.
+    A battery that would arrive warmer than `maximum_arrival_temperature_c` [deg C] is cooled, if the vehicle can;
+    a place in it that is `local_rise_k` [K] warmer then counts.
     Without `heating_pays` the battery is heated only if the drive itself needs it, not for the arrival; the target
     is then the resulting temperature. With `heats_until_arrival` a heater whose heat arrives late is not switched
     off before arrival, because the heat under way reaches the battery at the charger.
@@ -45,6 +46,12 @@ class Goal:
     heating_pays: bool = True
     heats_until_arrival: bool = False
     maximum_arrival_temperature_c: float = math.inf
+    local_rise_k: float = 0.0
+
+    @property
+    def highest_arrival_c(self) -> float:
+        """Highest battery temperature on arrival that keeps the maximum and meets the target [deg C]."""
+        return max(self.maximum_arrival_temperature_c - self.local_rise_k, self.target_temperature_c)
 
 
 @dataclass(frozen=True)

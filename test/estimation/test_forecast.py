@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.belief import Belief
-from bev_preheat.estimation.estimate import Estimate, FACTORS, HEAT_LAG, SIZE, SOC, TEMPERATURE, UNDER_WAY
+from bev_preheat.estimation.estimate import (
+    Estimate,
+    FACTORS,
+    HEAT_LAG,
+    JOULE_RISE,
+    SIZE,
+    SOC,
+    TEMPERATURE,
+    UNDER_WAY,
+)
 from bev_preheat.estimation.forecast import (
     arrival_deviation_k,
     arrival_sensitivities,
@@ -22,6 +31,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route
+from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
@@ -181,6 +191,20 @@ def summer(most_c=33.0):
     state = BatteryState(41.0, 0.8)
     return vehicle, route, state, plan_preheating(
         vehicle, route, state, Goal(20.0, maximum_arrival_temperature_c=most_c))
+
+
+@pytest.mark.parametrize('steps', [1, 4, 120])
+def test_the_local_rise_on_arrival_is_that_of_the_joule_heat_before_it(steps):
+    vehicle = load_vehicle('reference')
+    route = make_route({'duration_s': [30.0] * steps, 'speed_mps': [30.0] * steps,
+                        'propulsion_power_w': [40e3] * steps, 'ambient_temperature_c': [20.0] * steps},
+                       vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(25.0, 0.8), Goal(20.0))
+    known = estimate_with(np.zeros((SIZE, SIZE)))
+    known.mean[JOULE_RISE] = 0.4
+    joule_kw = plan.energy_wh.joule * 3.6 / (30.0 * steps)
+    assert Forecast(make_trip(vehicle, route), plan, known).local_rise_k == pytest.approx(
+        0.4 * joule_kw, rel=0.05)
 
 
 @pytest.mark.parametrize('case, fault, source', [
