@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.decoding import Decoder
+from bev_preheat.logs.raw_log import Piece, RawLog, Remarks
 from bev_preheat.logs.recording import Series
+from bev_preheat.logs.signal_map import Source
 from bev_preheat.logs.unit_hypotheses import JUMP_K, jumps, likely, MOST_JUMPS, OTHER, plausible
+from bev_preheat.numerics import FloatArray, IntArray
 from bev_preheat.tunables import MISSING_CELL_C
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.logs.decoding import Decoder
-    from bev_preheat.logs.raw_log import Piece, RawLog, Remarks
-    from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics import FloatArray, IntArray
 
 # Beyond this many samples of a channel, pairs of neighbours are averaged (six hours at 10 Hz).
 MOST_SAMPLES = 200_000

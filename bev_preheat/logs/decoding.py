@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from bev_preheat.files.units import (
     unit_named,
 )
 from bev_preheat.logs.raw_log import Remarks
+from bev_preheat.logs.signal_map import Source
 from bev_preheat.logs.unit_hypotheses import hypotheses, Hypothesis, plausible
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics import BoolArray, FloatArray, IntArray
+from bev_preheat.numerics import BoolArray, FloatArray, IntArray
 
 # The largest values of one byte and of two, and the usual resolutions and offset of a signal.
 BYTES = tuple(255.0 * step + offset for step in (1.0, 0.5, 0.1) for offset in (0.0, -40.0))

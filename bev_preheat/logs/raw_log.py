@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.numerics import FloatArray, IntArray
+from bev_preheat.logs.signal_map import SignalMap
+from bev_preheat.numerics import FloatArray, IntArray
 
 READINGS_AT_ONCE = 200_000
 

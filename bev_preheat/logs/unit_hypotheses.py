@@ -4,17 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from bev_preheat.files.units import conversion, own_unit
 from bev_preheat.logs.doubts import AGREEMENT, by_position, distances, integral
 from bev_preheat.logs.recording import Series
-
-if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import Source
-    from bev_preheat.numerics import BoolArray, FloatArray
+from bev_preheat.logs.signal_map import Source
+from bev_preheat.numerics import BoolArray, FloatArray
 
 # Units that are tried, by the signal's own.
 ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('volt', 'millivolt', 'kilovolt'),

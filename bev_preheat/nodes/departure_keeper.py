@@ -3,32 +3,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 import os
-from typing import TYPE_CHECKING
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.departure_source import DepartureSource, DepartureState, NO_DEPARTURES
-from bev_preheat.control.departures import load_departures, load_grid_prices
+from bev_preheat.control.departures import Departures, GridPrices, load_departures, load_grid_prices
+from bev_preheat.control.events import Event
+from bev_preheat.control.preparation_goal import PreparationOutcome
+from bev_preheat.control.state import State
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.impl.rcutils_logger import RcutilsLogger
-    from rclpy.node import Node
-
-    from bev_preheat.control.departures import Departures, GridPrices
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.preparation_goal import PreparationOutcome
-    from bev_preheat.control.state import State
-    from bev_preheat.control.supervisor import Supervisor
 
 SKIP = '~/skip_departure'
 DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'

@@ -3,23 +3,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from bev_preheat.control.regime import Regime
+from bev_preheat.control.state import State
+from bev_preheat.control.supervisor import StepOutput
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.messages.diagnostics import heater_sentence
-from bev_preheat.nodes.node import RepetitionFilter
+from bev_preheat.nodes.node import RepetitionFilter, Values
 from bev_preheat.planning.planner import replaced_in_words
-from bev_preheat.vehicle import vehicle_file
+from bev_preheat.vehicle import Vehicle, vehicle_file
 from bev_preheat.vehicle.plausibility import assumption_warning
-
-if TYPE_CHECKING:
-    from rclpy.impl.rcutils_logger import RcutilsLogger
-
-    from bev_preheat.control.state import State
-    from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.nodes.node import Values
-    from bev_preheat.vehicle import Vehicle
 
 
 class PlannerLog:

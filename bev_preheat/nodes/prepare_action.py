@@ -8,27 +8,21 @@ busy. So a goal is only recorded here, and `PrepareAction.finish` gives its resu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
 
-from bev_preheat.control.events import PreparationEnded, PreparationWanted
+from bev_preheat.control.departures import GridPrices
+from bev_preheat.control.events import Event, PreparationEnded, PreparationWanted
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.prepare_battery import feedback_message, preparation_goal_of, result_message
 from bev_preheat_msgs.action import PrepareBattery
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rclpy.action.server import ServerGoalHandle
-    from rclpy.node import Node
-
-    from bev_preheat.control.departures import GridPrices
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.supervisor import Supervisor
 
 PREPARE = '~/prepare_battery'
 # Turns of the executor that a shutdown gives to each client.

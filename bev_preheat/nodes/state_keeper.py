@@ -10,35 +10,31 @@ the planner begins with the state file alone.
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
+from collections.abc import Callable
 from hashlib import sha256
 import json
 import time
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from bev_preheat.control.inputs import Mission
 from bev_preheat.control.preparation import Preparation
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.state import State
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.before_restart import NO_CHOICES
+from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
+from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.state_file import check_state_file, learned_from, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable, existing_file, expanded, write_whole
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
 from bev_preheat.tunables import OLDEST_CHOICE_NS
 from bev_preheat.vehicle import vehicle_fingerprint
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rclpy.impl.rcutils_logger import RcutilsLogger
-
-    from bev_preheat.control.inputs import Mission
-    from bev_preheat.control.settings import Settings
-    from bev_preheat.control.state import State
-    from bev_preheat.estimation.before_restart import DriverChoices, LastSeen
-    from bev_preheat.estimation.estimate import Estimate
-    from bev_preheat.planning.status import Status
 
 SUFFIX = '.running'
 KEY, FORMAT = 'bev_preheat_running_state', 1

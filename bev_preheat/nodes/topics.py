@@ -12,37 +12,32 @@ match volatile publishers, and a best-effort subscription may lose parts of a lo
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 import time
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
+from bev_preheat.control.decision import Command
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.heater import command_message, source_messages
+from bev_preheat.nodes.node import ProgramNode
 from bev_preheat.nodes.setup_watch import endpoint_name
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.segments import MOST_SEGMENTS
+from bev_preheat.vehicle.description import Vehicle
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, RoutePlan
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import Any
-
-    from rclpy.node import Node
-    from rclpy.subscription import Subscription
-
-    from bev_preheat.control.decision import Command
-    from bev_preheat.nodes.node import ProgramNode
-    from bev_preheat.vehicle.description import Vehicle
-
-    # A ROS message; rclpy has no type for it.
-    Message = Any
+# A ROS message; rclpy has no type for it.
+Message = Any
 
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -3,19 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 import copy
 import math
-from typing import TYPE_CHECKING
+
+from sensor_msgs.msg import BatteryState
 
 from bev_preheat.numerics import FLOATS, NS_PER_S
-from bev_preheat.vehicle.description import HVCH
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from sensor_msgs.msg import BatteryState
-
-    from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.description import HVCH, Vehicle
 
 # A longer time between two battery states is not bridged in one step [s].
 LONGEST_REPLAYED_STEP_S = 10.0
