@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.monitoring.access import Access
-from bev_preheat.monitoring.controls import Controls
+from bev_preheat.monitoring.planner_client import Controls
 from bev_preheat.monitoring.planners import Planners, PLANNERS_PERIOD_S
 from bev_preheat.monitoring.source import LiveSource
 from bev_preheat.nodes.parameters import declare, Parameter

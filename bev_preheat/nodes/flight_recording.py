@@ -3,26 +3,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from datetime import datetime, UTC
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 from uuid import uuid4
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
+from bev_preheat.control.decision import Command
+from bev_preheat.control.events import Event, Reconfigured, ROUTE_PLAN, RouteArrived
+from bev_preheat.control.state import State
+from bev_preheat.control.supervisor import StepOutput
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import version
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import command_message, source_messages
 from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
+from bev_preheat.planning.status import Status
 from bev_preheat.recording import records
-from bev_preheat.recording.ring import check_folder
 from bev_preheat.recording.writer import (
     BEGINNING_CHANNEL,
+    check_folder,
     Entry,
     Kind,
     Recording,
@@ -31,17 +37,6 @@ from bev_preheat.recording.writer import (
     STEP_CHANNEL,
 )
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan, RoutePlan
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    from bev_preheat.control.decision import Command
-    from bev_preheat.control.events import Event
-    from bev_preheat.control.state import State
-    from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
 TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, records.COMMAND: HvchCommand,

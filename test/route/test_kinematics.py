@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadLeg
+from bev_preheat.route.legs import drive_along, lay_track, leg_starts_m, RoadLeg
 
 LEGS = st.lists(st.builds(
     RoadLeg, length_m=st.floats(5.0, 900.0), speed_limit_mps=st.floats(1.5, 60.0),

@@ -8,9 +8,15 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.route.kinematics import drive_along, lay_track, RoadLeg
-from bev_preheat.route.road_load import compare_averages, elevation_of_slope, Motion, propulsion_columns
-from bev_preheat.route.speed_changes import CORRELATION_TIME_S, speed_changes
+from bev_preheat.route.legs import drive_along, lay_track, RoadLeg
+from bev_preheat.route.road_load import (
+    compare_averages,
+    CORRELATION_TIME_S,
+    elevation_of_slope,
+    Motion,
+    propulsion_columns,
+    speed_changes,
+)
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import RoadLoad
 

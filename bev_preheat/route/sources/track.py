@@ -10,7 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray
-from bev_preheat.route.kinematics import drive_along, Track
+from bev_preheat.route.legs import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
 from bev_preheat.route.sources.journey import (
