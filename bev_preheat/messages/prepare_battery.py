@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PrepareBattery: a goal read, feedback and result written."""
+"""PrepareBattery: a goal read and written, feedback and result written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import known, nanoseconds
+from bev_preheat.messages.fields import highest_given, known, nanoseconds, time_message
 from bev_preheat.messages.route_plan import AT_THE_END
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
@@ -39,6 +39,16 @@ def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
         raise InvalidInput(problems)
     return PreparationGoal(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
                            values['ambient_temperature'], maximum_arrival_temperature_c=known(most_c))
+
+
+def goal_message(goal: PreparationGoal) -> PrepareBattery.Goal:
+    """Return the action goal of a PreparationGoal."""
+    message = PrepareBattery.Goal(ready_at=time_message(goal.ready_at_ns), plugged_in=goal.is_plugged_in,
+                                  maximum_arrival_temperature=highest_given(goal.most_c))
+    for name, value_c in (('target_battery_temperature', goal.target_c), ('ambient_temperature', goal.ambient_c)):
+        setattr(message, f'has_{name}', value_c is not None)
+        setattr(message, name, value_c or 0.0)
+    return message
 
 
 def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:

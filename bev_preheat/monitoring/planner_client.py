@@ -21,9 +21,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.preparation_goal import PreparationEnding
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.fields import highest_given, nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.prepare_battery import goal_message
 from bev_preheat.monitoring.source import Answer, Asked, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
 from bev_preheat.nodes.process import Listener
 from bev_preheat.numerics import NS_PER_S
@@ -59,15 +60,9 @@ class Wanted:
 
     def goal(self, now_ns: int) -> PrepareBattery.Goal:
         """Return the goal at an instant of the planner's clock [ns]."""
-        goal = PrepareBattery.Goal(plugged_in=self.is_plugged_in, maximum_arrival_temperature=highest_given(
-            math.inf if self.most_c is None else self.most_c))
-        if self.ready_in_s is not None:
-            goal.ready_at = time_message(now_ns + round(self.ready_in_s * NS_PER_S))
-        for name, value in (('target_battery_temperature', self.target_c),
-                            ('ambient_temperature', self.ambient_c)):
-            setattr(goal, f'has_{name}', value is not None)
-            setattr(goal, name, value or 0.0)
-        return goal
+        return goal_message(PreparationGoal(
+            0 if self.ready_in_s is None else now_ns + round(self.ready_in_s * NS_PER_S), self.target_c,
+            self.is_plugged_in, self.ambient_c, maximum_arrival_temperature_c=self.most_c))
 
 
 class PreparationClient:

@@ -6,11 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 from queue import SimpleQueue
-import time
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
@@ -27,12 +25,14 @@ from bev_preheat.bus.vss_source import (
     MODE,
     VssSource,
 )
+from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.messages.diagnostics import judged
-from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command
+from bev_preheat.messages.prepare_battery import goal_message
+from bev_preheat.nodes.heater_execution import instant_of
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
+from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 
@@ -131,13 +131,8 @@ class BusConditioning:
         goal = self._wanted
         self._sent, self._handle, self._alive_until_s = goal, None, steady_s() + self._silence_s
         self._number += 1
-        message = PrepareBattery.Goal(plugged_in=self.is_plugged_in)
-        message.ready_at = time_message(round(goal.ready_at_s * NS_PER_S)) if goal.ready_at_s else Time()
-        if goal.target_c is not None:
-            message.target_battery_temperature = goal.target_c
-            message.has_target_battery_temperature = True
-        if self.ambient_c is not None:
-            message.ambient_temperature, message.has_ambient_temperature = self.ambient_c, True
+        message = goal_message(PreparationGoal(
+            round(goal.ready_at_s * NS_PER_S), goal.target_c, self.is_plugged_in, self.ambient_c))
         number = self._number
         future = self._client.send_goal_async(message, lambda feedback: self._on_feedback(number))
         future.add_done_callback(lambda future: self._on_accepted(number, future))
@@ -191,16 +186,13 @@ class BusConditioning:
 
     def _on_command(self, message: HvchCommand) -> None:
         command = heater_command(message)
-        self._heater.take(command, self._now())
+        self._heater.take(command, instant_of(self._node))
         lease_s = (command.valid_until_ns - command.stamp_ns) / NS_PER_S
         self._silence_s = min(max(self._silence_s, lease_s), MOST_SILENCE_S)
 
-    def _now(self) -> Instant:
-        return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
-
     @property
     def _is_heating(self) -> bool:
-        return self._heater.step(self._now()).active_w > 0.0
+        return self._heater.step(instant_of(self._node)).active_w > 0.0
 
     def _tell(self) -> None:
         """Publish the state if it, or the connection, is new."""

@@ -91,6 +91,11 @@ class CommandSenders:
         return sender
 
 
+def instant_of(node: Node) -> Instant:
+    """Return the Instant of now, by a node's clock."""
+    return Instant(node.get_clock().now().nanoseconds, time.monotonic_ns())
+
+
 class HeaterExecution:
     """A HeaterController between the topics and an output; call `apply` periodically."""
 
@@ -125,14 +130,11 @@ class HeaterExecution:
                 liveliness=self._on_liveliness)
         node.create_subscription(command_type, self.topics[0], self._on_command, qos, event_callbacks=events)
 
-    def _now(self) -> Instant:
-        return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
-
     def _on_command(self, message: HvchCommand | HeatSourceCommand, info: Mapping[str, int]) -> None:
         sender = self._senders.sender(info.get('publication_sequence_number'))
         if getattr(message, 'name', HVCH) != self._name:
             return
-        self._controller.take(heater_command(message, sender), self._now())
+        self._controller.take(heater_command(message, sender), instant_of(self._node))
         self.apply()
 
     def _on_liveliness(self, event: object) -> None:
@@ -145,7 +147,7 @@ class HeaterExecution:
 
     def apply(self) -> None:
         """Set the power of now, and publish the status at a change, and every STATUS_PERIOD_S."""
-        now, self._measured_w = self._now(), None
+        now, self._measured_w = instant_of(self._node), None
         answer = HeaterAnswer(0.0, 0.0, Refusal.OTHER)
         try:
             answer = self._controller.step(now, obstacle=self._obstacle(now))
@@ -182,7 +184,8 @@ class HeaterExecution:
         """Switch the heater off before the process ends, and say so."""
         self._switch_off()
         self._status_publisher.publish(status_message(
-            HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns, name=self._name))
+            HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), instant_of(self._node).clock_ns,
+            name=self._name))
         self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
     def entry(self, part: str) -> DiagnosticStatus:

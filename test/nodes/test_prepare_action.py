@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The action ~/prepare_battery and `preheat prepare`, beside the installed planner."""
 
+from dataclasses import astuple
 from datetime import datetime
 from math import inf, nan
 import os
@@ -25,9 +26,9 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.commands.prepare import seconds_until
-from bev_preheat.control.preparation_goal import PreparationEnding
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
-from bev_preheat.messages.prepare_battery import preparation_goal_of
+from bev_preheat.messages.prepare_battery import goal_message, preparation_goal_of
 from bev_preheat.monitoring import planner_client
 from bev_preheat.monitoring.planner_client import feedback_line, Wanted
 from bev_preheat.numerics import NS_PER_S
@@ -74,6 +75,13 @@ def test_what_nobody_sets_is_not_given(fields, target_c, ambient_c):
     ({'ready_at': Time(sec=1, nanosec=1_000_000_000)}, 'nanoseconds below 1000000000')])
 def test_a_goal_that_cannot_be_read_is_refused(fields, sentence):
     assert sentence in '; '.join(problems_of(preparation_goal_of, PrepareBattery.Goal(**fields)))
+
+
+@pytest.mark.parametrize('fields', [
+    (), (0, 0.0, True, 0.0), (NS_PER_S + 1, 31.0, False, -4.0, None, None, 35.0)])
+def test_a_goal_survives_its_message(fields):
+    wanted = PreparationGoal(*fields)
+    assert astuple(preparation_goal_of(goal_message(wanted))) == astuple(wanted)
 
 
 def test_the_results_codes_are_those_of_the_endings():
