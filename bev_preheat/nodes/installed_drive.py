@@ -210,12 +210,9 @@ class ObservedDrive:
 
     def _on_command(self, message: HvchCommand) -> None:
         reason = Status(message.reason).name
-        instant_s = _instant_s(message)
-        if instant_s > 0.0:
-            self.record.commands.append((instant_s, message.battery_heating_power, reason))
-            self.record.statuses.add(reason)
-            if message.battery_heating_power > 0.0 and self.states:
-                self.record.hottest_heated_c = max(self.record.hottest_heated_c, self.states[-1][1])
+        if _instant_s(message) > 0.0:
+            self.record.note_command(_instant_s(message), message.battery_heating_power, reason,
+                                     self.states[-1][1] if self.states else -math.inf)
 
     def _on_plan(self, message: PreheatPlan) -> None:
         instant_s = _instant_s(message)

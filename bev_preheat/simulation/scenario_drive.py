@@ -65,6 +65,13 @@ class DriveRecord:
         """The last verdict on the heater, '' without any."""
         return self.heater_verdicts[-1][1] if self.heater_verdicts else ''
 
+    def note_command(self, instant_s: float, power_w: float, reason: str, battery_c: float) -> None:
+        """Record a command to a battery of a temperature [deg C]."""
+        self.commands.append((instant_s, power_w, reason))
+        self.statuses.add(reason)
+        if power_w > 0.0:
+            self.hottest_heated_c = max(self.hottest_heated_c, battery_c)
+
     def note_heater(self, instant_s: float, said: str) -> None:
         """Record the verdict on the heater at an instant [s]."""
         if said != self.heater:
@@ -229,12 +236,9 @@ def _note(record: DriveRecord, moment: Moment, state: State, car: ImperfectCar) 
     if output.decision is not None:
         record.statuses.add(output.decision.status.name)
     if output.command is not None:
-        reason, power_w = output.command.reason.name, output.command.total_w
-        record.statuses.add(reason)
-        record.commands.append((moment.clock_s, power_w, reason))
+        record.note_command(moment.clock_s, output.command.total_w, output.command.reason.name,
+                            car.plant.temperature_c)
         record.by_source.append(output.command)
-        if power_w > 0.0:
-            record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
     if state.estimate is not None and not car.is_over:
         said = [state.estimate.heater.heater.value, *(
             f'{name} {report.heater.value}' for name, report in state.source_reports.items())]
