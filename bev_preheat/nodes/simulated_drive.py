@@ -95,6 +95,8 @@ TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
 CHARGING, PARKED = 'charging', 'parked'
+# Of phases but drives.
+STATES: dict[type[Phase], str] = {Charge: CHARGING, Park: PARKED}
 # Keys of a finished phase, by fields of PhaseEnd and PhaseReport.
 PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arrival temperature [degC]'}
 
@@ -121,7 +123,7 @@ def trip_diagnostics(car: ImperfectCar) -> DiagnosticStatus:
         level, text = ERROR, EMPTY
     else:
         level = WARN if plant.undeliverable_power_w else OK
-        text = ARRIVED if car.is_over else _doing(car.phase)
+        text = ARRIVED if car.is_over else STATES.get(type(car.phase), DRIVING)
     values = {
         'time [s]': plant.time_s,
         TEMPERATURE: plant.temperature_c,
@@ -149,12 +151,6 @@ def outcome_from_diagnostics(message: DiagnosticArray) -> SimulatedDriveReport |
                 status.message, Energies(**{name: values[_energy_key(name)] for name in ENERGIES}),
                 values[WITHOUT_COMMAND], tuple(ends))
     return None
-
-
-def _doing(phase: Phase) -> str:
-    if isinstance(phase, Charge):
-        return CHARGING
-    return PARKED if isinstance(phase, Park) else DRIVING
 
 
 def _energy_key(name: str) -> str:

@@ -23,8 +23,6 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
-from rclpy.clock import Clock as NodeClock
-from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -93,8 +91,6 @@ class OwnTime:
         self.start_ns = start_ns or time.time_ns()
         self.pace = Pace(speed_up)
         self._on_lost, self._is_lost = on_lost, False
-        # Not the node's clock: with use_sim_time that is the one published here.
-        self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         # Best effort as in rclcpp's ClockQoS and rclpy's own subscription.
         self._clock = ListeningPublisher(node, Clock, '/clock', BEST_EFFORT, self._on_other_tick)
         self._started_s = time.monotonic()
@@ -116,7 +112,8 @@ class OwnTime:
 
     def elapsed_s(self) -> float:
         """Return the simulated time since the start [s], moving it on."""
-        return self.pace.follow(self._steady_clock.now().nanoseconds * 1e-9)
+        # Not of the node's clock: with use_sim_time that is the one published here.
+        return self.pace.follow(time.monotonic())
 
     def publish(self, stamp: Time) -> None:
         """Publish `/clock`."""
@@ -248,24 +245,19 @@ class Lockstep:
             if len(names) > 1:
                 raise InvalidInput(f'{" and ".join(sorted(names))} publish hvch_command; lockstep needs one')
             (planner,) = names
-            if is_ready() and all(planner in self._listening_to(topic) for topic in self._topics):
+            if is_ready() and all(any(endpoint_name(each) == planner for each in
+                                      node.get_subscriptions_info_by_topic(topic)) for topic in self._topics):
                 break
         # Created last: a node that answers knows all publishers of this node. The graph shows its own endpoints in
         # the order of their creation, /clock first.
         self._planner = self._client(planner)
         others = sorted(set(map(endpoint_name, heard.values())) - {planner})
-        self._listeners = [self._client(name) for name in others if self._answers(name)]
+        # A node has parameter services if it answers; the graph shows them before its subscriptions.
+        self._listeners = [self._client(name) for name in others if node.count_services(f'{name}/get_parameters')]
         await self._greet(self._planner)
         for client in self._listeners:
             await self._greet(client)
         return sorted(map(endpoint_name, heard.values()))
-
-    def _listening_to(self, topic: str) -> set[str]:
-        return {endpoint_name(each) for each in self._node.get_subscriptions_info_by_topic(topic)}
-
-    def _answers(self, name: str) -> bool:
-        """Return whether a node has parameter services; the graph shows them before its subscriptions."""
-        return self._node.count_services(f'{name}/get_parameters') > 0
 
     def _client(self, name: str) -> Client:
         return self._node.create_client(GetParameters, f'{name}/get_parameters')

@@ -6,11 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 import math
+import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock as NodeClock
-from rclpy.clock import ClockType
 from rclpy.publisher import Publisher
 from rclpy.task import Task
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
@@ -113,8 +112,6 @@ class VehicleSimulatorNode(ProgramNode):
         self.follow_parameters()
 
         self._has_told_route = False
-        # Not the node's clock: with use_sim_time that may be the one published here.
-        self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._drive: Task | None = None
         self._tick_timer = self.steady_timer(GRAPH_PERIOD_S if self._lockstep else self._pace.real_tick_s,
                                              self._on_look if self._lockstep else self._on_tick)
@@ -146,7 +143,8 @@ class VehicleSimulatorNode(ProgramNode):
         if self._is_held:
             self._time.publish(self._stamp())
             return
-        real_s = self._steady_clock.now().nanoseconds * 1e-9
+        # Not of the node's clock: with use_sim_time that may be the one published here.
+        real_s = time.monotonic()
         try:
             elapsed_s = self._time.elapsed_s()
         except InvalidInput as error:
