@@ -85,7 +85,8 @@ class ConditioningRequest:
         if self.target_c is not None:
             values[TEMPERATURE] = self.target_c
         if self.ready_at_s:
-            values[TIME] = iso_of_instant(self.ready_at_s)
+            at = datetime.fromtimestamp(self.ready_at_s, UTC)
+            values[TIME] = at.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
         return values
 
 
@@ -103,11 +104,6 @@ def instant_of_iso(text: str) -> float:
         raise InvalidInput(f'{quoted(text)} is outside 1970 ... 2038')
     # VSS's own "not set" is the epoch's first instant.
     return instant_s
-
-
-def iso_of_instant(instant_s: float) -> str:
-    """Return seconds since the epoch as ISO 8601 in UTC, to the millisecond."""
-    return datetime.fromtimestamp(instant_s, UTC).isoformat(timespec='milliseconds').replace('+00:00', 'Z')
 
 
 # A call of the broker takes at most CALL_S; it is asked for a sign of life every HEARTBEAT_S.

@@ -242,18 +242,14 @@ def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
             continue
         step_s = np.gradient(series.time_s)
         distance_m = float(np.sum(np.where(moving & (step_s <= LONGEST_HOLD_S), speed_mps * step_s, 0.0)))
-        if distance_m < UNIT_TELLING_M or _descends(signals, distance_m) or _drives_harder(
-                series, speed_mps, moving):
+        elevation = signals.get('elevation_m')
+        descends = elevation is not None and (
+            elevation.value[0] - elevation.value[-1] > REGENERATING_GRADE * distance_m)
+        if distance_m < UNIT_TELLING_M or descends or _drives_harder(series, speed_mps, moving):
             continue
         yield Doubt(signal, f'{signal}: is {figure(float(np.mean(series.value[moving])), 3)} '
                             f'{"A" if signal == "current_a" else "W"} in the mean while the car drives; positive '
                             'must mean discharging', -1.0)
-
-
-def _descends(signals: Signals, distance_m: float) -> bool:
-    """Return whether a car's elevation falls so much that its battery may be charged over the drive."""
-    elevation = signals.get('elevation_m')
-    return elevation is not None and elevation.value[0] - elevation.value[-1] > REGENERATING_GRADE * distance_m
 
 
 def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> bool:

@@ -282,10 +282,6 @@ class Board:
         """Return the Banner on a missing, silent or frozen planner; None if all is well."""
         return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
 
-    def ages_s(self, now_s: float) -> dict[str, float | None]:
-        """Return the age of the latest message of each topic [s of real time]; None before the first."""
-        return {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()}
-
     def late(self, now_s: float) -> list[str]:
         """Return the overdue topics."""
         return sorted(topic for topic, pulse in self.pulses.items()
@@ -297,11 +293,6 @@ class Board:
         if self._route is None or self.plan is None:
             return None
         return self._route.reserve_of_leg(self.plan.later_legs) or None
-
-    @property
-    def sentence(self) -> str:
-        """The plan's sentence, '' without one."""
-        return '' if self.plan is None else shortened(self.plan.sentence, LONGEST_SENTENCE)
 
     def plan_curves(self) -> dict[str, Any]:
         """Return the trajectories of the plan, thinned; empty columns without one."""

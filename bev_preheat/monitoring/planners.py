@@ -18,7 +18,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node, NodeNameNonExistentError
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 
@@ -31,7 +31,7 @@ from bev_preheat.monitoring.seen import entries_seen, plan_seen, route_seen
 from bev_preheat.monitoring.view import Surroundings
 from bev_preheat.nodes.node import RepetitionFilter
 from bev_preheat.nodes.setup_watch import endpoint_name
-from bev_preheat.nodes.topics import LARGEST_ROUTE_BYTES, MOST_SOURCES
+from bev_preheat.nodes.topics import BEST_EFFORT, LARGEST_ROUTE_BYTES, LATCHED, MOST_SOURCES
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 # The full names of a planner's topics by the type of their messages; '' if it has none.
@@ -41,10 +41,8 @@ PLAN, COMMAND, SOURCE, ROUTE, ANSWER = (f'bev_preheat_msgs/msg/{name}' for name 
     'PreheatPlan', 'HvchCommand', 'HeatSourceCommand', 'RoutePlan', 'HvchStatus'))
 BATTERY = 'sensor_msgs/msg/BatteryState'
 CLOCK = '/clock'
-LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 # Of each heat source a command comes at the same instant.
 SOURCES = QoSProfile(depth=MOST_SOURCES, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # `look` is called so often [s].
 PLANNERS_PERIOD_S = 1.0
 MOST_PLANNERS = 24
@@ -111,10 +109,11 @@ class Planners:
                 message, topics[kind], self.guarded(topics[kind], partial(self._take, board)), qos,
                 raw=kind == ROUTE, event_callbacks=quiet)
             for kind, message, qos in (
-                (COMMAND, HvchCommand, LATEST), (SOURCE, HeatSourceCommand, SOURCES), (ANSWER, HvchStatus, LATEST),
-                (PLAN, PreheatPlan, LATCHED), (BATTERY, BatteryState, LATEST),
+                (COMMAND, HvchCommand, BEST_EFFORT), (SOURCE, HeatSourceCommand, SOURCES),
+                (ANSWER, HvchStatus, BEST_EFFORT), (PLAN, PreheatPlan, LATCHED),
+                (BATTERY, BatteryState, BEST_EFFORT),
                 # A route may be published with any quality of service.
-                (ROUTE, RoutePlan, LATCHED), (ROUTE, RoutePlan, LATEST)) if topics[kind]]
+                (ROUTE, RoutePlan, LATCHED), (ROUTE, RoutePlan, BEST_EFFORT)) if topics[kind]]
 
     def _unsubscribe(self, name: str) -> None:
         for subscription in self._subscriptions.pop(name):

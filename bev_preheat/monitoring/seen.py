@@ -194,8 +194,9 @@ def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
     for entry in entries:
         if len(by_name) < MOST_ENTRIES:
             by_name[entry.name] = entry
+    values = {name: entry.values for name, entry in by_name.items()}
     signals, preheating, departures, heater = (
-        _values(by_name, name) for name in ('signals', 'preheating', 'departures', 'heater'))
+        values.get(name, {}) for name in ('signals', 'preheating', 'departures', 'heater'))
     doubts = tuple(shortened(key.removesuffix(IN_DOUBT), 60) for key in signals if key.endswith(IN_DOUBT))
     departure = None
     if 'departures' in by_name:
@@ -215,7 +216,3 @@ def _share(text: str) -> float:
     except ValueError:
         return 1.0
     return share if 0.0 <= share <= 1.0 else 1.0
-
-
-def _values(entries: Mapping[str, EntrySeen], name: str) -> Mapping[str, str]:
-    return entries[name].values if name in entries else {}

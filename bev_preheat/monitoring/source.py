@@ -154,7 +154,7 @@ def view_values(board: Board, now_s: float) -> dict[str, Any]:
     banner = board.banner(now_s)
     return {
         'at': instant(board.at_s), 'banner': None if banner is None else banner._asdict(),
-        'ages': {topic: number(age_s, 1) for topic, age_s in board.ages_s(now_s).items()},
+        'ages': {topic: number(pulse.age_s(now_s), 1) for topic, pulse in board.pulses.items()},
         'late': board.late(now_s), 'temperature': number(board.temperature_c, 2), 'soc': number(board.soc, 4),
         'power': number(board.power_w, 1), 'delivered': number(board.delivered_w(board.at_s), 1),
         'sources': [[name, number(power_w, 1)] for name, power_w in board.sources_w.items()],
@@ -169,7 +169,7 @@ def _plan_values(board: Board) -> dict[str, Any]:
     if plan is None:
         return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
     return {
-        'status': status_name(plan.status), 'sentence': board.sentence,
+        'status': status_name(plan.status), 'sentence': shortened(plan.sentence, LONGEST_SENTENCE),
         'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
         'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
         'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),

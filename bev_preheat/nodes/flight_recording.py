@@ -17,6 +17,7 @@ from sensor_msgs.msg import Temperature
 from bev_preheat.control.decision import Command
 from bev_preheat.control.events import Event, Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.control.state import State
+from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.control.supervisor import StepOutput
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import version
@@ -125,8 +126,8 @@ class FlightRecorder:
     def _state_entry(self, state: State, now_ns: int) -> Entry:
         self._state_ns = now_ns
         goal, route = state.preparation.goal, self._route
-        return Entry(STATE_CHANNEL, now_ns, records.recorded_state(
-            state, None if goal is None else self._goals.number(goal),
+        return Entry(STATE_CHANNEL, now_ns, records.RecordedState(
+            state_bytes(state), None if goal is None else self._goals.number(goal),
             None if route is None or state.inbox.latest_mission is None else route.now_ns).as_dictionary())
 
     def note(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,

@@ -197,7 +197,8 @@ class PlannerNode(ProgramNode):
             self._report(now_ns)
             self._publish_command(output, now_ns)
             # Only a published plan shows that plans can be published again.
-            in_doubt = not _has_plan_or_heats(output)
+            decision, command = output.decision, output.command
+            in_doubt = (decision is None or decision.plan is None) and (command is None or command.total_w <= 0.0)
         elif output.has_new_status:
             self.publish_diagnostics()
         self._is_in_doubt = bool(output.failure) or in_doubt
@@ -383,9 +384,3 @@ class PlannerNode(ProgramNode):
 
     def _await_delivery(self) -> None:
         self._command_publisher.hvch.publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-
-def _has_plan_or_heats(output: StepOutput) -> bool:
-    decision, command = output.decision, output.command
-    return (decision is not None and decision.plan is not None) or (
-        command is not None and command.total_w > 0.0)

@@ -49,18 +49,6 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LAST_WORDS_TIME = Duration(seconds=1)
 
 
-@contextmanager
-def silent_rcl() -> Iterator[None]:
-    """Keep rcl from logging the problem that print_error() reports."""
-    set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
-    try:
-        yield
-    finally:
-        # Unless the command line asked for a level.
-        if get_logger_level(RCL_LOGGER) == LoggingSeverity.FATAL:
-            set_logger_level(RCL_LOGGER, LoggingSeverity.UNSET)
-
-
 @dataclass(frozen=True)
 class NodeProgram:
     """The contents of an executable's `--help`; topics, services and actions are (name, explanation)."""
@@ -143,17 +131,14 @@ def _sentence(error: Exception | str) -> str:
         return f'{rule}: cannot be read; it must be {form}'
     file_match = re.search(r"'--params-file (.*?)'\. Error: (.*)", text)
     if file_match:
-        return _file_sentence(*file_match.groups())
+        path, problem = file_match.groups()
+        try:
+            with open(path, encoding='utf-8'):
+                pass
+        except OSError as unreadable:
+            problem = f'cannot be read: {unreadable.strerror}'
+        return f'parameter file {path}: {problem}'
     return text
-
-
-def _file_sentence(path: str, problem: str) -> str:
-    try:
-        with open(path, encoding='utf-8'):
-            pass
-    except OSError as error:
-        return f'parameter file {path}: cannot be read: {error.strerror}'
-    return f'parameter file {path}: {problem}'
 
 
 def join_graph(name: str) -> Node | None:
@@ -229,8 +214,14 @@ def _init() -> None:
     # It would end the process in some middlewares.
     if domain_id.isdecimal() and int(domain_id) > MOST_DOMAIN_ID:
         raise InvalidInput(f'ROS_DOMAIN_ID: {domain_id} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
-    with silent_rcl():
+    # `print_error` reports the problem that rcl would log.
+    set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
+    try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    finally:
+        # Unless the command line asked for a level.
+        if get_logger_level(RCL_LOGGER) == LoggingSeverity.FATAL:
+            set_logger_level(RCL_LOGGER, LoggingSeverity.UNSET)
 
 
 def _pipe_of_signals() -> int:

@@ -168,7 +168,7 @@ class History:
         for entry in planner_diagnostics(played.state, played.now_ns):
             name = entry.name
             # `preheating` repeats status and sentence.
-            level = int.from_bytes(entry.level) if isinstance(entry.level, bytes) else int(entry.level)
+            level = int.from_bytes(entry.level)
             if name != 'preheating' or level:
                 self._note(f'diagnostics {name}', self.diagnostics, now_ns, (name, str(level), entry.message),
                            (level, NUMBER.sub('', entry.message)))

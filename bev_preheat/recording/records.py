@@ -30,7 +30,6 @@ from bev_preheat.control.events import (
     RouteUnreadable,
 )
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
-from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, quoted, shortened
 from bev_preheat.estimation.prior import Lags, Learned
 from bev_preheat.files.input_files import installed_prefix
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from bev_preheat.control.decision import Command
-    from bev_preheat.control.state import State
 
 # Of the planner's inputs and outputs, by package.
 OWN = 'bev_preheat_msgs'
@@ -80,7 +78,8 @@ def definition(package: str, name: str) -> bytes:
         key = waiting.pop(0)
         if key not in texts:
             texts[key] = _text(*key)
-            waiting += _contained(key[0], texts[key])
+            fields = (FIELD.match(line.partition('#')[0]) for line in texts[key].splitlines())
+            waiting += [(found['package'] or key[0], found['name']) for found in fields if found]
     first, *others = texts.items()
     parts = [first[1], *(f'{SEPARATOR}\nMSG: {key[0]}/{key[1]}\n{text}' for key, text in others)]
     return '\n'.join(parts).encode()
@@ -95,13 +94,6 @@ def _text(package: str, name: str) -> str:
         return path.read_text(encoding='utf-8')
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-
-
-def _contained(package: str, text: str) -> Iterator[tuple[str, str]]:
-    for line in text.splitlines():
-        found = FIELD.match(line.partition('#')[0])
-        if found:
-            yield found['package'] or package, found['name']
 
 
 @contextmanager
@@ -180,11 +172,6 @@ class RecordedState(NamedTuple):
         """Return the RecordedState of plain values; raises InvalidInput if they are damaged."""
         with sound('a state of the recording'):
             return cls(b64decode(values['state']), _whole(values['goal']), _whole(values['route_ns']))
-
-
-def recorded_state(state: State, goal: int | None = None, route_ns: int | None = None) -> RecordedState:
-    """Return a State as a recording has it."""
-    return RecordedState(state_bytes(state), goal, route_ns)
 
 
 def learned_values(learned: Learned | None) -> dict[str, Any] | None:

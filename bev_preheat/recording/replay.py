@@ -131,7 +131,9 @@ class Player:
                                 learned_of(values['learned']) if self._changes.has_recorded_vehicle else None)
         if kind not in INPUTS:
             return event_of(values, self._goals)
-        message = self._message(given)
+        if given.message is None:
+            raise InvalidInput('a step of the recording has lost its message')
+        message = read_message(*given.message)
         if kind == ROUTE_PLAN:
             for change in self._changes.signals:
                 change.alter_route(message)
@@ -143,11 +145,6 @@ class Player:
             for change in self._changes.signals:
                 change.alter_battery(message)
         return INPUTS[kind].event(message, state, self._routes, hint)
-
-    def _message(self, given: Given) -> Any:
-        if given.message is None:
-            raise InvalidInput('a step of the recording has lost its message')
-        return read_message(*given.message)
 
     def _vehicle(self, text: str) -> Vehicle:
         """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""

@@ -109,7 +109,8 @@ def load_scenario(name_or_file: str | Path) -> Scenario:
 
 def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
     node = contents['drive']
-    vehicle_name = _seen_from(path.parent, node['vehicle'])
+    name: str = node['vehicle']
+    vehicle_name = str(path.parent / name) if '/' in name or name.endswith('.yaml') else name
     reader = _PhaseReader(load_vehicle(vehicle_name), path.parent)
     state = BatteryState(float(node['initial_battery_temperature_c']), float(node['initial_soc']))
     phases = reader.chain(contents) if 'chain' in contents else [reader.drive({
@@ -243,11 +244,6 @@ def _planner(parameters: dict[str, FileData]) -> dict[str, FileData]:
     with located('planner'):
         check_method(settings_of(parameters).method)
     return parameters
-
-
-def _seen_from(folder: Path, name_or_file: str) -> str:
-    is_file = '/' in name_or_file or name_or_file.endswith('.yaml')
-    return str(folder / name_or_file) if is_file else name_or_file
 
 
 def _spans(node: dict[str, FileData], key: str, where: str) -> tuple[Span, ...]:

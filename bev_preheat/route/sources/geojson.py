@@ -28,7 +28,6 @@ from bev_preheat.route.sources.track import journey_of_points
 
 KIND = 'GeoJSON line'
 OPENROUTESERVICE = Service(KIND, '', 'segments', ('distance',), ('duration',), (), 'steps', ('duration',))
-TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection')
 # Lines that follow each other end and begin within this distance [m].
 MOST_GAP_M = 1000.0
 
