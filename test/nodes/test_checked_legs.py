@@ -2,50 +2,49 @@
 """The checker on a route with stops: it checks the current leg."""
 
 from dataclasses import replace
-from math import nan
 
-from builtin_interfaces.msg import Time
 import pytest
+from steady_drives import NOW_NS as START_NS
+from steady_drives import steady_leg, VEHICLE
 from stepwise import Stepwise
 
+from bev_preheat.charging.stop import Charger
 from bev_preheat.control.events import PreparationWanted
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.messages.preheat_plan import plan_message
-from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.nodes.optimality_report import as_driven, case_of_plan, case_of_state
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat_msgs.msg import RoutePlan
 
-VEHICLE = load_vehicle('reference')
-START_NS = 1_700_000_000 * NS_PER_S
 STATE = BatteryState(2.25, 0.8125)
 # Two legs of 10 min, with 5 min between them.
 GOALS = (Goal(21.0, 0.15), Goal(24.0, 0.25))
 
 
-def route_message(**changed):
-    message = RoutePlan(**{
-        'route_id': 'far', 'segment_duration': [60.0] * 20, 'speed': [20.0],
-        'propulsion_power': [15e3], 'ambient_temperature': [-4.0], 'charging_planned': True,
-        'target_battery_temperature': 24.0, 'minimum_arrival_soc': 0.25,
-        'stop_after_segment': [9], 'stop_duration': [300.0],
-        'stop_target_battery_temperature': [21.0], 'stop_minimum_arrival_soc': [0.15],
-        'departure_battery_temperature': [30.0], 'departure_soc': [0.7], **changed})
-    message.header.stamp = Time(sec=START_NS // NS_PER_S)
-    return message
+def leg(goal=GOALS[1], duration_s=600.0, **fields):
+    return steady_leg(duration_s, propulsion_power_w=[15e3], ambient_temperature_c=[-4.0],
+                      target_temperature_c=goal.target_temperature_c, minimum_arrival_soc=goal.minimum_arrival_soc,
+                      **fields)
+
+
+def started(*legs, vehicle=VEHICLE, settings=Settings()):
+    """Return a supervisor with a trip, 5 min at each stop."""
+    supervisor = Stepwise(vehicle, settings)
+    supervisor.accept_mission(Mission('far', with_stops(legs, (300.0,) * (len(legs) - 1))))
+    return supervisor
+
+
+def two_legs(first=GOALS[0], **how):
+    return started(leg(first), leg(departure=BatteryState(30.0, 0.7)), **how)
 
 
 @pytest.fixture
 def inputs():
-    supervisor = Stepwise(VEHICLE, Settings())
-    supervisor.accept_mission(mission_from_message(route_message(), VEHICLE.defaults, 30.0))
-    return supervisor
+    return two_legs()
 
 
 def at(elapsed_s):
@@ -102,10 +101,7 @@ def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
 @pytest.fixture
 def heated():
     """Return (mission, goal_of, measurement, plan) of a plan with heat under way at its start."""
-    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
-    supervisor = Stepwise(vehicle, Settings(target_battery_temperature_c=40.0))
-    supervisor.accept_mission(mission_from_message(
-        route_message(stop_target_battery_temperature=[nan]), vehicle.defaults, 30.0))
+    supervisor = two_legs(Goal(40.0, 0.15), vehicle=replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0)))
     for elapsed_s in range(0, 120, 5):
         supervisor.accept_battery(at(elapsed_s), at(elapsed_s).stamp_ns)
     plan = plan_message(supervisor.replan(at(elapsed_s).stamp_ns), supervisor.state.mission, 0)
@@ -138,16 +134,13 @@ def test_a_model_with_another_number_of_factors_is_no_plan_to_check(heated, coun
 
 @pytest.mark.parametrize('charger_w', [150e3, 50e3])
 def test_the_target_that_the_planner_has_chosen_is_checked(charger_w):
-    supervisor, measurement = Stepwise(VEHICLE, Settings(estimation=False)), at(0)
-    supervisor.accept_mission(mission_from_message(route_message(
-        target_battery_temperature=0.0, charger_power=charger_w, stop_after_segment=[], stop_duration=[],
-        stop_target_battery_temperature=[], stop_minimum_arrival_soc=[], departure_battery_temperature=[],
-        departure_soc=[]), VEHICLE.defaults, 30.0))
+    settings, measurement = Settings(estimation=False), at(0)
+    supervisor = started(leg(Goal(None, 0.25), 1200.0, charger=Charger(charger_w)), settings=settings)
     supervisor.accept_battery(measurement, measurement.stamp_ns)
     mission = supervisor.state.mission
     plan = plan_message(supervisor.replan(measurement.stamp_ns), mission, measurement.stamp_ns)
     # Its own inbox knows nothing of prices or estimates.
-    goal_of = Inbox(VEHICLE, Settings(estimation=False)).goal_of
+    goal_of = Inbox(VEHICLE, settings).goal_of
     assert goal_of(mission.legs[0]).target_temperature_c == 25.0
     for case in (case_of_plan(mission, goal_of, [measurement], plan),
                  case_of_state(mission, goal_of, measurement, plan)):

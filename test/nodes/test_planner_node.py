@@ -12,6 +12,7 @@ import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
+import installed_packages
 from planner_car import heats, is_off_for, PlannerCar, stamped, values_of
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -257,6 +258,30 @@ def test_a_new_period_and_a_new_timeout_take_effect_at_once(car):
     plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
     assert plan.explanation.endswith('less than 0.3 s are allowed.')
     assert 'In effect now: battery_state_timeout = 0.3.' in car.process.output()
+
+
+def test_a_method_of_an_installed_package_plans_and_a_broken_one_is_refused(rehearsal, tmp_path, monkeypatch):
+    installed_packages.put_example(tmp_path, 'fixed_minutes_method')
+    (tmp_path / 'broken_method.py').write_text('def negative(situation):\n    return -situation.heater_limit_w\n')
+    installed_packages.write_metadata(tmp_path, 'broken-method', {'negative': 'broken_method:negative'})
+    installed_packages.use_folder(monkeypatch, tmp_path)
+    car = Car(rehearsal, '-p', 'method:=last_20_minutes')
+    # 30 min to a fast charger.
+    car.send_route(segment_duration=[30.0] * 60, target_battery_temperature=12.0)
+    car.give_state()
+    plan = car.plans.latest
+    assert (plan.method, plan.status) == ('last_20_minutes', Status.WAITING)
+    assert sum(plan.hvch_power) * 30.0 == pytest.approx(1200.0 * FULL_POWER_W, rel=1e-3)
+    described, = car.bench.call(DescribeParameters, '/planner/describe_parameters',
+                                DescribeParameters.Request(names=['method'])).descriptors
+    assert 'a method of an installed package' in described.additional_constraints
+    assert car.set(method='last_25_minutes').reason == (
+        "method: 'last_25_minutes' is not one of value_function, optimal_switch, paper, last_10_minutes, "
+        'last_20_minutes, last_30_minutes, negative')
+    assert car.set(method='negative').successful
+    assert is_off_for(Status.INVALID_INPUT)(car.commands.latest)
+    assert car.plans.latest.explanation.startswith(
+        'method negative of package broken-method 1.0: the answer is refused: -5400 W')
 
 
 def test_the_compiled_core_is_told_and_can_be_switched_off(car):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`vehicle_simulator`: drive, clock, commands and parameters."""
+"""`vehicle_simulator`: drive, commands, parameters, and its clock, which one node publishes."""
 
 import math
 
@@ -12,6 +12,7 @@ from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.simulated_drive import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
@@ -182,3 +183,71 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(rehearsa
 def test_impossible_parameters_are_refused_in_words(refusal, parameters, complaint):
     assert complaint in refusal('vehicle_simulator', '--ros-args', *(
         part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')))
+
+
+@pytest.mark.parametrize('argument, text', [
+    ('speed_up:=20.0', 'speed_up: 20.0 is not allowed with publish_clock:=false; it must be 1.0'),
+    ('start_time:=1000.0', 'start_time: 1000.0 is not allowed with publish_clock:=false'),
+    ('wait_for_planner:=true', 'wait_for_planner: True is not allowed with'),
+    ('lockstep:=true', 'lockstep: True is not allowed with publish_clock:=false; it must be False'),
+    ('scenario:=clock_back', 'scenario clock_back makes the clock jump')])
+def test_what_only_the_owner_of_the_clock_can_do_is_refused(refusal, argument, text):
+    assert text in refusal('vehicle_simulator', '--ros-args', '-p', 'publish_clock:=false', '-p', argument)
+
+
+# The clock: a simulator ends if another node publishes one, or drives by it
+
+@pytest.fixture
+def errors(capsys):
+    """`errors()` returns the lines with an error that the nodes of a rehearsal have printed."""
+    return lambda: [line for line in capsys.readouterr().err.splitlines() if 'error:' in line]
+
+
+def test_the_simulator_that_comes_later_ends_and_says_why(rehearsal, start_simulator, errors):
+    clock, later_s = rehearsal.record(Clock, '/clock', MANY), START_S + 10_000
+    first = start_simulator()
+    # Long enough ago that the first node stays.
+    clock.wait_for(lambda message: message.clock.sec > START_S + 3)
+    second = rehearsal.start('vehicle_simulator', '-r', '__ns:=/car2', '-p', f'start_time:={later_s}.0')
+    assert second.wait() == 2
+    assert errors() == ['vehicle_simulator: error: /vehicle_simulator also publishes /clock; set '
+                        'publish_clock:=false (and use_sim_time:=true) to drive by that clock']
+    # Only the first clock keeps running.
+    clock.clear()
+    assert all(START_S <= message.clock.sec < later_s for message in clock.wait_for_count(100))
+    assert first.exit_status is None
+
+
+def test_a_running_simulator_ends_if_another_clock_appears_and_stays(rehearsal, start_simulator, errors):
+    simulator = start_simulator()
+    rehearsal.advance(3.0)
+    clocks = rehearsal.publisher(Clock, '/clock')
+    with rehearsal.repeating(lambda: clocks.publish(Clock(clock=Time(sec=1000))), 0.02):
+        assert simulator.wait() == 2
+    (line,) = errors()
+    assert '/tester also publishes /clock' in line
+
+
+def test_without_a_clock_of_its_own_it_can_drive_in_real_time(rehearsal):
+    states = rehearsal.record(BatteryState, 'battery_state', MANY)
+    rehearsal.start('vehicle_simulator', '-p', 'publish_clock:=false', '-p', 'battery_state_period:=0.1')
+    began_ns = rehearsal.now_ns
+    last = states.wait_for_count(3)[-1]
+    # Neither simulated time nor another day's.
+    assert began_ns <= nanoseconds(last.header.stamp) <= rehearsal.now_ns < began_ns + 2 * 10**9
+    assert rehearsal.count_publishers('/clock') == 0
+
+
+def test_a_clock_that_is_set_back_ends_a_drive_that_goes_by_it(rehearsal, errors):
+    clocks = rehearsal.publisher(Clock, '/clock')
+    states = rehearsal.record(BatteryState, 'battery_state', MANY)
+    simulator = rehearsal.start(
+        'vehicle_simulator', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
+    for second in range(5):
+        clocks.publish(Clock(clock=Time(sec=START_S + second)))
+        rehearsal.advance(1.0)
+    assert states.latest.header.stamp.sec > START_S
+    clocks.publish(Clock(clock=Time(sec=1000)))
+    assert simulator.wait() == 2
+    (line,) = errors()
+    assert 's; the drive cannot go back' in line
