@@ -4,28 +4,24 @@
 from math import exp
 
 import pytest
-from steady_drives import at, measured, NOW_NS, VEHICLE
+from steady_drives import at, measured, NOW_NS, steady_leg, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.inputs import Mission
 from bev_preheat.control.learning import StandWatch
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.before_restart import LastSeen
 from bev_preheat.estimation.prior import after_soak
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_GAP_S
 
 NIGHT_S = 36_000.0
 FIRST = measured(NOW_NS, -5.0)
-ROUTE = make_route({
-    'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [15e3],
-    'ambient_temperature_c': [-7.0] * 20 + [4.0] * 20, 'cabin_heating_power_w': [1500.0],
-    'auxiliary_power_w': [400.0]}, None)
+LEG = steady_leg(ambient_temperature_c=[-7.0] * 20 + [4.0] * 20, target_temperature_c=20.0)
 
 
 def trip(standing_time_s=NIGHT_S):
-    return Mission('morning', (Leg(ROUTE, NOW_NS, True, 20.0),), standing_time_s)
+    return Mission('morning', (LEG,), standing_time_s)
 
 
 def compared(*measurements, watch=StandWatch()):

@@ -4,25 +4,24 @@
 from dataclasses import replace
 
 import pytest
-from steady_drives import NOW_NS, VEHICLE
+from steady_drives import NOW_NS, steady_leg, VEHICLE
 
 from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, with_stops
+from bev_preheat.control.inputs import Measurement, Mission, Progress, with_stops
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
 
 CONSUMERS_W, DRIVE_W = 2478.0, 15e3
 
 
 def leg(minutes=40, departure=None):
-    return Leg(make_route({
-        'duration_s': [60.0] * minutes, 'speed_mps': [25.0], 'propulsion_power_w': [DRIVE_W],
-        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults), NOW_NS, departure=departure)
+    return steady_leg(
+        60.0 * minutes, 60.0, speed_mps=[25.0], propulsion_power_w=[DRIVE_W], cabin_heating_power_w=None,
+        auxiliary_power_w=None, target_temperature_c=None, departure=departure)
 
 
 class Car:

@@ -6,7 +6,7 @@ from math import exp, inf, isnan, log, nan
 
 import numpy as np
 import pytest
-from steady_drives import at, NOW_NS, VEHICLE
+from steady_drives import at, NOW_NS, steady_mission, VEHICLE
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -19,7 +19,7 @@ from bev_preheat.control.events import (
     RouteArrived,
     TripCancelled,
 )
-from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
+from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.preparation import ROUTE_ID
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
@@ -28,7 +28,6 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
 
@@ -101,9 +100,9 @@ class Car:
 
 def mission(start_s=0.0, minutes=40.0, target_c=25.0, reserve=0.0):
     """Return a trip of half-minutes at 20 kW, -3 degC."""
-    route = make_route({'duration_s': [30.0] * round(2 * minutes), 'speed_mps': [20.0],
-                        'propulsion_power_w': [20e3], 'ambient_temperature_c': [-3.0]}, VEHICLE.defaults)
-    return Mission('home', (Leg(route, at(start_s), True, target_c, reserve),))
+    return steady_mission(
+        duration_s=60.0 * minutes, ambient_temperature_c=[-3.0], cabin_heating_power_w=None,
+        auxiliary_power_w=None, start_ns=at(start_s), target_temperature_c=target_c, minimum_arrival_soc=reserve)
 
 
 # Plans

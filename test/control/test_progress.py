@@ -71,15 +71,6 @@ def test_a_late_vehicle_is_heated_for_as_long_as_it_drives():
     assert drive.feed(750.0)[1] is Status.ARRIVED
 
 
-def test_an_early_vehicle_has_less_time():
-    drive = Drive()
-    drive.tell(100.0, 6000.0 + 10.0)
-    assert drive.feed(100.0) == (HEATS, COLD, 300.0)
-    drive.tell(105.0, 6100.0 + 10.0)
-    # 4 degC warmer is what 25 degC on arrival takes from there on.
-    assert drive.supervisor.state.mission.legs[0].arrival_ns == START_NS + ns(400.0)
-
-
 @pytest.mark.parametrize('settings', [MEASURED, Settings()], ids=['measured', 'estimated'])
 def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
     def said(tells_position):

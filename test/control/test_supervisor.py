@@ -275,12 +275,6 @@ def test_a_good_route_does_not_excuse_a_refused_state(is_mended):
 # Time and the route
 
 
-def test_the_end_of_the_route_switches_off_without_a_new_state():
-    supervisor = make_supervisor(start_ns=NOW_NS - ns(DURATION_S - 2.0))
-    assert [outcome(supervisor, at(at_s)) for at_s in (1.999, 2.0)] == [
-        (pytest.approx(FULL_POWER_W), Status.TARGET_UNREACHABLE), (0.0, Status.ARRIVED)]
-
-
 PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 

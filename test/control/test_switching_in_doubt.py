@@ -7,7 +7,7 @@ import random
 from random import Random
 
 import pytest
-from steady_drives import NOW_NS, ns, VEHICLE
+from steady_drives import NOW_NS, ns, steady_mission, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import (
@@ -19,7 +19,7 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
@@ -27,7 +27,6 @@ from bev_preheat.estimation.signal_checks import FEED
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import MOST_SWITCH_ONS
 
 SETTINGS = Settings(estimation=False)
@@ -36,10 +35,9 @@ UNREADABLE = InvalidInput('temperature: nan is not allowed')
 
 def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_ns=NOW_NS):
     """A trip that heats from start to end, because 60 degC is never reached."""
-    return Mission(route_id, (Leg(make_route({
-        'duration_s': [30.0] * (2 * minutes), 'speed_mps': [30.0], 'propulsion_power_w': [10e3],
-        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [1978.0],
-        'auxiliary_power_w': [300.0]}, VEHICLE.defaults), start_ns, True, target_c),))
+    return steady_mission(
+        route_id, duration_s=60.0 * minutes, speed_mps=[30.0], propulsion_power_w=[10e3],
+        ambient_temperature_c=[ambient_c], start_ns=start_ns, target_temperature_c=target_c)
 
 
 class Car:
