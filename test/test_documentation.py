@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-README and docs: commands work, links have targets, and the reference is complete.
+README and docs: commands work, links have targets, the reference is complete, versions and citation agree.
 
 Console blocks are run as typed_pages.py describes. Commands that must not run are in ```bash or ```text.
 
@@ -8,13 +8,17 @@ The ```python blocks of a page are run in order, like the cells of a notebook. I
 its line, the output must have the comment's numbers, to the comment's digits.
 """
 
+import configparser
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 import re
+import sys
+from xml.etree import ElementTree
 
 import pytest
 from typed_pages import commands_of, FENCE, files_of, run_page
+import yaml
 
 from bev_preheat.commands.main import main, SUBCOMMANDS
 from bev_preheat.planning.status import Status
@@ -337,3 +341,51 @@ def test_rules_of_the_heater_name_their_tests():
     # Each test of the controller belongs to a rule, except the one on the message's numbers.
     assert named == set(re.findall(r'^def (test_\w+)', (ROOT / file).read_text(), re.MULTILINE)) - {
         'test_numbers_are_those_of_the_message'}
+
+
+# --- citation ---
+
+
+CITATION = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+
+
+def test_the_citation_is_that_of_the_package():
+    package = ElementTree.parse(ROOT / 'package.xml')
+    assert CITATION['cff-version'] == '1.2.0' and CITATION['message']
+    assert CITATION['title'] == package.findtext('name')
+    # YAML reads 0.10 as a number; three parts are a text.
+    assert CITATION['version'] == package.findtext('version')
+    assert CITATION['license'] == package.findtext('license')
+    assert CITATION['authors'] == [{'name': package.findtext('maintainer')}]
+
+
+def test_the_paper_is_cited_as_on_its_page():
+    paper, = CITATION['references']
+    head = ' '.join((ROOT / 'docs/explanation/paper.md').read_text().split('\n\n')[1].split())
+    authors = ', '.join(f'{author["given-names"][0]}. {author["family-names"]}' for author in paper['authors'])
+    assert head == f'{authors}: *{paper["title"]}.*'
+
+
+# --- versions of Python: each mention agrees with scripts/pythons.txt ---
+
+
+PYTHONS = (ROOT / 'scripts' / 'pythons.txt').read_text().split()
+
+
+def test_versions_rise_and_this_one_is_among_them():
+    numbers = [tuple(map(int, version.split('.'))) for version in PYTHONS]
+    assert sorted(numbers) == numbers
+    assert numbers[0] <= sys.version_info[:2] <= numbers[-1]
+
+
+@pytest.mark.parametrize('path, join', [
+    ('README.md', 'or'), ('docs/how-to/ros_machine.md', 'or'), ('QUALITY_DECLARATION.md', 'and')])
+def test_documents_name_these_versions(path, join):
+    words = f'{", ".join(PYTHONS[:-1])} {join} {PYTHONS[-1]}'
+    assert re.search(rf'Python,? {re.escape(words)}', (ROOT / path).read_text())
+
+
+def test_types_are_checked_for_the_oldest():
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / 'setup.cfg')
+    assert setup['mypy']['python_version'] == PYTHONS[0]

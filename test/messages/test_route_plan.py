@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from refusals import problems_of
-from varying_power import magnitude_w
 
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
@@ -19,6 +18,7 @@ from bev_preheat.messages.route_plan import (
     ROUTE_FIELDS,
     route_plan_message,
 )
+from bev_preheat.numerics import mean_magnitude
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.description import Defaults
 from bev_preheat_msgs.msg import RoutePlan
@@ -168,9 +168,9 @@ def test_an_array_of_one_holds_in_every_segment(name):
     ('cabin_heating_power', 'cabin_heating_power_w', [1111.0] * 6),
     ('auxiliary_power', 'auxiliary_power_w', [222.0] * 6),
     ('propulsion_power_rms', 'propulsion_power_rms_w', [1e3, 2e3, 2e3, 3e3, 3e3, 3e3]),
-    ('propulsion_power_magnitude', 'propulsion_power_magnitude_w', [
-        magnitude_w(*powers) for powers in ((1e3, 1.5e3), *[(-2e3, 2.5e3)] * 2,
-                                            *[(3e3, 3.5e3)] * 3)]),
+    # The variance is the square of the rms less that of the mean.
+    ('propulsion_power_magnitude', 'propulsion_power_magnitude_w', mean_magnitude(
+        np.repeat([1e3, -2e3, 3e3], [1, 2, 3]), np.repeat([1.25e6, 2.25e6, 3.25e6], [1, 2, 3])).tolist()),
 ])
 def test_an_empty_optional_array_takes_its_default(name, field, expected):
     route = convert_leg(step_s=10.0, **{'propulsion_power_magnitude': [], name: []}).route
