@@ -278,10 +278,6 @@ def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
     assert heated_w == {4000.0} if gates.power_steps_w else heated_w and not is_open(seen)
 
 
-def test_any_confirmed_heat_is_no_refusal():
-    assert answers_with(60.0, active_w=40.0, refusal=Refusal.CABIN_FIRST).refusal(NOW_NS, SETTINGS) == ''
-
-
 @pytest.mark.parametrize('refusal', [Refusal.HOT_BATTERY, Refusal.NOT_REFUSED])
 def test_the_idle_power_of_a_heater_is_no_heat(refusal):
     # Electronics and pump of a heater on CAN, which counts in steps of 40 W.
@@ -290,9 +286,9 @@ def test_the_idle_power_of_a_heater_is_no_heat(refusal):
     assert answers_with(60.0, measured_w=400.0, refusal=refusal).refusal(NOW_NS, SETTINGS) == ''
 
 
-@pytest.mark.parametrize('share, refuses', [(0.9, False), (1.1, True)])
-def test_heat_may_take_a_while_to_be_confirmed(share, refuses):
-    answers = answers_with(share * CONFIRMED_WITHIN_S, refusal=Refusal.CABIN_FIRST)
+@pytest.mark.parametrize('share, active_w, refuses', [(0.9, 0.0, False), (1.1, 0.0, True), (9.0, 40.0, False)])
+def test_heat_may_take_a_while_to_be_confirmed_and_any_is_no_refusal(share, active_w, refuses):
+    answers = answers_with(share * CONFIRMED_WITHIN_S, active_w=active_w, refusal=Refusal.CABIN_FIRST)
     assert bool(answers.refusal(NOW_NS, SETTINGS)) is refuses
 
 

@@ -318,12 +318,6 @@ def test_short_stops_give_a_source_that_needs_motion_its_rest():
     assert drive.pauses_s == pytest.approx([180.0] * len(drive.pauses_s), abs=4.0)
 
 
-def test_it_does_not_start_for_less_than_its_least_time():
-    drive = Drive(car_with(minimum_on_time_s=3600.0), start_c=5.0, route=route_of(minutes=30))
-    assert drive.powers_w == {0.0}
-    assert drive.plant.temperature_c == pytest.approx(25.0, abs=0.3)
-
-
 def test_the_hvch_keeps_its_least_times_beside_a_heat_pump():
     """The parameters of the node say so: 20 s on, 120 s off; the noise of a reading asks for more or less heat."""
     drive = Drive(CAR, 'hvch', goal=Goal(30.0), route=route_of(40), temperature_noise_k=0.1)
@@ -332,15 +326,15 @@ def test_the_hvch_keeps_its_least_times_beside_a_heat_pump():
     assert drive.plant.temperature_c == pytest.approx(30.0, abs=0.8)
 
 
-@pytest.mark.parametrize(('price_wh', 'is_used'), [(0.0, True), (20.0, True), (900.0, False)])
-def test_a_start_that_saves_less_than_its_price_is_left_to_the_hvch(price_wh, is_used):
-    drive = Drive(car_with(switch_on_wh=price_wh), start_c=18.0, route=route_of(minutes=20))
+@pytest.mark.parametrize('properties, start_c, minutes, is_used', [
+    ({'switch_on_wh': 0.0}, 18.0, 20, True), ({'switch_on_wh': 20.0}, 18.0, 20, True),
+    ({'switch_on_wh': 900.0}, 18.0, 20, False), ({'minimum_on_time_s': 3600.0}, 5.0, 30, False),
+    # No price leaves the battery cold.
+    ({'switch_on_wh': 900.0, 'hvch_w': 0.0}, 15.0, 30, True)])
+def test_a_source_starts_for_its_least_time_if_that_saves_its_price_or_nothing_else_heats(
+        properties, start_c, minutes, is_used):
+    drive = Drive(car_with(**properties), start_c=start_c, route=route_of(minutes))
     assert (drive.plant.sources.energy_wh['heat_pump'] > 0.0) is is_used
-    assert drive.plant.temperature_c == pytest.approx(25.0, abs=0.5)
-
-
-def test_no_price_of_a_start_leaves_the_battery_cold():
-    drive = Drive(car_with(hvch_w=0.0, switch_on_wh=900.0), start_c=15.0, route=route_of(minutes=30))
     assert drive.plant.temperature_c == pytest.approx(25.0, abs=0.5)
 
 

@@ -20,13 +20,6 @@ ambient_temperature_c: -5
 departures:
   - {name: work, weekdays: [thursday, friday], time: '07:30', target_battery_temperature_c: 20, plugged_in: true}
 """
-# One hour before the departure costs a tenth of the next.
-PRICES = """
-time_zone: Europe/Berlin
-daily:
-  - {from: '05:30', price_per_kwh: 0.03}
-  - {from: '06:30', price_per_kwh: 0.30}
-"""
 FIRST, SKIPPED_TO = 'work, Thu 2026-11-26 07:30 CET', 'work, Fri 2026-11-27 07:30 CET'
 
 
@@ -35,10 +28,8 @@ class Car(PlannerCar):
 
     def __init__(self, bench, folder):
         super().__init__(bench)
-        self.week, self.prices, self.memory = (
-            folder / name for name in ('week.yaml', 'prices.yaml', 'state.json'))
+        self.week, self.memory = folder / 'week.yaml', folder / 'state.json'
         self.week.write_text(WEEK)
-        self.prices.write_text(PRICES)
 
     def start(self, *arguments):
         return super().start('-p', f'departures:={self.week}', '-p', f'state_file:={self.memory}', *arguments)

@@ -4,8 +4,8 @@ Scenarios: failures are detected, and the drive meets its expectations.
 
 Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
 for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios; `make
-test` drives short ones without ROS, one each for car, heater, traffic and sensors. Daily, test_installed_drive.py
-drives the nodes as a scenario does, through a drop-out.
+test` drives short ones without ROS: traffic, a sensor, and a chain; test_estimating.py has other cars and heaters.
+Daily, test_installed_drive.py drives the nodes as a scenario does, through a drop-out.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -36,12 +36,6 @@ WITHOUT_ROS = {'ahead_of_plan', 'charge_in_percent', 'charge_never_set', 'charge
 OVER_DDS = ALL - WITHOUT_ROS
 # Each is a shortened shipped scenario, which starts nearer to its target and to its end.
 SHORT = {
-    'heavy_cold_car': {
-        'drive': {'ends_after_s': 480, 'initial_battery_temperature_c': 24},
-        'expect': {'statuses': ['WAITING', 'HEATING', 'ARRIVED']}},
-    'heater_dead': {
-        'drive': {'ends_after_s': 600},
-        'expect': {'statuses': ['TARGET_UNREACHABLE'], 'heats_during': [[60, 600]]}},
     'late_with_progress': {
         # The target is missed: it heats until it is there, and no longer than by place.
         'drive': {'ends_after_s': 240, 'initial_battery_temperature_c': 18},
