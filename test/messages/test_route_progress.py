@@ -69,9 +69,9 @@ def said(supervisor, now_ns):
     return status.level, status.message
 
 
-def test_a_place_that_is_too_old_is_a_warning():
+def test_a_place_says_how_late_the_vehicle_is_and_one_that_is_too_old_is_a_warning():
     supervisor = a_supervisor()
-    told(supervisor, 110.5)
+    assert told(supervisor, 110.5)[1].endswith('1:00 min late')
     assert said(supervisor, NOW_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
     assert said(supervisor, NOW_NS + round(119.0 * NS_PER_S)) == (
         DiagnosticStatus.WARN, 'The latest valid route_progress is 8.500 s old; at most 8 s are '

@@ -23,7 +23,6 @@ from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.planner_parameters import PARAMETERS
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import RouteProgress
 
 PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
 QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
@@ -83,22 +82,6 @@ def car(fresh_car):
     return fresh_car
 
 
-# The first command
-
-def test_no_heat_before_both_inputs(fresh_car):
-    car = fresh_car
-    car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'off without a route')
-    entry = car.entry('preheating')
-    assert (entry.level, entry.message) == (
-        DiagnosticStatus.WARN, 'NO_ROUTE: No valid route plan has arrived yet.')
-    for _ in range(5):
-        car.give_state()
-    assert car.plans.latest.status == Status.NO_ROUTE
-    assert len(car.commands.messages) > 5 and not any(map(heats, car.commands.messages))
-    car.send_route()
-    assert heats(car.commands.latest)
-
-
 # Replanning
 
 def test_every_battery_state_is_planned_from_and_the_prediction_published(car):
@@ -128,23 +111,6 @@ def test_heating_waits_for_the_probability_of_charging(fresh_car):
         if not heats_now:
             assert plan.explanation.startswith('Heating waits: 10 % chance of charging'), plan.explanation
             assert (plan.status, plan.charging_probability) == (Status.WAITING, 0.1)
-
-
-# Position of the vehicle
-
-def test_a_late_vehicle_is_heated_by_place(car):
-    # By its stamp the route has 15 min left; the vehicle has not left the start.
-    car.give(car.route(age_s=300.0))
-    car.give(stamped(RouteProgress(route_id='home', has_distance=True), car.now_ns))
-    car.give_state()
-    plan = car.plans.latest
-    assert plan.delay == pytest.approx(300.0, abs=5.0)
-    # At the planned 20 m/s it takes 0.5 s to cover the 10 m of position accuracy.
-    assert (nanoseconds(plan.arrival) - nanoseconds(plan.header.stamp)) / NS_PER_S == pytest.approx(
-        1199.5, abs=0.5)
-    assert heats(car.commands.latest)
-    car.diagnostics.clear()
-    assert car.entry('route progress').message.endswith('min late')
 
 
 # Bad battery states
