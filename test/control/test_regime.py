@@ -57,10 +57,14 @@ def test_charging_is_recognised_within_ten_seconds(power_w):
     assert f'{-power_w:.0f} W' in report.evidence
 
 
-def test_a_ramp_to_full_power_is_not_yet_steady():
-    ramp = [-1500.0 - 6000.0 * second for second in range(15)]
-    reports = watch([17400.0] * 30 + ramp + [ramp[-1]] * 20)
-    assert first_at(reports, Regime.CHARGING) <= 30 + 15 + 10
+RAMP_W = [-1500.0 - 6000.0 * second for second in range(15)]
+
+
+@pytest.mark.parametrize('powers_w, planned, within_s', [
+    ([17400.0] * 30 + RAMP_W + RAMP_W[-1:] * 20, ROAD, 30 + 15 + 10), ([-60000.0] * 30, DESCENT, 10)],
+    ids=['a ramp to full power', 'far more than the descent gives'])
+def test_charging_is_recognised_once_it_is_steady_also_on_a_descent(powers_w, planned, within_s):
+    assert first_at(watch(powers_w, planned), Regime.CHARGING) <= within_s
 
 
 # From 35 m/s to rest in 18 s: the power falls with the speed.
@@ -78,10 +82,6 @@ def test_a_drive_is_no_charging_and_no_standing():
     for seed in range(20):
         regimes = {report.regime for _, report in watch(driven_w(seed))}
         assert regimes == {Regime.DRIVING}
-
-
-def test_far_more_than_the_descent_gives_is_charging():
-    assert first_at(watch([-60000.0] * 30, DESCENT), Regime.CHARGING) <= 10
 
 
 def test_a_status_tells_charging_from_regeneration():

@@ -3,21 +3,21 @@
 
 import math
 
-from planner_car import LATCHED, stamped, state_at
+from planner_car import LATCHED, state_at
 import pytest
 from refusals import problems_of
 from sensor_msgs.msg import BatteryState
+from steady_drives import steady_leg, VEHICLE
 
 from bev_preheat.charging.chargers import Candidate, rank_chargers, ranking_verdict
+from bev_preheat.control.inputs import Mission
 from bev_preheat.messages.rank_chargers import candidates_of
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning import situation
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RoutePlan
 from bev_preheat_msgs.srv import RankChargers
 
-VEHICLE = load_vehicle('reference')
 START_S, SPEED_MPS, SEGMENTS, SEGMENT_S = 1000, 25.0, 40, 60.0
 TEMPERATURE_C, SOC, END_SOC = -6.0, 0.375, 0.5
 PRICE, VALUE_PER_H = 0.55, 12.0
@@ -25,11 +25,13 @@ CHARGERS = {'name': ['near', 'far'], 'distance': [15e3, 45e3], 'charger_power': 
             'energy_price': [0.375, math.nan], 'detour': [120.0, 0.0], 'expected_wait': [0.0, 60.0]}
 
 
+def leg_ahead(segments=SEGMENTS):
+    return steady_leg(SEGMENT_S * segments, SEGMENT_S, speed_mps=[SPEED_MPS], propulsion_power_w=[15e3],
+                      ambient_temperature_c=[-8.0], start_ns=START_S * NS_PER_S, charging_planned=False)
+
+
 def route_ahead(segments=SEGMENTS):
-    return make_route({
-        'duration_s': [SEGMENT_S] * segments, 'speed_mps': [SPEED_MPS], 'propulsion_power_w': [15e3],
-        'ambient_temperature_c': [-8.0], 'cabin_heating_power_w': [1500.0],
-        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
+    return leg_ahead(segments).route
 
 
 def asked(**changed):
@@ -75,11 +77,7 @@ class Drive:
         self._states = bench.publisher(BatteryState, 'battery_state')
         routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
         bench.start('charger_adviser', '-p', f'energy_price:={PRICE}', '-p', f'value_of_time:={VALUE_PER_H}')
-        message = RoutePlan(
-            route_id='to the sea', charging_planned=False, segment_duration=[SEGMENT_S] * SEGMENTS,
-            speed=[SPEED_MPS], propulsion_power=[15e3], ambient_temperature=[-8.0],
-            cabin_heating_power=[1500.0], auxiliary_power=[400.0])
-        routes.publish(stamped(message, START_S * NS_PER_S))
+        routes.publish(route_plan_message(Mission('to the sea', (leg_ahead(),))))
 
     def answer(self, second, **changed):
         self._bench.now_ns = second * NS_PER_S

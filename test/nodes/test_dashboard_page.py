@@ -10,9 +10,8 @@ import signal
 import time
 
 from browser import browser, DESKTOP, PHONE, PICTURES
+from planner_car import set_parameters
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 from test_dashboard import page_of
 
@@ -144,9 +143,7 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
 
 
 def set_speed(bench, speed_up):
-    result, = bench.call(SetParameters, 'vehicle_simulator/set_parameters', SetParameters.Request(
-        parameters=[Parameter('speed_up', value=speed_up).to_parameter_msg()])).results
-    assert result.successful, result.reason
+    assert set_parameters(bench, 'vehicle_simulator', speed_up=speed_up).successful
 
 
 def assert_answers_are_shown(page):

@@ -14,13 +14,12 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.messages.route_plan import ROUTE_FIELDS
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
 
@@ -195,10 +194,8 @@ def test_the_gap_of_another_method_is_that_of_the_same_situation(own):
         report = own.report(of_route('by paper'))
         assert own.diagnosis(lambda values: int(values['reports']) >= 1)['solver process'] == ready
     vehicle = load_vehicle('reference')
-    # Its segments are as long as the steps.
-    columns = {field: getattr(sent, name) for field, name in ROUTE_FIELDS.items()}
-    route = make_route(columns, vehicle.defaults).after(
-        (nanoseconds(report.header.stamp) - nanoseconds(sent.header.stamp)) / NS_PER_S)
+    leg, = mission_from_message(sent, vehicle.defaults, 30.0).legs
+    route = leg.route_ahead(nanoseconds(report.header.stamp))
     situation = vehicle, route, State(TEMPERATURE_C, SOC), Goal(TARGET_C, RESERVE_SOC)
     planned, optimum = plan_preheating(*situation, 'paper'), solve_optimum(*situation).plan
     gap_wh = planned.energy_wh.battery_total - optimum.energy_wh.battery_total

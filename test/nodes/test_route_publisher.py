@@ -7,10 +7,9 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from gps_drives import gpx, NS, on_earth, Road
 import numpy as np
-from planner_car import LATCHED, state_at
+from planner_car import LATCHED, set_parameters, state_at
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter as RosParameter
 from refusals import problems_of
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
@@ -197,10 +196,7 @@ def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_ag
 
     # Another file replaces the route; an unreadable file does not.
     def replaced(**changed):
-        return rehearsal.call(
-            SetParametersAtomically, '/route_publisher/set_parameters_atomically',
-            SetParametersAtomically.Request(parameters=[
-                RosParameter(name, value=value).to_parameter_msg() for name, value in changed.items()])).result
+        return set_parameters(rehearsal, '/route_publisher', SetParametersAtomically, **changed)
 
     refused = replaced(route='reference')
     assert not refused.successful

@@ -141,21 +141,22 @@ def test_a_stop_stays_a_stop(tmp_path):
     assert route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS + 240.0)
 
 
-@pytest.mark.parametrize('wild', ['2026-01-10T06:00:02Z', '1970-01-01T00:00:00Z', '2106-02-07T06:28:15Z'])
-def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
-    text = examples.gpx()
-    time = text.split('<time>')[200].split('</time>')[0]
-    found = loaded(tmp_path, text.replace(f'<time>{time}<', f'<time>{wild}<'))
-    assert '1 trkpts dropped, from trkpt 200 on: the time does not fit those of the others' in found.remarks
+TIME = examples.gpx().split('<time>')[200].split('</time>')[0]
+
+
+@pytest.mark.parametrize('old, new, remark', [
+    *((f'<time>{TIME}<', f'<time>{wild}<',
+       '1 trkpts dropped, from trkpt 200 on: the time does not fit those of the others')
+      for wild in ('2026-01-10T06:00:02Z', '1970-01-01T00:00:00Z', '2106-02-07T06:28:15Z')),
+    # A point that no car reaches, and one without a time.
+    (f'lat="{examples.LATITUDE[199]:.7f}"', 'lat="46"',
+     '1 trkpts dropped, from trkpt 200 on: at the same time as the one before, or too far from it'),
+    (f'<time>{TIME}</time>', '', '1 trkpts without a time are left out, 0 m of 19.9 km')])
+def test_a_wrong_point_is_left_out_and_counted(tmp_path, old, new, remark):
+    found = loaded(tmp_path, examples.gpx().replace(old, new))
+    assert remark in found.remarks
     assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
     assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
-
-
-def test_a_point_that_no_car_reaches_is_dropped_and_counted(tmp_path):
-    found = loaded(tmp_path, examples.gpx().replace(f'lat="{examples.LATITUDE[199]:.7f}"', 'lat="46"'))
-    assert ('1 trkpts dropped, from trkpt 200 on: at the same time as the one before, or too far from it'
-            in found.remarks)
-    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
 
 
 def test_an_hour_without_points_is_named(tmp_path):
@@ -166,14 +167,6 @@ def test_an_hour_without_points_is_named(tmp_path):
     assert ('gaps of more than 60 s without a trkpt: 1, the longest 3702 s; driven at constant speed'
             in found.remarks)
     assert not any('gaps' in remark for remark in loaded(tmp_path, examples.gpx()).remarks)
-
-
-def test_single_points_without_a_time_are_left_out(tmp_path):
-    text = examples.gpx()
-    time = text.split('<time>')[200].split('</time>')[0]
-    found = loaded(tmp_path, text.replace(f'<time>{time}</time>', ''))
-    assert '1 trkpts without a time are left out, 0 m of 19.9 km' in found.remarks
-    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
 
 
 EPA_ROWS = '0\t0\n1\t0.2\n2\t4\n3\t9\n4\t12\n5\t16\n'
