@@ -220,14 +220,9 @@ def test_each_room_is_in_the_table_of_rooms():
 
 
 @pytest.mark.parametrize('page', PAGES, ids=name_of)
-def test_studies_that_a_page_names_exist(page):
-    for name in re.findall(r'-m\s+bev_preheat_studies\.(\w+)', page.read_text()):
-        assert name == 'NAME' or any((FOLDERS_OF_NAMES[2] / f'{name}{end}').exists() for end in ('', '.py')), name
-
-
-@pytest.mark.parametrize('page', PAGES, ids=name_of)
 def test_modules_that_a_page_runs_do_something(page):
-    for module in re.findall(r'python3? -m (bev_preheat[\w.]*)', page.read_text()):
+    # NAME is a placeholder.
+    for module in set(re.findall(r'-m\s+(bev_preheat[\w.]*\w)', page.read_text())) - {'bev_preheat_studies.NAME'}:
         place = ROOT / ('studies' if module.startswith('bev_preheat_studies') else '') / module.replace('.', '/')
         assert (place / '__main__.py').exists() or (
             "if __name__ == '__main__':" in place.with_suffix('.py').read_text()), module
