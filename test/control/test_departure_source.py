@@ -263,7 +263,7 @@ def test_another_file_replaces_the_goal_without_a_pause():
 
 
 def test_with_prices_it_heats_in_the_cheap_hours():
-    # 5 ct until 06:30, then ten times as much: heating early leaks, but costs less.
+    # 5 ct until 06:30, then 50 ct: heating early leaks, but costs less.
     car = Car(prices=GridPrices(ZONE, (DailyPrice(time(0), 0.05), DailyPrice(time(6, 30), 0.5))))
     assert car.tick() == 0.0
     assert car.go(3 * HOUR - 65 * MINUTE, 1800.0)[-1] == pytest.approx(FULL_W)
