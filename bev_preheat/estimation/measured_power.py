@@ -135,8 +135,7 @@ PRIOR = frozen(prior_weights().sum(axis=1))
 SHAPE = len(SHARES), len(HEATER_LAGS_S)
 WEIGHTS = frozen(PRIOR[:, np.newaxis] * np.full(SHAPE[1], 1.0 / SHAPE[1]))
 EXCESSES = frozen(np.zeros((*SHAPE, 2)))
-VARIANCES = np.array([EXCESS_W, CONSUMPTION])**2
-COVARIANCES = frozen(np.tile(np.diag(VARIANCES), (*SHAPE, 1, 1)))
+COVARIANCES = frozen(np.tile(np.diag((EXCESS_W**2, CONSUMPTION**2)), (*SHAPE, 1, 1)))
 
 
 class PowerResponse(NamedTuple):
@@ -168,7 +167,7 @@ class PowerResponse(NamedTuple):
         """Return the response whose consumption is as uncertain as that of a new route."""
         excess, covariance = self.excess.copy(), self.covariance.copy()
         excess[..., 1], covariance[..., 1, :], covariance[..., 1] = 0.0, 0.0, 0.0
-        covariance[..., 1, 1] = VARIANCES[1]
+        covariance[..., 1, 1] = CONSUMPTION**2
         return self._replace(excess=frozen(excess), covariance=frozen(covariance))
 
     def seen(self, duration_s: float, beyond_plan_w: float, propulsion_w: float, command_w: float, limit_w: float,
@@ -211,7 +210,7 @@ class PowerResponse(NamedTuple):
             self.covariance[:, np.newaxis] + off[..., np.newaxis, :] * off[..., np.newaxis])).sum(axis=0)
         left = np.array([math.exp(-lasted_s / ROAD_LASTS_S), 1.0])
         mean, covariance = left * mean, np.multiply.outer(left, left) * covariance
-        covariance[..., 0, 0] += (1.0 - left[0]**2) * VARIANCES[0]
+        covariance[..., 0, 0] += (1.0 - left[0]**2) * EXCESS_W**2
         weighed = np.array([1.0, propulsion_ws / lasted_s])
         shown = covariance @ weighed
         total_w2 = shown @ weighed + self.scatter_w2
