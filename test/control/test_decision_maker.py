@@ -135,13 +135,14 @@ def test_the_leg_that_is_now_is_commanded(elapsed_s, power_w, reason):
 PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 
-@pytest.mark.parametrize('elapsed_s, expected', [
-    (599.999, (pytest.approx(FIRST_W), HEATS)), (600.0, (0.0, Status.CHARGING)),
+@pytest.mark.parametrize('planned_s, elapsed_s, expected', [
+    (0.0, 599.999, (pytest.approx(FIRST_W), HEATS)), (0.0, 600.0, (0.0, Status.CHARGING)),
     # No heating for the next leg before it has a plan.
-    (SECOND_S + 50.0, (0.0, Status.CHARGING))])
-def test_time_alone_ends_a_leg(elapsed_s, expected):
-    supervisor = supervisor_at(0.0, PATIENT)
-    assert outcome(supervisor, at(elapsed_s)) == expected
+    (0.0, SECOND_S + 50.0, (0.0, Status.CHARGING)),
+    (1900.0, 1999.999, (0.0, Status.NO_CHARGING_PLANNED)), (1900.0, 2000.0, (0.0, Status.ARRIVED))])
+def test_time_alone_ends_a_leg(planned_s, elapsed_s, expected):
+    supervisor = supervisor_at(planned_s, PATIENT)
+    assert outcome(supervisor, at(elapsed_s - planned_s)) == expected
 
 
 # Beyond the next stop
