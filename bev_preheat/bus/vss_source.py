@@ -44,7 +44,7 @@ class ConditioningGoal:
 
 @dataclass(frozen=True)
 class ConditioningRequest:
-    """The values requested last; `mode` is one of MODES."""
+    """The values requested last; `mode` is in MODES."""
 
     mode: str = INACTIVE
     target_c: float | None = None

@@ -143,8 +143,8 @@ class PowerResponse(NamedTuple):
     The battery's power beyond the route plan, as evidence on the heater.
 
     `prior` (heaters,) is the probability of each heater without evidence, `weights` (heaters, lags) that with the
-    evidence of the power. `excess` (heaters, lags, 2) is what each needs beyond the plan, a power [W] and a share
-    of the propulsion; `covariance` is theirs. The scatter of blocks is `scatter_w2` [W^2], from `blocks`, and
+    evidence of the power. `excess` (heaters, lags, 2) is the rest beyond plan and heater, a power [W] and a share
+    of the propulsion; `covariance` is its own. The scatter of blocks is `scatter_w2` [W^2], from `blocks`, and
     `before_w` [W] is the latest one's power that the heater does not explain. `followed_w` (lags,) is the current
     power of a heater with each lag [W]; None: no command yet.
     """

@@ -75,7 +75,7 @@ def test_a_consumption_that_the_plan_does_not_know_is_no_faulty_heater(consumpti
 
 
 def test_power_that_a_healthy_heater_left_unexplained_is_no_sign_of_a_later_fault():
-    """Half an hour of 5 kW that nobody explains; until then the temperature excludes a heater that is stuck on."""
+    """Half an hour of 5 kW without a cause; until then the temperature excludes a heater that is stuck on."""
     only_healthy, ratios = np.eye(len(SHARES))[0] + 1e-12, {}
     for stuck_w in (0.0, LIMIT_W):
         response, ratios[stuck_w] = PowerResponse(), 0.0
