@@ -15,16 +15,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
-from bev_preheat.bus.source import steady_s
-from bev_preheat.bus.vss_source import (
+from bev_preheat.bus.conditioning import (
     ConditioningGoal,
     ConditioningRequest,
     INACTIVE,
     IS_ACTIVE,
     IS_ONGOING,
     MODE,
-    VssSource,
 )
+from bev_preheat.bus.source import steady_s
+from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.messages.diagnostics import judged

@@ -12,9 +12,10 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
 from bev_preheat.bus.source import LiveBattery, steady_s
-from bev_preheat.bus.vss_source import ACTUATORS, VssSource
+from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.heater import SOURCE_STATUS
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import InvalidInput

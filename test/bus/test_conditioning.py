@@ -6,7 +6,7 @@ from datetime import datetime, UTC
 import pytest
 from refusals import problems_of
 
-from bev_preheat.bus.vss_source import (
+from bev_preheat.bus.conditioning import (
     ConditioningGoal,
     ConditioningRequest,
     DRIVING,

@@ -10,7 +10,7 @@ import pytest
 from rclpy.task import Future
 from rehearsal import RehearsedNode
 
-from bev_preheat.bus.vss_source import (
+from bev_preheat.bus.conditioning import (
     FAST_CHARGING,
     INACTIVE,
     IS_ACTIVE,
