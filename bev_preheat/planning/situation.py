@@ -98,6 +98,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
     if goal is not None:
         checks.append((goal.minimum_arrival_soc, 0.0, 1.0, 'minimum arrival state of charge', ''))
         if goal.charging_planned:
+            checks.append((goal.local_rise_k, 0.0, MOST_EXCESS_K, 'local rise', 'K'))
             checks.append((goal.target_temperature_c, lowest_c, highest_c, 'target battery temperature',
                            in_battery_range))
             most_c = goal.maximum_arrival_temperature_c

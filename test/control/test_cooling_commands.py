@@ -86,6 +86,17 @@ def test_a_highest_temperature_on_arrival_is_cooled_to_and_no_further(target_c, 
         assert decision.target.bought_energy_wh > decision.target.unheated_bought_energy_wh + 50.0
 
 
+def test_the_place_that_joule_heat_warms_most_keeps_the_highest_temperature():
+    """The estimate expects 0.35 K/kW there; the prediction is that of the battery."""
+    fast = replace(ROUTE, propulsion_power_w=np.full(len(ROUTE), 80e3))
+    *_, last = driven(goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None, start_c=45.0, route=fast,
+                      until_s=400.0)
+    rise_k = last.decision.forecast.local_rise_k
+    assert rise_k > 0.2
+    assert last.decision.plan.arrival_temperature_c == pytest.approx(42.0 - rise_k, abs=0.1)
+    assert last.decision.plan.maximum_arrival_temperature_c == 42.0
+
+
 @pytest.mark.parametrize('estimation', [True, False])
 def test_the_noise_of_a_reading_does_not_interrupt_cooling(estimation):
     """Each interruption would last for the least time off, in which the battery warms by 0.9 K."""

@@ -59,6 +59,22 @@ def test_an_arrival_below_the_target_is_refused(most_c):
         planned(most_c=most_c)
 
 
+@pytest.mark.parametrize('rise_k', [-0.1, np.nan])
+def test_a_local_rise_below_0_is_refused(rise_k):
+    with pytest.raises(InvalidInput, match='local rise: .* must be 0 ... 150 K'):
+        plan_preheating(VEHICLE, ROUTE, BatteryState(45.0, 0.9), Goal(
+            22.0, maximum_arrival_temperature_c=35.0, local_rise_k=rise_k))
+
+
+@pytest.mark.parametrize(('target_c', 'arrival_c'), [(22.0, 34.3), (34.8, 34.8)])
+def test_a_place_that_is_warmer_keeps_the_highest_temperature_if_the_target_allows_it(target_c, arrival_c):
+    goal = Goal(target_c, maximum_arrival_temperature_c=35.0, local_rise_k=0.7)
+    situation = VEHICLE, ROUTE, BatteryState(45.0, 0.9), goal
+    for plan in (plan_preheating(*situation), solve_optimum(*situation).plan):
+        assert (plan.arrival_temperature_c, plan.shortfall_k) == (
+            pytest.approx(arrival_c, abs=0.05), pytest.approx(0.0, abs=0.05))
+
+
 @pytest.mark.parametrize(('temperature_c', 'most_c'), [(45.0, 35.0), (30.0, 40.0), (50.0, 25.0)])
 def test_the_battery_arrives_as_planned_in_another_plant(temperature_c, most_c):
     plan = planned(temperature_c=temperature_c, most_c=most_c)
