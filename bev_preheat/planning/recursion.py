@@ -99,16 +99,16 @@ def find_values(trip: Trip, start: States, wanted: Requirements) -> PlanByValues
                 command_w is not None and recursion.run.states[0, -1] >= wanted.reserve - SOC_TOLERANCE
                 and recursion.run.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
             break
-    return PlanByValues(command_w, recursion.run.ends_in, recursion)
+    return PlanByValues(None) if command_w is None else PlanByValues(command_w, recursion.run.ends_in, recursion)
 
 
 def follow_values(trip: Trip, start: States, wanted: Requirements, values: Any) -> PlanByValues | None:
     """
     Return the PlanByValues from values of an earlier plan, forward only: its last steps are those of this trip.
 
-    None if they do not lead to a plan: something is short, or it leaves the temperatures that have values.
+    None if they do not lead to a plan: heating leaves something short, or the run leaves their temperatures.
     """
-    return (Recursion(trip, start, wanted, LACK_PRICE).followed(values)
+    return (Recursion(trip, start, wanted, values.lack_price).followed(values)
             if isinstance(values, Recursion) else None)
 
 
@@ -129,7 +129,7 @@ class Recursion:
 
     def __init__(self, trip: Trip, start: States, wanted: Requirements, lack_price: float) -> None:
         """Take the States at the start; `lack_price` is the cost of a joule that the battery cannot deliver."""
-        self._trip, self._wanted = trip, wanted
+        self._trip, self._wanted, self.lack_price = trip, wanted, lack_price
         self._deviation_k = wanted.uncertainty.deviation_k
         self.run = ValueRun(trip, start, wanted, lack_price)
         self.path = ValuePath(trip, self.run, lack_price)
@@ -176,7 +176,8 @@ class Recursion:
                 aim_c = min(target_c, run.arrival_c + spare_k)
             looks += 1
             is_found = (abs(aim_c - aimed_c) < NEAR_RESERVE_K if number == 0 else
-                        moved_k < EDGE_SHARE * PASSES[number][1] or saved_j < LOOK_WH * JOULES_PER_WH)
+                        moved_k < EDGE_SHARE * PASSES[number][1]
+                        or (run.is_certain and saved_j < LOOK_WH * JOULES_PER_WH))
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
         self._aim_c = aim_c
@@ -184,7 +185,7 @@ class Recursion:
 
     def followed(self, kept: Recursion) -> PlanByValues | None:
         """Return the plan from the values of an earlier one; see `follow_values`."""
-        if not kept.is_to_be_followed():
+        if not kept.leads_on(kept._aim_c):
             return None
         self._layers = kept._layers[-len(self._trip.route) - 1:]
         self.path.take_last(kept.path)
@@ -194,16 +195,26 @@ class Recursion:
         if np.abs(self.run.states[1] + self.path.all_to_come_k() - middle_c).max() > WIDE_K:
             return None
         command_w = self.run.arrive_exactly(self._wanted.target_c)
-        allowed_c = self.run.arrival_c - self.run.beyond_k(is_short_of_charge=True)
-        is_for_another_aim = abs(min(self._wanted.target_c, allowed_c) - kept._aim_c) > NEAR_RESERVE_K
-        if is_for_another_aim or not self.is_to_be_followed():
-            return None
-        return PlanByValues(command_w, self.run.ends_in)
+        return PlanByValues(command_w, self.run.ends_in) if self.leads_on(kept._aim_c) else None
 
-    def is_to_be_followed(self) -> bool:
-        """Return whether the values lead from other states, too: they are wide, and nothing is short."""
-        return (not self.run.is_certain and self.unheated_lack_w == 0.0
-                and self.run.beyond_k(is_short_of_charge=True) <= ARRIVAL_TOLERANCE_K)
+    def leads_on(self, aim_c: float) -> bool:
+        """
+        Return whether the values of a pass with an aim [deg C] lead to the plan of this run.
+
+        They are wide; the run arrives at that aim, or is as short of charge and power as without heating.
+        """
+        run = self.run
+        if run.is_certain:
+            return False
+        short_k, lack_w, driven = run.beyond_k(is_short_of_charge=True), run.lack_w(), run.keep()
+        is_short = short_k > ARRIVAL_TOLERANCE_K
+        if is_short or lack_w > 0.0:
+            run.drive_commands(None)
+            least_k, least_w = run.beyond_k(is_short_of_charge=True), run.lack_w()
+            run.take(driven)
+            if lack_w > least_w + NO_WORSE_W or (is_short and short_k > least_k + ARRIVAL_TOLERANCE_K):
+                return False
+        return is_short or abs(min(self._wanted.target_c, run.arrival_c - short_k) - aim_c) <= NEAR_RESERVE_K
 
     def table(self) -> ValueTable:
         """Return the values over the whole range, with the charge of the last pass."""

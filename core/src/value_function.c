@@ -143,7 +143,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
     const int32_t is_found = number == 0
         ? fabs(aim_c - aimed_c) < BEV_NEAR_RESERVE_K
         : moved_k < BEV_EDGE_SHARE * HALF_WIDTHS_K[number]
-            || saved_j < BEV_LOOK_WH * BEV_JOULES_PER_WH;
+            || (of->is_certain != 0 && saved_j < BEV_LOOK_WH * BEV_JOULES_PER_WH);
     if (is_found != 0 || looks >= BEV_MOST_LOOKS) {
       number++;
       looks = 0;
@@ -154,10 +154,32 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
   return bev_finish(of, aim_c, states, powers_w, ends_in);
 }
 
-/* Whether the layers lead from other states, too: they are wide, and neither charge nor power is short. */
-static int is_to_be_followed(const recursion *of, bev_status status, const double *states) {
-  return status == BEV_OK && of->is_certain == 0 && of->unheated_lack_w == 0.0
-      && bev_beyond_k(of, states, 1, 1.0) <= BEV_ARRIVAL_TOLERANCE_K;
+/*
+ * Whether the layers of a pass with an aim lead to the plan of this run: they are wide, and it arrives at that aim, or
+ * is as short of charge and power as without heating.
+ */
+static int leads_on(const recursion *of, const double *states, const double *powers_w, double aim_c) {
+  const size_t points = (size_t)of->trip->steps + 1u;
+  const double short_k = bev_beyond_k(of, states, 1, 1.0);
+  const double lack_w = bev_most_lack_w(of, states, powers_w);
+  const int is_short = short_k > BEV_ARRIVAL_TOLERANCE_K;
+  if (of->is_certain != 0) {
+    return 0;
+  }
+  if (is_short || lack_w > 0.0) {
+    double *unheated = of->kept;
+    double *unheated_w = &unheated[4u * points];
+    for (size_t n = 0; n < 4u; n++) {
+      unheated[n * points] = states[n * points];
+    }
+    if (bev_drive_commands(of, NULL, 0, unheated, unheated_w) != BEV_OK
+        || lack_w > bev_most_lack_w(of, unheated, unheated_w) + BEV_NO_WORSE_W
+        || (is_short && short_k > bev_beyond_k(of, unheated, 1, 1.0) + BEV_ARRIVAL_TOLERANCE_K)) {
+      return 0;
+    }
+  }
+  const double wanted_c = bev_minimum(of->goal->target_c, states[2u * points - 1u] - short_k);
+  return is_short || fabs(wanted_c - aim_c) <= BEV_NEAR_RESERVE_K;
 }
 
 /* Whether the run stays so far within the layers that the deviations on the way are in them, too. */
@@ -322,7 +344,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   }
   memory[0] = of.step_k;
   memory[1] = (double)of.points;
-  memory[2] = is_to_be_followed(&of, status, states) != 0 ? of.lack_price : -1.0;
+  memory[2] = status == BEV_OK && leads_on(&of, states, powers_w, of.aim_c) ? of.lack_price : -1.0;
   memory[3] = of.aim_c;
   return status;
 }
@@ -351,10 +373,7 @@ bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
   status = find_path(&of, states, powers_w);
   if (status == BEV_OK && is_within_layers(&of, states) != 0) {
     status = bev_finish(&of, goal->target_c, states, powers_w, ends_in);
-    const double allowed_c = states[2 * trip->steps + 1] - bev_beyond_k(&of, states, 1, 1.0);
-    const int32_t is_for_aim =
-        fabs(bev_minimum(goal->target_c, allowed_c) - memory[3]) <= BEV_NEAR_RESERVE_K ? 1 : 0;
-    return status == BEV_OK && (is_for_aim == 0 || is_to_be_followed(&of, status, states) == 0) ? BEV_LEFT : status;
+    return status == BEV_OK && !leads_on(&of, states, powers_w, memory[3]) ? BEV_LEFT : status;
   }
   return status == BEV_OK || status == BEV_EMPTY ? BEV_LEFT : status;
 }

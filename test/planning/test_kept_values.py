@@ -24,6 +24,7 @@ from bev_preheat.vehicle.variants import limited_by_coldest_cell
 GOAL = Goal(25.0)
 DEVIATION_K = 1.5
 SITUATIONS = {
+    'from the cold': ('reference', -20.0, HeatPath(), GOAL),
     'at once': ('reference', -7.0, HeatPath(), GOAL), 'over the pass': ('alpine_pass', -10.0, HeatPath(), GOAL),
     'late': ('city_stop_and_go', 5.0, HeatPath(45.0, 16e3, 280.0), GOAL),
     'to the reserve': ('alpine_pass', -10.0, HeatPath(), Goal(25.0, minimum_arrival_soc=0.73))}
@@ -32,11 +33,11 @@ SITUATIONS = {
 class Drive:
     """A drive that is planned on the way, with values kept."""
 
-    def __init__(self, name='at once'):
+    def __init__(self, name='at once', soc=0.9):
         route, temperature_c, heat_path, self.goal = SITUATIONS[name]
         self.vehicle = replace(load_vehicle('reference'), heat_path=heat_path)
         self.route = load_route(route, self.vehicle.defaults)
-        self.state = BatteryState(temperature_c, 0.9)
+        self.state = BatteryState(temperature_c, soc)
         self.kept = KeptValues()
         self.first = self.plan(self.kept)
 
@@ -90,6 +91,39 @@ def test_values_serve_all_plans_of_a_minute(name):
     for passed_s, state in ((0.0, drive.state), (float(drive.route.time_s[step]), state_at(drive.first, step))):
         drive.plan(drive.kept, passed_s, state, is_on=bool(drive.first.heater_power_w[0] > 1.0))
         assert drive.kept.latest == found
+
+
+# Short of the reserve, and of the power for its climb, with heating or without.
+SHORT = {'at once': 0.33, 'over the pass': 0.19}
+
+
+@pytest.mark.parametrize('name', SHORT)
+@pytest.mark.usefixtures('engine')
+def test_values_serve_a_drive_that_is_short_without_heating(name):
+    drive = Drive(name, SHORT[name])
+    reserve, (found, *_) = drive.vehicle.battery.soc_range[0], drive.kept.latest
+    assert drive.first.soc[-1] < reserve
+    for passed_s in (5.0, 35.0):
+        state = BatteryState(drive.state.temperature_c + 0.2, drive.state.soc - 1e-3)
+        kept, new = drive.plan(drive.kept, passed_s, state), drive.plan(None, passed_s, state)
+        assert drive.kept.latest == (found,)
+        np.testing.assert_allclose(kept.heater_power_w, new.heater_power_w, rtol=0.0, atol=1e-6)
+
+
+def test_values_that_ask_for_more_heat_than_the_charge_carries_are_not_used():
+    drive = Drive()
+    state = replace(drive.state, soc=0.33)
+    kept, new = drive.plan(drive.kept, 5.0, state), drive.plan(None, 5.0, state)
+    np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
+    assert len(drive.kept.latest) == 2
+
+
+def test_values_of_a_drive_that_was_short_are_not_used_once_it_is_not():
+    drive = Drive(soc=0.33)
+    state = replace(drive.state, soc=0.9)
+    kept, new = drive.plan(drive.kept, 5.0, state), drive.plan(None, 5.0, state)
+    assert (kept.heater_power_w > 1.0).any()
+    np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
 
 
 @pytest.mark.parametrize('name', ['at once', *(

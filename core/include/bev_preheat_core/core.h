@@ -358,8 +358,8 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
  *
  * `flags` and `memory` are those of bev_plan_by_values for a trip of `kept_steps` steps, with `kept_every` 1 and the
  * same goal. Its last `trip->steps` steps are those of this trip, whose first step may be shorter. BEV_LEFT: there are
- * no such values (they were made for a drive that is certain, or charge or power is short), or the run lies more than
- * 1.5 K from the middle of the temperatures that have values. The other arguments are as above.
+ * no such values (the drive was certain, or heating left charge or power short), they now lead to that, or the run
+ * lies more than 1.5 K from the middle of the temperatures that have values. The other arguments are as above.
  */
 bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
                              const bev_value_goal *goal, int32_t kept_steps, double *states,
