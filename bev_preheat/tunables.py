@@ -142,7 +142,8 @@ LEANING_COURSE_S = 120.0      # s    | … for this long
 # estimation/measured_power.py: the battery's power shows the heater
 VARIATION_S = 40.0         # s    | over which the power's variance is taken: a segment of a route
 POWER_BLOCK_S = 30.0       # s    | over which power is averaged: above heater ramps, below a heating interval
-EXCESS_W = 2000.0          # W    | beyond the route: a tenth of 20 kW
+EXCESS_W = 1200.0          # W    | beyond the route and its consumption: traffic, other consumers
+CONSUMPTION = 0.04         # 1    | of the route, off by: with EXCESS_W 1.4 kW in all at 20 kW
 ROAD_LASTS_S = 600.0       # s    | until the road changes: correlation of excess, scatter and variance
 SCATTER_W = 2500.0         # W    | from block to block, a first guess
 SCATTER_BLOCKS = 2.0       # n    | that the first guess counts for

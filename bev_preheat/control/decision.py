@@ -108,8 +108,7 @@ class Unserved(NamedTuple):
     share: float = 0.0
 
 
-@dataclass(frozen=True)
-class Moment:
+class Moment(NamedTuple):
     """
     All that a decision and its command go by at an instant [ns]: valid inputs, refusals, and the car as known.
 

@@ -129,10 +129,10 @@ class Preparation(NamedTuple):
             raise InvalidInput(f'plugged_in: {objection}')
         # A placeholder trip: without any, find_obstacle would report a missing route.
         placeholder = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, moment.defaults)),)))
-        obstacle = find_obstacle(replace(moment, active_timetable=placeholder))
+        obstacle = find_obstacle(moment._replace(active_timetable=placeholder))
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
-        return after._replace(timetable=placeholder).revised(replace(moment, estimate=None))
+        return after._replace(timetable=placeholder).revised(moment._replace(estimate=None))
 
     def ended(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
               moment: Moment) -> Preparation:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 from bev_preheat.control.command import Commander
@@ -143,8 +142,8 @@ class State(NamedTuple):
         suspected = tuple((name, report.suspected) for name, report in reports.items()
                           if report.suspected is not None)
         inputs = self.inbox.moment(self.now_ns, self.preparation.timetable, self.measurement, self.screened.doubt)
-        return replace(
-            inputs, heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
+        return inputs._replace(
+            heater_refusal=self.heater_refusal, inactive=self.inactive, unserved=self._all_unserved,
             heater_share=self.answers.hvch.limited_share(self.now_ns, self.settings),
             suspected=suspected, regime=self.regime, estimate=self.estimate, temperature_c=self.temperature_c,
             direction=self.commander.direction, heated_s=self.answers.heated_s(self.now_ns, self.vehicle))

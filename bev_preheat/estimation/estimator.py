@@ -101,8 +101,9 @@ class Estimator(NamedTuple):
             stamp_ns=None, suspect=None, power=self.power.without_latest(), response=PowerResponse())
 
     def of_another_route(self) -> Estimator:
-        """Return the Estimator without the propulsion factor, because a new trip begins."""
-        return self._replace(belief=self.belief.of_another_route())
+        """Return the Estimator without the learned consumption, because a new trip begins."""
+        return self._replace(
+            belief=self.belief.of_another_route(), response=self.response.of_another_route())
 
     def of_healthy_heater(self) -> Estimator:
         """Return the Estimator of a healthy heater, because the power with which it was compared is refuted."""
@@ -172,7 +173,7 @@ class Estimator(NamedTuple):
         seen = seen._replace(readings=readings, power=power)
         if (stamp_ns - self.stamp_ns) / NS_PER_S < LEAST_INTERVAL_S:
             return seen
-        advanced = seen._advanced(intervals, vehicle)
+        advanced = seen._advanced(intervals, vehicle, others_odds)
         belief = advanced.belief
         if others_odds > 0.0:
             share = min((stamp_ns - self.stamp_ns) / NS_PER_S / ERROR_LASTS_S, 1.0)
@@ -279,7 +280,7 @@ class Estimator(NamedTuple):
             standing=None, offset_k=offset_k, power=self.power.of_step(_plausible_power_w(measurement, vehicle)),
         )._concluded(measurement, vehicle, belief, belief.expected())
 
-    def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle) -> Estimator:
+    def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle, others_odds: float) -> Estimator:
         """Return the Estimator after DrivenIntervals, before the reading at their end."""
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
         unheated_s, evidence = self.unheated_s, self.evidence
@@ -296,10 +297,13 @@ class Estimator(NamedTuple):
             if drive is None or seen_w is None:
                 response = response.paused()
             else:
+                heaters = belief.weights.sum(axis=1)
+                heaters[HEALTHY] *= 1.0 + others_odds
                 response, logs = response.seen(
                     duration_s,
                     seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
-                    - drive.heater_power_w, command_w, limit_w)
+                    - drive.heater_power_w, drive.propulsion_power_w, command_w, limit_w,
+                    heaters / heaters.sum())
                 if logs is not None:
                     weights = belief.weights.sum(axis=1)
                     evidence += math.log(float(weights @ array_exp(logs)))

@@ -5,10 +5,10 @@ The battery's measured power: its samples, and its response to the heater's comm
 The samples give mean and variance of a step, the hidden ripple, and the excess over the route.
 
 The response is evidence on the heater. The power beyond the route plan, its cabin and its auxiliaries is the
-heater's power plus an excess: traffic, a wrong consumption, an unplanned consumer. The excess lasts for minutes,
-and the heater's power follows its command with a lag. Each kind of heater, with each of three lags, therefore has
-a scalar Kalman filter for the excess, and is weighted by how well it predicts the mean power of the next block.
-A power that does not step with the command only moves the excess.
+heater's power plus an excess: traffic and unplanned consumers last for minutes, a wrong consumption is a share
+of the propulsion and stays. The heater's power follows its command with a lag. Each kind of heater, with each of
+three lags, therefore has a Kalman filter for the two excesses, and is weighted by how well it predicts the mean
+power of the next block. A power that does not step with the command only moves the excess.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from bev_preheat.estimation.hypotheses import HEALTHY, Heater, HEATERS, prior_weights, SHARES, STUCK, transitions
 from bev_preheat.numerics import array_exp, array_log, FloatArray, frozen
 from bev_preheat.tunables import (
+    CONSUMPTION,
     CORRELATED,
     EXCESS_W,
     FREEDOM,
@@ -118,21 +119,23 @@ class _Block(NamedTuple):
     """
     A block until now: duration [s] and energies [J].
 
-    `beyond_ws` is the battery's energy beyond the plan, `limit_ws` that of the limit, `taken_ws` (lags,) that of
-    heaters which follow the command with each lag.
+    `beyond_ws` is the battery's energy beyond the plan, `propulsion_ws` that of the planned propulsion, `limit_ws`
+    that of the limit, `taken_ws` (lags,) that of heaters which follow the command with each lag.
     """
 
     lasted_s: float = 0.0
     beyond_ws: float = 0.0
+    propulsion_ws: float = 0.0
     limit_ws: float = 0.0
     taken_ws: FloatArray = frozen(np.zeros(len(HEATER_LAGS_S)))
 
 
-# Before any evidence: prior of each heater, weights, excess and variance of each with each lag.
+# Before any evidence: prior of each heater, weights, excess and covariance of each with each lag.
 PRIOR = frozen(prior_weights().sum(axis=1))
 SHAPE = len(SHARES), len(HEATER_LAGS_S)
 WEIGHTS = frozen(PRIOR[:, np.newaxis] * np.full(SHAPE[1], 1.0 / SHAPE[1]))
-EXCESSES_W, VARIANCES_W2 = frozen(np.zeros(SHAPE)), frozen(np.full(SHAPE, EXCESS_W**2))
+EXCESSES = frozen(np.zeros((*SHAPE, 2)))
+COVARIANCES = frozen(np.tile(np.diag((EXCESS_W**2, CONSUMPTION**2)), (*SHAPE, 1, 1)))
 
 
 class PowerResponse(NamedTuple):
@@ -140,15 +143,16 @@ class PowerResponse(NamedTuple):
     The battery's power beyond the route plan, as evidence on the heater.
 
     `prior` (heaters,) is the probability of each heater without evidence, `weights` (heaters, lags) that with the
-    evidence of the power; `excess_w` and `variance_w2` are those of each. The scatter of blocks is `scatter_w2`
-    [W^2], from `blocks`, and `before_w` [W] is the latest one's power that the heater does not explain.
-    `followed_w` (lags,) is the current power of a heater with each lag [W]; None: no command yet.
+    evidence of the power. `excess` (heaters, lags, 2) is the rest beyond plan and heater, a power [W] and a share
+    of the propulsion; `covariance` is its own. The scatter of blocks is `scatter_w2` [W^2], from `blocks`, and
+    `before_w` [W] is the latest one's power that the heater does not explain. `followed_w` (lags,) is the current
+    power of a heater with each lag [W]; None: no command yet.
     """
 
     prior: FloatArray = PRIOR
     weights: FloatArray = WEIGHTS
-    excess_w: FloatArray = EXCESSES_W
-    variance_w2: FloatArray = VARIANCES_W2
+    excess: FloatArray = EXCESSES
+    covariance: FloatArray = COVARIANCES
     scatter_w2: float = SCATTER_W**2
     blocks: float = SCATTER_BLOCKS
     before_w: float | None = None
@@ -159,53 +163,70 @@ class PowerResponse(NamedTuple):
         """Return the response while power or plan is unknown; earlier evidence stays."""
         return self._replace(before_w=None, followed_w=None, block=_Block())
 
-    def seen(self, duration_s: float, beyond_plan_w: float, command_w: float,
-             limit_w: float) -> tuple[PowerResponse, FloatArray | None]:
+    def of_another_route(self) -> PowerResponse:
+        """Return the response whose consumption is as uncertain as that of a new route."""
+        excess, covariance = self.excess.copy(), self.covariance.copy()
+        excess[..., 1], covariance[..., 1, :], covariance[..., 1] = 0.0, 0.0, 0.0
+        covariance[..., 1, 1] = CONSUMPTION**2
+        return self._replace(excess=frozen(excess), covariance=frozen(covariance))
+
+    def seen(self, duration_s: float, beyond_plan_w: float, propulsion_w: float, command_w: float, limit_w: float,
+             heaters: FloatArray) -> tuple[PowerResponse, FloatArray | None]:
         """
         Return the response to the battery's power beyond the plan [W] over `duration_s` [s], under a command [W].
 
-        With it the log-likelihoods (heaters,) of a completed block; else None.
+        `propulsion_w` is the planned power of propulsion [W], `limit_w` the heater's maximum power [W], and
+        `heaters` the probability of each kind by all evidence. With it the log-likelihoods (heaters,) of a
+        completed block; else None.
         """
         behind_w = 0.0 if self.followed_w is None else self.followed_w - command_w
         left = array_exp(-duration_s / HEATER_LAGS_S)
         mean_share = (1.0 - left) * HEATER_LAGS_S / duration_s
         block = _Block(
             self.block.lasted_s + duration_s, self.block.beyond_ws + duration_s * beyond_plan_w,
+            self.block.propulsion_ws + duration_s * propulsion_w,
             self.block.limit_ws + duration_s * limit_w,
             frozen(self.block.taken_ws + duration_s * (command_w + behind_w * mean_share)))
         response = self._replace(followed_w=frozen(command_w + behind_w * left), block=block)
-        return (response, None) if block.lasted_s < POWER_BLOCK_S - 0.5 else response._of_next_block()
+        return (response, None) if block.lasted_s < POWER_BLOCK_S - 0.5 else response._of_next_block(heaters)
 
-    def _of_next_block(self) -> tuple[PowerResponse, FloatArray]:
+    def _of_next_block(self, heaters: FloatArray) -> tuple[PowerResponse, FloatArray]:
         """Return the response after its block, and the log-likelihoods (heaters,)."""
-        lasted_s, beyond_ws, limit_ws, taken_ws = self.block
+        lasted_s, beyond_ws, propulsion_ws, limit_ws, taken_ws = self.block
         beyond_w, limit_w = beyond_ws / lasted_s, limit_ws / lasted_s
         heater_w = np.minimum(np.multiply.outer(SHARES, taken_ws / lasted_s), limit_w)
         heater_w[STUCK] = limit_w
-        # The heaters' filters are mixed, because a heater may have changed from one kind to another.
+        # The heaters' filters are mixed, because a heater may have changed from one kind to another. Evidence of
+        # the temperature counts, too: power that a healthy heater left unexplained does not tell a later fault.
         # share[from, to, lag]: how much of `to` was `from` before.
         matrix = transitions(lasted_s)
-        share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
-        before = share.sum(axis=0)
-        share /= before
-        excess_w = (share * self.excess_w[:, np.newaxis]).sum(axis=0)
-        off_w = self.excess_w[:, np.newaxis] - excess_w
-        variance_w2 = (share * (self.variance_w2[:, np.newaxis] + off_w**2)).sum(axis=0)
-        left = math.exp(-lasted_s / ROAD_LASTS_S)
-        excess_w, variance_w2 = left * excess_w, left**2 * variance_w2 + (1.0 - left**2) * EXCESS_W**2
-        total_w2 = variance_w2 + self.scatter_w2
-        error_w = beyond_w - heater_w - excess_w
+        before = matrix.T @ self.weights
+        share = matrix[:, :, np.newaxis] * (
+            self.weights * (heaters / self.weights.sum(axis=1))[:, np.newaxis])[:, np.newaxis]
+        share /= share.sum(axis=0)
+        mean = (share[..., np.newaxis] * self.excess[:, np.newaxis]).sum(axis=0)
+        off = self.excess[:, np.newaxis] - mean
+        covariance = (share[..., np.newaxis, np.newaxis] * (
+            self.covariance[:, np.newaxis] + off[..., np.newaxis, :] * off[..., np.newaxis])).sum(axis=0)
+        left = np.array([math.exp(-lasted_s / ROAD_LASTS_S), 1.0])
+        mean, covariance = left * mean, np.multiply.outer(left, left) * covariance
+        covariance[..., 0, 0] += (1.0 - left[0]**2) * EXCESS_W**2
+        weighed = np.array([1.0, propulsion_ws / lasted_s])
+        shown = covariance @ weighed
+        total_w2 = shown @ weighed + self.scatter_w2
+        error_w = beyond_w - heater_w - mean @ weighed
         logs = (-0.5 * array_log(total_w2)
                 - 0.5 * (FREEDOM + 1.0) * array_log(1.0 + error_w**2 / (FREEDOM * total_w2)))
         most = logs.max()
         logs = np.maximum(logs - most, -MOST_BLOCK_EVIDENCE)
-        gain = variance_w2 / total_w2
+        gain = shown / total_w2[..., np.newaxis]
         weights = before * array_exp(logs)
         rest_w = beyond_w - float((weights * heater_w).sum() / weights.sum())
         seen: FloatArray = most + array_log(weights.sum(axis=1) / before.sum(axis=1))
         return PowerResponse(
             frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_WEIGHT)),
-            frozen(excess_w + gain * error_w), frozen((1.0 - gain) * variance_w2), *self._scatter(rest_w), rest_w,
+            frozen(mean + gain * error_w[..., np.newaxis]),
+            frozen(covariance - gain[..., np.newaxis] * shown[..., np.newaxis, :]), *self._scatter(rest_w), rest_w,
             self.followed_w), seen
 
     def _scatter(self, rest_w: float) -> tuple[float, float]:

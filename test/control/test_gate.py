@@ -30,7 +30,7 @@ def heating_state(vehicle=VEHICLE):
     ids=['no charging', 'not worth it', 'before the trip'])
 def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     state = heating_state()
-    moment = replace(state.moment, now_ns=at(1.0))
+    moment = state.moment._replace(now_ns=at(1.0))
     heats, changed = (state.commander.give(moment, decision, None)[1] for decision in (
         state.decision, replace(state.decision, **changes)))
     assert heats.battery_heating_power_w == pytest.approx(5500.0)
@@ -78,7 +78,7 @@ WORN_OUT = HeaterSwitch(pause=HeatingPause(NOW_NS, switch_ons=(0,) * MOST_SWITCH
     ids=['heats', 'misses its target', 'worn out'])
 def test_a_command_of_0_w_says_that_the_heater_waits_where_it_was_to_heat(switch, status, reason, shown):
     state = heating_state()
-    moment, decision = replace(state.moment, now_ns=at(1.0)), replace(state.decision, status=status)
+    moment, decision = state.moment._replace(now_ns=at(1.0)), replace(state.decision, status=status)
     commander, command = Commander(switch, Status.STALE_INPUT).give(moment, decision, None)
     _, told = commander.in_words(moment, decision)
     assert (command.battery_heating_power_w, command.reason, told.status) == (0.0, reason, shown)

@@ -175,7 +175,7 @@ def test_sources_that_may_be_weak_are_tried_for_a_kelvin_of_their_heat_while_a_f
 
 def moment_without(state, vehicle, *unserved):
     """Return the Moment of a State with another vehicle and other unserved heat sources, at -10 degC."""
-    return replace(state.moment, vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
+    return state.moment._replace(vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
 
 
 # In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the
