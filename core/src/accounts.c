@@ -17,8 +17,8 @@ static int is_run(const bev_run_of_powers *run) {
   return run != NULL && run->soc != NULL && run->temperature_c != NULL && run->heater_w != NULL;
 }
 
-static bev_inputs inputs_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                            const bev_run_of_powers *run, int32_t k) {
+static bev_inputs inputs_of(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
+                            int32_t k) {
   if (run->arriving_heat_w == NULL) {
     return bev_inputs_of(vehicle, trip, k, run->heater_w, run->brake_w);
   }
@@ -35,9 +35,8 @@ static double deliverable_w(const bev_vehicle *vehicle, double soc, double tempe
 }
 
 /* The account of a step whose means are known; `end_c` is the end temperature by the model alone [deg C]. */
-static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                               const bev_run_of_powers *run, int32_t k, const bev_inputs *inputs,
-                               double end_c, double mean_c, double joule_w) {
+static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
+                               int32_t k, const bev_inputs *inputs, double end_c, double mean_c, double joule_w) {
   step_account account;
   const double held_c = run->temperature_c[k + 1];
   account.joule_w = joule_w;
@@ -55,8 +54,8 @@ static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
   return account;
 }
 
-static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
-                     int32_t k, const step_account *account, bev_energies *sum) {
+static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run, int32_t k,
+                     const step_account *account, bev_energies *sum) {
   const double hours = trip->duration_s[k] / BEV_JOULES_PER_WH;
   const double brake_w = run->brake_w == NULL ? 0.0 : run->brake_w[k];
   sum->joule += hours * account->joule_w;
@@ -69,8 +68,7 @@ static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev
   }
 }
 
-static bev_status finished(const bev_vehicle *vehicle, const bev_run_of_powers *run,
-                           bev_energies *sum) {
+static bev_status finished(const bev_vehicle *vehicle, const bev_run_of_powers *run, bev_energies *sum) {
   if (run->arriving_heat_w == NULL) {
     sum->hvch_heat = bev_heat_with_heater_w(vehicle, 0.0, sum->hvch_electric);
   }
@@ -81,9 +79,8 @@ static bev_status finished(const bev_vehicle *vehicle, const bev_run_of_powers *
       : BEV_NOT_FINITE;
 }
 
-bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const bev_run_of_powers *run, bev_means means,
-                                 bev_energies *energies) {
+bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
+                                 bev_means means, bev_energies *energies) {
   const bev_energies zero = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
   *energies = zero;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -97,8 +94,7 @@ bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *tri
 }
 
 bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                             const bev_run_of_powers *run, double *columns,
-                             bev_energies *energies) {
+                             const bev_run_of_powers *run, double *columns, bev_energies *energies) {
   const bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;

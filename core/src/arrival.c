@@ -96,8 +96,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expec
 }
 
 bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_expected_drive *expected,
-                                const bev_belief_terms *terms, const double *covariance,
-                                double *variance_k2) {
+                                const bev_belief_terms *terms, const double *covariance, double *variance_k2) {
   if (vehicle == NULL || expected == NULL || terms == NULL || covariance == NULL
       || variance_k2 == NULL || !is_expected_drive(expected)) {
     return BEV_BAD_ARGUMENT;

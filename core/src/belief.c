@@ -25,8 +25,8 @@ static int is_belief(const bev_belief *belief) {
 }
 
 /* Mean and covariance of a mixture of every `apart`th filter from `first` on. */
-static void blend(const bev_belief *belief, int32_t first, int32_t apart, int32_t count,
-                  const double *share, double *mean, double *covariance) {
+static void blend(const bev_belief *belief, int32_t first, int32_t apart, int32_t count, const double *share,
+                  double *mean, double *covariance) {
   memset(mean, 0, BEV_ELEMENTS * sizeof(double));
   memset(covariance, 0, SQUARE * sizeof(double));
   for (int32_t n = 0; n < count; n++) {
@@ -108,8 +108,8 @@ typedef struct {
 } lags;
 
 /* Compute the lags that depend on element `moved` of a state; -1: all. */
-static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
-                      double duration_s, int32_t moved, lags *of) {
+static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEMENTS], double duration_s,
+                      int32_t moved, lags *of) {
   if (moved < 0 || moved == BEV_HEAT_LAG) {
     of->heat_s = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
     of->heat_left = exp(-duration_s / of->heat_s);
@@ -124,8 +124,8 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
 }
 
 /* The state after a step, and its slope over each element; returns whether all are finite. */
-static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms,
-                             const bev_drive *drive, double duration_s, double heater_w, double source_heat_w,
+static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms, const bev_drive *drive,
+                             double duration_s, double heater_w, double source_heat_w,
                              const double state[BEV_ELEMENTS], double after[MOVING],
                              double slopes[MOVING][BEV_ELEMENTS]) {
   double factor[BEV_FACTORS];
@@ -222,8 +222,8 @@ static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance)
   }
 }
 
-static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
-                              const bev_belief_terms *terms, const bev_passed *passed) {
+static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *belief, const bev_belief_terms *terms,
+                              const bev_passed *passed) {
   const double duration_s = passed->duration_s;
   if (!isfinite(duration_s) || !(duration_s > 0.0) || !isfinite(passed->hidden_variance_s2)) {
     return BEV_BAD_INPUT;
@@ -282,8 +282,7 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
 }
 
 /* Kalman update of a filter: mean shifted by gain * shift, covariance reduced by gain * gain' * kept. */
-static void update(double *mean, double *covariance, const double gain[BEV_ELEMENTS], double shift,
-                   double kept) {
+static void update(double *mean, double *covariance, const double gain[BEV_ELEMENTS], double shift, double kept) {
   for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
     mean[i] += gain[i] * shift;
     for (int32_t j = 0; j < BEV_ELEMENTS; j++) {
@@ -320,8 +319,7 @@ static void moments_in_tail(double distance, double width, double moments[3]) {
   moments[2] = log_density + log(-expm1(-x) / distance);
 }
 
-static void truncated_moments(double mean, double variance, double low, double high,
-                              double moments[3]) {
+static void truncated_moments(double mean, double variance, double low, double high, double moments[3]) {
   const double deviation = sqrt(variance);
   const double a = (low - mean) / deviation;
   const double b = (high - mean) / deviation;
@@ -361,8 +359,7 @@ static void truncated_moments(double mean, double variance, double low, double h
 }
 
 /* Weigh the hypotheses by the logarithms of their likelihoods, each clipped at `most_evidence`. */
-static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const double *logs,
-                  double likeliest) {
+static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const double *logs, double likeliest) {
   const int32_t filters = belief->heaters * belief->noises;
   double total = 0.0;
   for (int32_t filter = 0; filter < filters; filter++) {
@@ -376,9 +373,9 @@ static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const
   }
 }
 
-static bev_status see_interval(const bev_belief *belief, const bev_belief_terms *terms,
-                            int32_t element, const double *noise_variance, double low, double high,
-                            int32_t tells_hypotheses, int32_t *lost) {
+static bev_status see_interval(const bev_belief *belief, const bev_belief_terms *terms, int32_t element,
+                               const double *noise_variance, double low, double high, int32_t tells_hypotheses,
+                               int32_t *lost) {
   if (!isfinite(low) || !isfinite(high) || low > high) {
     return BEV_BAD_INPUT;
   }
@@ -454,8 +451,8 @@ static bev_status see_propulsion_power(const bev_belief *belief, const bev_belie
   return BEV_OK;
 }
 
-bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
-                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost) {
+bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief, const bev_belief_terms *terms,
+                      const bev_passed *passed, int32_t *lost) {
   if (vehicle == NULL || !is_belief(belief) || terms == NULL || passed == NULL
       || passed->transitions == NULL || passed->wander == NULL || lost == NULL) {
     return BEV_BAD_ARGUMENT;
@@ -474,9 +471,8 @@ bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
   return status;
 }
 
-bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
-                            const bev_reading *reading, double *mean, double *covariance,
-                            int32_t *lost) {
+bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms, const bev_reading *reading,
+                            double *mean, double *covariance, int32_t *lost) {
   if (!is_belief(belief) || terms == NULL || reading == NULL || reading->noise_variances_k2 == NULL
       || reading->noise_variances == NULL || mean == NULL || covariance == NULL || lost == NULL) {
     return BEV_BAD_ARGUMENT;

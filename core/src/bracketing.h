@@ -23,9 +23,8 @@ typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
  * trial, and the last one afterwards. The excess is greatest at `most`, which is returned if it is not enough,
  * and falls towards `least`: a secant, confined to the bracket.
  */
-static inline bev_status bev_follow_slope(double most, double least, double first_slope,
-                                          const bev_ending *ending, bev_attempt attempt, void *of,
-                                          double *value, double *excess) {
+static inline bev_status bev_follow_slope(double most, double least, double first_slope, const bev_ending *ending,
+                                          bev_attempt attempt, void *of, double *value, double *excess) {
   const double direction = most > least ? 1.0 : -1.0;
   double enough = most;
   double too_little = least;

@@ -72,8 +72,7 @@ static inline int bev_is_trip(const bev_trip *trip) {
 }
 
 /* BEV_OK if vehicle and trip can be used, and `first` is a step of the trip or its end. */
-static inline bev_status bev_checked(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     int32_t first) {
+static inline bev_status bev_checked(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first) {
   if (vehicle == NULL || trip == NULL || !bev_is_trip(trip) || first < 0
       || first > trip->steps) {
     return BEV_BAD_ARGUMENT;

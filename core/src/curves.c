@@ -4,8 +4,7 @@
 #include "curves.h"
 
 /* Piecewise linear over one axis, level beyond its ends; `stride` from one value to the next. */
-static double bev_line(const double *axis, int32_t count, const double *values,
-                              double x) {
+static double bev_line(const double *axis, int32_t count, const double *values, double x) {
   if (x <= axis[0]) {
     return values[0];
   }
@@ -60,8 +59,7 @@ static double bev_table(const bev_curve *curve, double soc, double temperature_c
   return at_low + a * (high[0] + b * (high[1] - high[0]) - at_low);
 }
 
-double bev_table_value(const bev_curve *curve, int32_t saturating, double soc,
-                       double temperature_c) {
+double bev_table_value(const bev_curve *curve, int32_t saturating, double soc, double temperature_c) {
   return saturating == BEV_AS_ARRAYS ? bev_table_as_arrays(curve, soc, temperature_c)
                                      : bev_table(curve, soc, temperature_c);
 }

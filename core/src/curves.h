@@ -63,8 +63,7 @@ static inline double bev_place(bev_axis_walk *walk, double x, int32_t *below, in
 
 /* Bilinear, in the order of operations of curves.Table for arrays, state after state. */
 static inline double bev_table_along(const bev_curve *curve, bev_axis_walk *along_soc,
-                                     bev_axis_walk *along_temperature, double soc,
-                                     double temperature_c) {
+                                     bev_axis_walk *along_temperature, double soc, double temperature_c) {
   if (isnan(soc) || isnan(temperature_c)) {
     return soc + temperature_c;
   }
@@ -82,19 +81,16 @@ static inline double bev_table_along(const bev_curve *curve, bev_axis_walk *alon
 }
 
 /* The same of one state. */
-static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
-                                         double temperature_c) {
+static inline double bev_table_as_arrays(const bev_curve *curve, double soc, double temperature_c) {
   bev_axis_walk along_soc = bev_walk_along(curve->soc, curve->soc_count);
   bev_axis_walk along_temperature = bev_walk_along(curve->temperature_c, curve->temperature_count);
   return bev_table_along(curve, &along_soc, &along_temperature, soc, temperature_c);
 }
 
 /* The value of a table; not inline, so that the formulas are inlined where bev_at is called. */
-double bev_table_value(const bev_curve *curve, int32_t saturating, double soc,
-                       double temperature_c);
+double bev_table_value(const bev_curve *curve, int32_t saturating, double soc, double temperature_c);
 
-static inline double bev_at(const bev_curve *curve, int32_t saturating, double soc,
-                            double temperature_c) {
+static inline double bev_at(const bev_curve *curve, int32_t saturating, double soc, double temperature_c) {
   double value;
   switch (curve->kind) {
     case BEV_POLYNOMIAL:
@@ -123,8 +119,7 @@ typedef struct {
   double temperature_c;
 } bev_circuit;
 
-static inline bev_circuit bev_circuit_at(const bev_vehicle *vehicle, double soc,
-                                         double temperature_c) {
+static inline bev_circuit bev_circuit_at(const bev_vehicle *vehicle, double soc, double temperature_c) {
   const bev_circuit circuit = {
       bev_at(&vehicle->open_circuit_voltage, BEV_AS_ARRAYS, soc, temperature_c),
       bev_at(&vehicle->resistance, BEV_AS_ARRAYS, soc, temperature_c), temperature_c};

@@ -18,8 +18,8 @@ typedef struct {
 } last_drive;
 
 /* Drive a share of a step: `result` is as of the model's step. */
-static bev_status drive_share(const last_drive *drive, int32_t k, double share,
-                              const double states[4], double result[8]) {
+static bev_status drive_share(const last_drive *drive, int32_t k, double share, const double states[4],
+                              double result[8]) {
   const bev_vehicle *vehicle = drive->run->vehicle;
   const bev_trip *trip = drive->run->trip;
   bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
@@ -103,9 +103,8 @@ static bev_status strand(const bev_limited_run *run, int32_t rows, double *const
 }
 
 /* Drive the whole run; `states` and `powers_w` are `rows` arrays each. */
-static bev_status drive_run(const bev_limited_run *run, const double *command_w, double below_c,
-                            int32_t rows, double *const states[4], double *const powers_w[4],
-                            bev_stranding *stranding) {
+static bev_status drive_run(const bev_limited_run *run, const double *command_w, double below_c, int32_t rows,
+                            double *const states[4], double *const powers_w[4], bev_stranding *stranding) {
   double here[4] = {0.0, 0.0, 0.0, 0.0};
   for (int32_t n = 0; n < rows; n++) {
     here[n] = states[n][0];
@@ -135,10 +134,9 @@ static bev_status drive_run(const bev_limited_run *run, const double *command_w,
   return BEV_OK;
 }
 
-bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double below_c, int32_t takes_surplus,
-                                double *states, double *powers_w, uint8_t *flags,
-                                bev_stranding *stranding) {
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip, const double *command_w,
+                                double below_c, int32_t takes_surplus, double *states, double *powers_w,
+                                uint8_t *flags, bev_stranding *stranding) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;

@@ -62,9 +62,8 @@ static inline double bev_mean_share_left(double lag_s, double duration_s) {
   return lag_s == 0.0 ? 0.0 : -expm1(-duration_s / lag_s) * lag_s / duration_s;
 }
 
-bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const uint8_t *may_overcharge, const uint8_t *may_overdraw,
-                                   int32_t takes_surplus, int32_t is_direct);
+bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip, const uint8_t *may_overcharge,
+                                   const uint8_t *may_overdraw, int32_t takes_surplus, int32_t is_direct);
 
 /*
  * Drive step k from its states, heated with `wanted_w` [W] as far as limits let it.
@@ -72,7 +71,7 @@ bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *t
  * Writes the states at its end, and command, friction brake, heater power and heat into the battery, means [W].
  * BEV_EMPTY: the charge does not last for the step, and only the powers are meaningful.
  */
-bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
-                                   double wanted_w, double ends[4], double powers_w[4]);
+bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4], double wanted_w,
+                                   double ends[4], double powers_w[4]);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_RUN_H_ */

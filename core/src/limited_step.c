@@ -23,9 +23,8 @@ typedef struct {
   bev_merit merit;
 } step_start;
 
-bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const uint8_t *may_overcharge, const uint8_t *may_overdraw,
-                                   int32_t takes_surplus, int32_t is_direct) {
+bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip, const uint8_t *may_overcharge,
+                                   const uint8_t *may_overdraw, int32_t takes_surplus, int32_t is_direct) {
   const double coolant_j_per_k = is_direct ? 0.0 : vehicle->coolant_heat_capacity_j_per_k;
   const double both_j_per_k = vehicle->heat_capacity_j_per_k + coolant_j_per_k;
   const double lag_s = is_direct ? 0.0 : vehicle->heater_lag_s;
@@ -37,8 +36,8 @@ bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *t
 }
 
 /* The step under a command and a friction brake power [W]: `result` is that of the model's step. */
-static bev_status end_of(const bev_limited_run *run, const step_start *start, double command_w,
-                         double brake_w, double result[8]) {
+static bev_status end_of(const bev_limited_run *run, const step_start *start, double command_w, double brake_w,
+                         double result[8]) {
   const bev_vehicle *vehicle = run->vehicle;
   const double drawn_w = bev_electric_w(&start->merit, command_w);
   bev_inputs inputs = start->idle;
@@ -136,8 +135,8 @@ static double lasting_surplus_w(const bev_limited_run *run, int32_t k, const dou
 /*
  * The command between two terminal powers [W], without regard to temperatures; its part beyond `paid_w` is surplus.
  */
-static bev_status limited_command(const bev_limited_run *run, const step_start *start,
-                                  const double limits_w[2], double *command_w, double *paid_w) {
+static bev_status limited_command(const bev_limited_run *run, const step_start *start, const double limits_w[2],
+                                  double *command_w, double *paid_w) {
   const int32_t k = start->k;
   const double power_w = start->idle.power_w;
   const double heater_w = start->states[2];
@@ -178,9 +177,8 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
 }
 
 /* The brake takes what would overfill the battery. */
-static bev_status keep_from_overfilling(const bev_limited_run *run, const step_start *start,
-                                        double most_w, double command_w, double *brake_w,
-                                        double result[8]) {
+static bev_status keep_from_overfilling(const bev_limited_run *run, const step_start *start, double most_w,
+                                        double command_w, double *brake_w, double result[8]) {
   double enough_w = most_w;
   double too_little_w = *brake_w;
   for (int32_t n = 0; n < BEV_HALVINGS; n++) {
@@ -203,9 +201,8 @@ static bev_status keep_from_overfilling(const bev_limited_run *run, const step_s
  * The step between two terminal powers [W], with the command that keeps the highest temperature, its surplus as far
  * as that is useful, and the brake that goes with it. `command_w` is the request, then the command.
  */
-static bev_status drive_between(const bev_limited_run *run, const step_start *start,
-                                const double limits_w[2], double *command_w, double *brake_w,
-                                double result[8]) {
+static bev_status drive_between(const bev_limited_run *run, const step_start *start, const double limits_w[2],
+                                double *command_w, double *brake_w, double result[8]) {
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
   const bool may_overcharge = run->may_overcharge[start->k] != 0u;
@@ -293,8 +290,7 @@ static bev_status attempt_end(void *moved, double limit_w, double *excess) {
 }
 
 /* Move the step's terminal power towards the utmost until the limit at the end holds. */
-static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
-                             const double at_end_w[2]) {
+static bev_status move_limit(step_to_end *of, int moved, double utmost_w, const double at_end_w[2]) {
   double value_w = terminal_w(of);
   of->moved = moved;
   double excess_w = spare_w(of, at_end_w);
@@ -338,8 +334,8 @@ static bev_status drive_to_end(step_to_end *of) {
   return BEV_OK;
 }
 
-bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
-                                   double wanted_w, double ends[4], double powers_w[4]) {
+bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4], double wanted_w,
+                                   double ends[4], double powers_w[4]) {
   const bev_trip *trip = run->trip;
   step_start start;
   start.k = k;

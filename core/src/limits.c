@@ -11,8 +11,8 @@
  * of the next step.
  */
 static bev_status limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
-                               const double *temperature_c, const double *variance_w2,
-                               double *least_w, double *most_w) {
+                                  const double *temperature_c, const double *variance_w2, double *least_w,
+                                  double *most_w) {
   double voltage_v[BEV_BLOCK + 1];
   double resistance_ohm[BEV_BLOCK + 1];
   double charge_w[BEV_BLOCK + 1];
@@ -40,8 +40,8 @@ static bev_status limits_of_block(const bev_vehicle *vehicle, int32_t steps, con
 }
 
 bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
-                               const double *temperature_c, const double *variance_w2,
-                               double *least_w, double *most_w) {
+                               const double *temperature_c, const double *variance_w2, double *least_w,
+                               double *most_w) {
   if (vehicle == NULL || soc == NULL || temperature_c == NULL || variance_w2 == NULL
       || least_w == NULL || most_w == NULL || steps < 0 || steps > BEV_MOST_STEPS) {
     return BEV_BAD_ARGUMENT;

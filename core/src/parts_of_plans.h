@@ -16,9 +16,9 @@ bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, cons
  * The instant [s] at which a run backward from the target, heated with all power that the cabin leaves, meets the
  * unheated run. The backward run ends `lost_k` above the target.
  */
-bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                             double target_c, double terminal_soc, double lost_k,
-                             const double *idle_temperature_c, double *instant_s);
+bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, double target_c,
+                             double terminal_soc, double lost_k, const double *idle_temperature_c,
+                             double *instant_s);
 
 /*
  * The switch-on instant [s] from which the heater takes all power that the cabin leaves, so that the battery
@@ -28,8 +28,8 @@ bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, con
  * the heater's power in each step [W] are written.
  */
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                           const double *idle_soc, const double *idle_c, double *soc,
-                           double *temperature_c, double *heater_w, double *instant_s);
+                           const double *idle_soc, const double *idle_c, double *soc, double *temperature_c,
+                           double *heater_w, double *instant_s);
 
 /* Means over each step of a run: arrays of `steps` values; null if not requested. */
 typedef struct {
@@ -38,19 +38,17 @@ typedef struct {
 } bev_means;
 
 /* As bev_run, with the means of the steps from `first` on. */
-bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                              int32_t first, const double *heater_w, const double *brake_w,
-                              double *soc, double *temperature_c, bev_means means);
+bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, int32_t first,
+                              const double *heater_w, const double *brake_w, double *soc, double *temperature_c,
+                              bev_means means);
 
 /* As bev_run_heated from step `first` on; adds the energy from the cells [Wh] to `taken_wh` (null: not asked for). */
-bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
-                                      int32_t first, const double *command_w, double *states,
-                                      double *taken_wh);
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                                      const double *command_w, double *states, double *taken_wh);
 
 /* As bev_keep_accounts for a run whose means are known and which was never clipped at the hottest temperature. */
-bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const bev_run_of_powers *run, bev_means means,
-                                 bev_energies *energies);
+bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
+                                 bev_means means, bev_energies *energies);
 
 /* The run to check, and its limits on the terminal power [W], which are written. */
 typedef struct {

@@ -9,9 +9,8 @@
  * Upper bound of the charge that heating elsewhere can save, as far as the prices do not change. The run is heated
  * from one instant on; each cheaper step is compared with the dearest heated step.
  */
-static bev_status find_most_saving(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const double *soc, const double *temperature_c,
-                                   const double *heater_w, double *saving) {
+static bev_status find_most_saving(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                                   const double *temperature_c, const double *heater_w, double *saving) {
   /* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
   bev_charge_warmth in_warmth = {0.0, 1.0};
   bev_charge_warmth in_charge = {1.0, 0.0};

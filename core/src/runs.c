@@ -11,10 +11,9 @@
 #include "parts_of_plans.h"
 #include "steps_of_model.h"
 
-static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
-                      const bev_trip *trip, int32_t first, const double *heater_w,
-                      const double *brake_w, double *soc, double *temperature_c,
-                      bev_means means) {
+static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, const bev_trip *trip,
+                      int32_t first, const double *heater_w, const double *brake_w, double *soc,
+                      double *temperature_c, bev_means means) {
   double result[4];
   for (int32_t k = first; k < trip->steps; k++) {
     const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, heater_w, brake_w);
@@ -44,9 +43,9 @@ static bev_status of_second(bev_status status) {
   return status == BEV_SATURATED ? BEV_NOT_FINITE : status;
 }
 
-bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                              int32_t first, const double *heater_w, const double *brake_w,
-                              double *soc, double *temperature_c, bev_means means) {
+bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, int32_t first,
+                              const double *heater_w, const double *brake_w, double *soc, double *temperature_c,
+                              bev_means means) {
   bev_status status = bev_checked(vehicle, trip, first);
   if (status != BEV_OK) {
     return status;
@@ -65,9 +64,8 @@ bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, co
   return status;
 }
 
-bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
-                   double *temperature_c) {
+bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, int32_t first,
+                   const double *heater_w, const double *brake_w, double *soc, double *temperature_c) {
   const bev_means none = {NULL, NULL};
   return bev_run_with_means(vehicle, integrator, trip, first, heater_w, brake_w, soc,
                             temperature_c, none);
@@ -77,9 +75,8 @@ bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_tri
  * Mean power from the cells in a step whose result is known [W], as in bev_keep_accounts: with the charge clipped
  * to 0 ... 1. A step that may leave that range is computed again.
  */
-static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating,
-                              const double states[4], const bev_inputs *inputs, double command_w,
-                              const double result[8]) {
+static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
+                              const bev_inputs *inputs, double command_w, const double result[8]) {
   const double room = 2.0 * fabs(result[0] - states[0]);
   const double low = bev_minimum(states[0], result[0]);
   const double high = bev_maximum(states[0], result[0]);
@@ -91,9 +88,8 @@ static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating,
   return inputs->power_w + held[6] + held[5];
 }
 
-static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip,
-                             int32_t first, const double *command_w,
-                             double *const run_of[4], double *taken_wh) {
+static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip, int32_t first,
+                             const double *command_w, double *const run_of[4], double *taken_wh) {
   double states[4];
   double result[8];
   for (int32_t n = 0; n < 4; n++) {
@@ -124,9 +120,8 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
   return BEV_OK;
 }
 
-bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
-                                      int32_t first, const double *command_w, double *states,
-                                      double *taken_wh) {
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
+                                      const double *command_w, double *states, double *taken_wh) {
   bev_status status = bev_checked(vehicle, trip, first);
   if (status != BEV_OK) {
     return status;
@@ -194,9 +189,8 @@ bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, cons
 }
 
 static bev_status find_crossing(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
-                                const bev_trip *trip, double target_c, double terminal_soc,
-                                double lost_k, const double *idle_temperature_c,
-                                double *instant_s) {
+                                const bev_trip *trip, double target_c, double terminal_soc, double lost_k,
+                                const double *idle_temperature_c, double *instant_s) {
   double soc = terminal_soc;
   double temperature_c = target_c;
   double above_k = target_c - idle_temperature_c[trip->steps];
@@ -229,9 +223,9 @@ static bev_status find_crossing(const bev_vehicle *vehicle, int32_t integrator, 
   return BEV_NO_CROSSING;
 }
 
-bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                             double target_c, double terminal_soc, double lost_k,
-                             const double *idle_temperature_c, double *instant_s) {
+bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, double target_c,
+                             double terminal_soc, double lost_k, const double *idle_temperature_c,
+                             double *instant_s) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;

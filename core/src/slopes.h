@@ -32,9 +32,8 @@ typedef struct {
   double brake_w;
 } bev_middle;
 
-static inline bev_middle bev_middle_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                                       const double *soc, const double *temperature_c,
-                                       double heater_w, double brake_w, int32_t k) {
+static inline bev_middle bev_middle_of(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                                       const double *temperature_c, double heater_w, double brake_w, int32_t k) {
   bev_middle middle;
   middle.vehicle = vehicle;
   middle.idle = bev_inputs_of(vehicle, trip, k, NULL, NULL);
@@ -57,8 +56,8 @@ static inline bev_circuit bev_circuit_in(const bev_middle *of, double fuller, do
 }
 
 /* The rates in a step under a heater and a friction brake power. */
-static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_circuit *circuit,
-                                                double heater_w, double brake_w) {
+static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_circuit *circuit, double heater_w,
+                                                double brake_w) {
   const bev_vehicle *vehicle = of->vehicle;
   double result[3];
   bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, circuit->voltage_v, circuit->resistance_ohm,
@@ -71,15 +70,15 @@ static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_
 }
 
 /* The same with the charge raised by `fuller` and the temperature by `warmer_k`. */
-static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w,
-                                             double fuller, double warmer_k) {
+static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w, double fuller,
+                                             double warmer_k) {
   const bev_circuit circuit = bev_circuit_in(of, fuller, warmer_k);
   return bev_rates_under(of, &circuit, heater_w, brake_w);
 }
 
 /* Change at the end of a step for each unit of a difference at its start. */
-static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_warmth there,
-                                             double difference, double duration_s) {
+static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_warmth there, double difference,
+                                             double duration_s) {
   const bev_charge_warmth slope = {(there.charge - here.charge) / difference * duration_s,
                                    (there.warmth - here.warmth) / difference * duration_s};
   return slope;
@@ -105,8 +104,7 @@ static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
 }
 
 /* Value of charge and warmth before a step, from their value after it. */
-static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth,
-                                                 const bev_slopes *slopes) {
+static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth, const bev_slopes *slopes) {
   const bev_charge_warmth by_charge = slopes->by_charge;
   const bev_charge_warmth by_warmth = slopes->by_warmth;
   const bev_charge_warmth first = {
@@ -121,8 +119,7 @@ static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth,
 }
 
 /* Effect of a watt in a step on arrival, from the value of charge and warmth at both ends. */
-static inline double bev_effect(bev_charge_warmth after, bev_charge_warmth earlier,
-                                bev_charge_warmth by_power) {
+static inline double bev_effect(bev_charge_warmth after, bev_charge_warmth earlier, bev_charge_warmth by_power) {
   return 0.5 * (after.charge + earlier.charge) * by_power.charge
       + 0.5 * (after.warmth + earlier.warmth) * by_power.warmth;
 }

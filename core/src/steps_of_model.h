@@ -20,9 +20,8 @@ typedef struct {
 } bev_inputs;
 
 /* The inputs of step k of a trip under heater and brake powers; null: no power. */
-static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_trip *trip,
-                                       int32_t k, const double *heater_w,
-                                       const double *brake_w) {
+static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_trip *trip, int32_t k,
+                                       const double *heater_w, const double *brake_w) {
   bev_inputs inputs = {trip->duration_s[k], trip->idle_power_w[k], trip->power_variance_w2[k],
                        trip->idle_heat_w[k], trip->leakage_w_per_k[k]};
   if (heater_w != NULL) {
@@ -62,9 +61,8 @@ static inline bev_status bev_kind_of(double soc, double temperature_c) {
   return isnan(soc) || isnan(temperature_c) ? BEV_SATURATED : BEV_NOT_FINITE;
 }
 
-static inline void bev_integrate(const bev_vehicle *vehicle, int32_t integrator,
-                                 int32_t saturating, double soc, double temperature_c,
-                                 const bev_inputs *inputs, double result[4]) {
+static inline void bev_integrate(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
+                                 double temperature_c, const bev_inputs *inputs, double result[4]) {
   switch (integrator) {
     case BEV_EULER:
       bev_euler(vehicle, saturating, soc, temperature_c, inputs->duration_s, inputs->power_w,
@@ -82,9 +80,8 @@ static inline void bev_integrate(const bev_vehicle *vehicle, int32_t integrator,
   }
 }
 
-static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t saturating,
-                                        const double states[4], const bev_inputs *inputs,
-                                        double command_w, double result[8]) {
+static inline void bev_integrate_heated(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
+                                        const bev_inputs *inputs, double command_w, double result[8]) {
   if (vehicle->shell_share > 0.0) {
     if (vehicle->heater_lag_s > 0.0) {
       bev_heated_by_shell_with_lag(

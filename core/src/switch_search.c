@@ -114,8 +114,8 @@ static bev_status find_switch(switch_search *of, double *instant_s) {
 }
 
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                           const double *idle_soc, const double *idle_c, double *soc,
-                           double *temperature_c, double *heater_w, double *instant_s) {
+                           const double *idle_soc, const double *idle_c, double *soc, double *temperature_c,
+                           double *heater_w, double *instant_s) {
   const bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
@@ -159,8 +159,7 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
  * colder, but not below the vehicle's range: a limit may matter there.
  */
 static bev_status limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
-                                        const double temperature_c[2], double variance_w2,
-                                        double limits_w[2]) {
+                                        const double temperature_c[2], double variance_w2, double limits_w[2]) {
   double end_w[2];
   bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[0],
                       bev_maximum(temperature_c[0] - BEV_COLDER_BY_K, vehicle->lowest_c), variance_w2, limits_w);
@@ -239,8 +238,7 @@ static double least_of(const double *values, int32_t count) {
 }
 
 /* Plan a run from the unheated run, and find whether both keep the limits; `run` becomes that of the plan. */
-static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
-                           bev_switch_plan *plan) {
+static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
@@ -277,10 +275,9 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
   return status < BEV_OK ? status : BEV_OK;
 }
 
-bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, int32_t in_one_interval,
-                           double *memory, double *soc, double *temperature_c, double *heater_w,
-                           bev_switch_plan *plan) {
+bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc, double start_c,
+                           double target_c, int32_t in_one_interval, double *memory, double *soc,
+                           double *temperature_c, double *heater_w, bev_switch_plan *plan) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;

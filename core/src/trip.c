@@ -53,8 +53,7 @@ static bev_status make_steps(const bev_trip_terms *terms, int32_t steps,
   return BEV_OK;
 }
 
-bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route,
-                         double *columns) {
+bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route, double *columns) {
   if (terms == NULL || steps < 1 || steps > BEV_MOST_STEPS || route == NULL || columns == NULL) {
     return BEV_BAD_ARGUMENT;
   }

@@ -101,8 +101,8 @@ static double guess_s(const two_switch_search *of, double off_s) {
 }
 
 /* The instant of switching on with which the battery arrives at the target. */
-static bev_status find_on(two_switch_search *of, double off_s, double guessed_s, double tolerance_k,
-                          double *on_s, double *above_k) {
+static bev_status find_on(two_switch_search *of, double off_s, double guessed_s, double tolerance_k, double *on_s,
+                          double *above_k) {
   if (!isfinite(guessed_s)) {
     return BEV_NOT_FINITE;
   }
@@ -168,8 +168,7 @@ static void keep_better(pair *best, const pair *other) {
 }
 
 /* Golden section search: the pair that takes the least energy, switched off between two instants. */
-static bev_status find_least(two_switch_search *of, double earliest_s, double latest_s,
-                             pair *best) {
+static bev_status find_least(two_switch_search *of, double earliest_s, double latest_s, pair *best) {
   const double golden = 0.5 * (sqrt(5.0) - 1.0);
   double low_s = earliest_s;
   double high_s = latest_s;
@@ -266,8 +265,8 @@ static bev_status add_up_idle(const two_switch_search *of) {
 }
 
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                                 const double *idle_states, double *memory, double *states,
-                                 double *command_w, double *heat_w, double *on_s, double *off_s) {
+                                 const double *idle_states, double *memory, double *states, double *command_w,
+                                 double *heat_w, double *on_s, double *off_s) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;

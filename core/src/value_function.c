@@ -312,9 +312,8 @@ static bev_status begin(recursion *of, const bev_vehicle *vehicle, const bev_tri
   return BEV_OK;
 }
 
-bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory, int32_t *ends_in,
+bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip, const bev_value_goal *goal,
+                              double *states, double *powers_w, uint8_t *flags, double *memory, int32_t *ends_in,
                               int32_t kept_every) {
   recursion of;
   if (states == NULL || powers_w == NULL || flags == NULL || memory == NULL || ends_in == NULL
@@ -349,9 +348,8 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   return status;
 }
 
-bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
-                             const bev_value_goal *goal, int32_t kept_steps, double *states,
-                             double *powers_w, uint8_t *flags, double *memory,
+bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip, const bev_value_goal *goal,
+                             int32_t kept_steps, double *states, double *powers_w, uint8_t *flags, double *memory,
                              int32_t *ends_in) {
   recursion of;
   if (states == NULL || powers_w == NULL || flags == NULL || memory == NULL || ends_in == NULL) {

@@ -3,8 +3,7 @@
 #include "values.h"
 
 /* The ends of step k from temperature n of a layer. */
-static bev_status ends_from(const recursion *of, int32_t k, const layer *at, int32_t n,
-                            step_ends *found) {
+static bev_status ends_from(const recursion *of, int32_t k, const layer *at, int32_t n, step_ends *found) {
   const double settled_c = at->least_c + (double)n * at->step_k;
   const double start[4] = {of->soc[k], settled_c - of->under_way_k[k], 0.0, 0.0};
   const bev_status status =
@@ -53,8 +52,7 @@ static int32_t middle_of(int32_t first, int32_t last) {
 }
 
 /* The ends from temperature n on the parabola through those of `first`, their middle and `last`. */
-static void ends_on_parabola(int32_t first, int32_t last, int32_t n, const step_ends nodes[3],
-                             step_ends *found) {
+static void ends_on_parabola(int32_t first, int32_t last, int32_t n, const step_ends nodes[3], step_ends *found) {
   const int32_t middle = middle_of(first, last);
   const double below = (double)(middle - first);
   const double above = (double)(last - middle);
@@ -80,8 +78,7 @@ static int is_on_parabola(const recursion *of, const step_ends *on, const step_e
  * The values of one layer. The step is driven from three temperatures of a stretch, and from a fourth, which shows
  * whether the ends in between lie on a parabola; else the stretch is halved.
  */
-static bev_status values_of_layer(const recursion *of, int32_t k, const layer *at,
-                                  const layer *next) {
+static bev_status values_of_layer(const recursion *of, int32_t k, const layer *at, const layer *next) {
   const double longest = bev_maximum(BEV_STRETCH_K / at->step_k, 1.0);
   const int32_t end = at->points - 1;
   step_ends nodes[3];

@@ -3,8 +3,8 @@
 #include "values.h"
 
 /* Drive step k, heated as it is best on the path, from two starts beside it; none is `found` if that empties. */
-static bev_status drive_beside(const recursion *of, int32_t k, const layer *next,
-                               const double starts[2][4], step_end beside[2], int32_t *found) {
+static bev_status drive_beside(const recursion *of, int32_t k, const layer *next, const double starts[2][4],
+                               step_end beside[2], int32_t *found) {
   const double start[4] = {of->soc[k], of->path_c[k] - of->under_way_k[k], 0.0, 0.0};
   step_end ends[MOST_ENDS];
   int32_t count = 0;

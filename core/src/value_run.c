@@ -4,8 +4,7 @@
 
 #include "values.h"
 
-void bev_write_step(const recursion *of, int32_t k, const step_end *end, double *states,
-                       double *powers_w) {
+void bev_write_step(const recursion *of, int32_t k, const step_end *end, double *states, double *powers_w) {
   const int32_t steps = of->trip->steps;
   for (int32_t n = 0; n < 4; n++) {
     states[n * (steps + 1) + k + 1] = end->states[n];
@@ -13,8 +12,8 @@ void bev_write_step(const recursion *of, int32_t k, const step_end *end, double 
   }
 }
 
-bev_status bev_drive_commands(const recursion *of, const double *commands_w, int32_t first,
-                                 double *states, double *powers_w) {
+bev_status bev_drive_commands(const recursion *of, const double *commands_w, int32_t first, double *states,
+                              double *powers_w) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = first; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], states[2 * (steps + 1) + k],
@@ -87,8 +86,7 @@ static double most_moved_k(const recursion *of, int32_t edge, double sign) {
  * Move the start of the last interval, or its end if not certain, so that the arrival is exact; `ends_in` becomes the
  * step in which it ends, if it was moved there.
  */
-static bev_status arrive_exactly(const recursion *of, double *states, double *powers_w,
-                                 int32_t *ends_in) {
+static bev_status arrive_exactly(const recursion *of, double *states, double *powers_w, int32_t *ends_in) {
   const int32_t steps = of->trip->steps;
   const int32_t outside = of->is_certain != 0 ? -1 : 1;
   const double *commands_w = powers_w;
@@ -155,8 +153,7 @@ double bev_most_lack_w(const recursion *of, const double *states, const double *
   return most_w;
 }
 
-double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w,
-                          double aim_c) {
+double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w, double aim_c) {
   const int32_t steps = of->trip->steps;
   int32_t before = of->goal->direction;
   double cost_j = 0.0;
@@ -197,8 +194,7 @@ void bev_take_kept_run(const recursion *of, double *states, double *powers_w) {
   memcpy(powers_w, &of->kept[rows], 4u * (size_t)of->trip->steps * sizeof(double));
 }
 
-bev_status bev_finish(const recursion *of, double aim_c, double *states, double *powers_w,
-                         int32_t *ends_in) {
+bev_status bev_finish(const recursion *of, double aim_c, double *states, double *powers_w, int32_t *ends_in) {
   const size_t rows = 4u * ((size_t)of->trip->steps + 1u);
   bev_keep_run(of, states, powers_w);
   const bev_status status = arrive_exactly(of, states, powers_w, ends_in);

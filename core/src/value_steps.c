@@ -2,8 +2,8 @@
 /* The ends of a step, and their best mixture: bev_preheat.planning.steps_ahead and value_layers. */
 #include "values.h"
 
-double bev_lacking_w(const recursion *of, int32_t k, const double start[4],
-                        const step_end *end, double terminal_w) {
+double bev_lacking_w(const recursion *of, int32_t k, const double start[4], const step_end *end,
+                     double terminal_w) {
   const double variance_w2 = of->trip->power_variance_w2[k];
   double at_start_w[2];
   double at_end_w[2];
@@ -42,8 +42,8 @@ static int is_free_step(const recursion *of, int32_t k, const double start[4], s
   return 1;
 }
 
-static bev_status drive_step(const recursion *of, int32_t k, const double start[4],
-                             int32_t is_ahead, step_end *end) {
+static bev_status drive_step(const recursion *of, int32_t k, const double start[4], int32_t is_ahead,
+                             step_end *end) {
   end->states[2] = 0.0;
   end->states[3] = 0.0;
   end->powers_w[1] = 0.0;
@@ -75,8 +75,7 @@ static bev_status drive_step(const recursion *of, int32_t k, const double start[
   return BEV_OK;
 }
 
-bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
-                             int32_t is_ahead, step_end *end) {
+bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4], int32_t is_ahead, step_end *end) {
   const bev_status status = drive_step(of, k, start, is_ahead, end);
   const double beyond_j = status == BEV_OK ? hot_j(of, end->states[1]) : 0.0;
   end->cost_j += beyond_j;
@@ -84,8 +83,8 @@ bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
   return status;
 }
 
-double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
-                           const double start[4], const step_end *end) {
+double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c, const double start[4],
+                        const step_end *end) {
   const double k_per_w = of->trip->duration_s[k] / of->vehicle->heat_capacity_j_per_k;
   const double heater_k = of->vehicle->heater_efficiency * k_per_w * end->powers_w[0];
   const double outer_k =
@@ -94,8 +93,8 @@ double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
       - of->drained_share[k] * outer_k + of->arriving_share[k] * heater_k;
 }
 
-bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4],
-                               double settled_c, step_end ends[MOST_ENDS], int32_t *count) {
+bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4], double settled_c,
+                            step_end ends[MOST_ENDS], int32_t *count) {
   const double full_w = of->trip->heater_limit_w[k];
   bev_merit merit;
   bev_merit_at(of->trip, k, start[1], &merit);
@@ -165,8 +164,7 @@ static void keep_cheaper(choice *best, const mixture *found) {
   *before = found->value_j < before->value_j ? *found : *before;
 }
 
-choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
-                      const layer *next) {
+choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count, const layer *next) {
   choice best = {{{INFINITY, 0.0, 0, -1}, {INFINITY, 0.0, 0, 0}, {INFINITY, 0.0, 0, 1}}};
   for (int32_t end = 0; end < count; end++) {
     const int32_t direction = direction_of(ends[end].powers_w[0]);

@@ -190,30 +190,28 @@ static inline double under_way_k(const recursion *of, int32_t k, const double st
 }
 
 /* Power of a step beyond the discharge limit at either end [W]. */
-double bev_lacking_w(const recursion *of, int32_t k, const double start[4],
-                        const step_end *end, double terminal_w);
+double bev_lacking_w(const recursion *of, int32_t k, const double start[4], const step_end *end,
+                     double terminal_w);
 
 /* Drive step k to the end whose `wanted_w` and `takes_surplus` are given. */
-bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
-                             int32_t is_ahead, step_end *end);
+bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4], int32_t is_ahead, step_end *end);
 
 /* Where the recursion sees the end of a step from a temperature on: heat counts as far as it arrives in time. */
-double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
-                           const double start[4], const step_end *end);
+double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c, const double start[4],
+                        const step_end *end);
 
 /*
  * The ends of step k from charge and temperature, heat under way left out, as the recursion sees them. A step that
  * empties the battery has none.
  */
-bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4],
-                               double settled_c, step_end ends[MOST_ENDS], int32_t *count);
+bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4], double settled_c,
+                            step_end ends[MOST_ENDS], int32_t *count);
 
 /*
  * The best mixtures of an end and the next one, for each direction. Between the ends, the best lies at a temperature of
  * the next layer, as values are straight in between.
  */
-choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
-                      const layer *next);
+choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count, const layer *next);
 
 /* The best of all after a direction of heat, its value with the price of switching on. */
 mixture bev_better_of(const recursion *of, const choice *best, int32_t before);
@@ -247,12 +245,11 @@ double bev_keep_path(const recursion *of, const double *states);
 void bev_forget_prices(const recursion *of);
 
 /* Write the end of step k into the run. */
-void bev_write_step(const recursion *of, int32_t k, const step_end *end, double *states,
-                       double *powers_w);
+void bev_write_step(const recursion *of, int32_t k, const step_end *end, double *states, double *powers_w);
 
 /* Drive the commands from step `first` on; null: only surplus heats. */
-bev_status bev_drive_commands(const recursion *of, const double *commands_w, int32_t first,
-                                 double *states, double *powers_w);
+bev_status bev_drive_commands(const recursion *of, const double *commands_w, int32_t first, double *states,
+                              double *powers_w);
 
 /*
  * How much warmer than needed the battery arrives [K]: than the target, or than the reserve of charge allows. With
@@ -271,8 +268,7 @@ static inline double hot_j(const recursion *of, double temperature_c) {
 double bev_most_lack_w(const recursion *of, const double *states, const double *powers_w);
 
 /* The cost of a run [J]: battery, heater, power deficit, switching on, missed target and reserve. */
-double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w,
-                          double aim_c);
+double bev_cost_of_run(const recursion *of, const double *states, const double *powers_w, double aim_c);
 
 /* Keep a run as the best one so far. */
 void bev_keep_run(const recursion *of, const double *states, const double *powers_w);
@@ -281,7 +277,6 @@ void bev_keep_run(const recursion *of, const double *states, const double *power
 void bev_take_kept_run(const recursion *of, double *states, double *powers_w);
 
 /* Let a run arrive exactly, unless that costs more. */
-bev_status bev_finish(const recursion *of, double aim_c, double *states, double *powers_w,
-                         int32_t *ends_in);
+bev_status bev_finish(const recursion *of, double aim_c, double *states, double *powers_w, int32_t *ends_in);
 
 #endif /* BEV_PREHEAT_CORE_VALUES_H_ */

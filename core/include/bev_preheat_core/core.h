@@ -263,8 +263,7 @@ bev_status bev_check_vehicle(const bev_vehicle *vehicle);
  * auxiliaries, mean magnitude of the propulsion power. `columns` are those of bev_trip in their order: time_s with
  * steps + 1 values, and nine with `steps`. A step that is too long for the integrators is a bad input.
  */
-bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route,
-                         double *columns);
+bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route, double *columns);
 
 /*
  * Run the model over a trip from step `first` on, ignoring limits; heat arrives at once.
@@ -272,9 +271,8 @@ bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const doubl
  * `heater_w` and `brake_w` are powers in each step of the whole trip [W]; null: none. soc[first] and
  * temperature_c[first] are the start; the values from first + 1 to `steps` are written.
  */
-bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                   int32_t first, const double *heater_w, const double *brake_w, double *soc,
-                   double *temperature_c);
+bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip, int32_t first,
+                   const double *heater_w, const double *brake_w, double *soc, double *temperature_c);
 
 /*
  * The same with the heat path, from the start on: `command_w` is the heater's command, and `states` are four arrays of
@@ -289,8 +287,8 @@ bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, cons
  * there are steps, the other arrays one for each step.
  */
 bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
-                               const double *temperature_c, const double *variance_w2,
-                               double *least_w, double *most_w);
+                               const double *temperature_c, const double *variance_w2, double *least_w,
+                               double *most_w);
 
 /* The step in which a run's charge runs out (-1: it does not), and the share of this step that is driven. */
 typedef struct {
@@ -305,10 +303,9 @@ typedef struct {
  * charge and temperature, `powers_w` two of `steps`, heater and friction brake [W]; with a heat path four each, states as
  * in bev_run_heated, and means of command, friction brake, heater power, and heat into the battery [W]. `flags` has 2 * steps bytes of memory.
  */
-bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double below_c, int32_t takes_surplus,
-                                double *states, double *powers_w, uint8_t *flags,
-                                bev_stranding *stranding);
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip, const double *command_w,
+                                double below_c, int32_t takes_surplus, double *states, double *powers_w,
+                                uint8_t *flags, bev_stranding *stranding);
 
 /*
  * The requirements on a plan: least and most temperature on arrival [deg C] (INFINITY: any), and the state of charge
@@ -348,9 +345,8 @@ typedef struct {
  * others twice; the plan is the same. `memory` has BEV_VALUE_MEMORY doubles; with BEV_VALUE_KEPT_EVERY
  * BEV_VALUE_SPARING_MEMORY are enough.
  */
-bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory, int32_t *ends_in,
+bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip, const bev_value_goal *goal,
+                              double *states, double *powers_w, uint8_t *flags, double *memory, int32_t *ends_in,
                               int32_t kept_every);
 
 /*
@@ -361,9 +357,9 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
  * no such values (the drive was certain, or heating left charge or power short), they now lead to that, or the run
  * lies more than 1.5 K from the middle of the temperatures that have values. The other arguments are as above.
  */
-bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
-                             const bev_value_goal *goal, int32_t kept_steps, double *states,
-                             double *powers_w, uint8_t *flags, double *memory, int32_t *ends_in);
+bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip, const bev_value_goal *goal,
+                             int32_t kept_steps, double *states, double *powers_w, uint8_t *flags, double *memory,
+                             int32_t *ends_in);
 
 /*
  * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values
@@ -372,8 +368,7 @@ bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
  * cannot deliver.
  */
 bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                             const bev_run_of_powers *run, double *columns,
-                             bev_energies *energies);
+                             const bev_run_of_powers *run, double *columns, bev_energies *energies);
 
 /*
  * The plan that is switched on once, from a start: the unheated run and, if it arrives below the target, the switching
@@ -384,10 +379,9 @@ bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, con
  * `memory` has BEV_SWITCH_MEMORY(steps) doubles; it begins with the unheated run, charge and temperature at each
  * instant. The plan's charge and temperature are written, and the heater's power in each step [W].
  */
-bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, int32_t in_one_interval,
-                           double *memory, double *soc, double *temperature_c, double *heater_w,
-                           bev_switch_plan *plan);
+bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc, double start_c,
+                           double target_c, int32_t in_one_interval, double *memory, double *soc,
+                           double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*
  * The instants [s] between which the heater takes all power that the cabin leaves, so that the battery arrives at a
@@ -398,8 +392,8 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  * step [W] is written, too.
  */
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                                 const double *idle_states, double *memory, double *states,
-                                 double *command_w, double *heat_w, double *on_s, double *off_s);
+                                 const double *idle_states, double *memory, double *states, double *command_w,
+                                 double *heat_w, double *on_s, double *off_s);
 
 #ifdef __cplusplus
 }

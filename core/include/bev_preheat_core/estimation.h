@@ -157,25 +157,23 @@ typedef struct {
  * The first status other than BEV_OK ends the sequence and is returned; the filters are those of the parts before it.
  * `lost` is the number of filters that have diverged.
  */
-bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
-                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost);
+bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief, const bev_belief_terms *terms,
+                      const bev_passed *passed, int32_t *lost);
 
 /*
  * Update the filters with a reading: temperature, by the sensor with its local rise, and charge; then compute mean
  * (BEV_ELEMENTS) and covariance (BEV_ELEMENTS * BEV_ELEMENTS) over all hypotheses. As in bev_follow; if filters are
  * lost, the sequence ends, too.
  */
-bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
-                            const bev_reading *reading, double *mean, double *covariance,
-                            int32_t *lost);
+bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms, const bev_reading *reading,
+                            double *mean, double *covariance, int32_t *lost);
 
 /*
  * Variance of the temperature on arrival [K^2]: by the uncertainty of the elements at the start, with this
  * covariance (BEV_ELEMENTS * BEV_ELEMENTS), and by the traffic in each step.
  */
 bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_expected_drive *expected,
-                                const bev_belief_terms *terms, const double *covariance,
-                                double *variance_k2);
+                                const bev_belief_terms *terms, const double *covariance, double *variance_k2);
 
 #ifdef __cplusplus
 }
