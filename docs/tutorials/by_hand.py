@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publish the messages of the tutorial by_hand.md: `python3 by_hand.py WORD` with drive, cancel, off or on."""
 
+from argparse import ArgumentParser
 import signal
-import sys
 import time
 
 import rclpy
@@ -12,7 +12,9 @@ from std_srvs.srv import SetBool
 
 from bev_preheat_msgs.msg import RoutePlan
 
-wanted = sys.argv[1]
+parser = ArgumentParser(description=__doc__)
+parser.add_argument('word', choices=['drive', 'cancel', 'off', 'on'])
+wanted = parser.parse_args().word
 rclpy.init()
 # Ctrl-C ends it without a traceback.
 signal.signal(signal.SIGINT, signal.SIG_DFL)

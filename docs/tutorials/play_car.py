@@ -3,11 +3,14 @@
 
 from contextlib import suppress
 import os
+import signal
 import time
 import tty
 
 import cantools
 
+# Ctrl-C ends it without a traceback.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 DBC = cantools.database.load_file('my_car.dbc')
 STATE, REQUEST = DBC.get_message_by_name('BMS_State'), DBC.get_message_by_name('HEATER_Request')
 mine, theirs = os.openpty()

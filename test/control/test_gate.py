@@ -37,6 +37,15 @@ def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     assert (changed.battery_heating_power_w, changed.reason) == (0.0, changes.get('status', heats.reason))
 
 
+def test_a_plan_that_has_ended_heats_no_more():
+    state = heating_state()
+    ended_s = state.decision.plan.arrival_time_s
+    commands = [state.commander.give(state.moment._replace(now_ns=at(after_s)), state.decision, None)[1]
+                for after_s in (ended_s - 1.0, ended_s)]
+    assert [command.reason for command in commands] == [state.decision.status, Status.ARRIVED]
+    assert [command.battery_heating_power_w for command in commands] == [pytest.approx(5500.0), 0.0]
+
+
 @pytest.mark.parametrize('planned_w, share, steps_w, power_w', [
     *((share * 4000.0, share, (1500.0, 4000.0), 4000.0) for share in (0.54, 0.81, 1.0)),
     (5500.001, 1.0, (), 5500.0)], ids=['step, 54 %', 'step, 81 %', 'step', 'left by the cabin'])
