@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A leg of a steady drive in winter towards a charger, and battery states, for tests of the planner."""
 
+from bev_preheat.control.decision import Moment
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
@@ -47,3 +48,8 @@ def outcome(supervisor, now_ns=NOW_NS):
     """Return power [W] and reason of a Stepwise planner's command."""
     command = supervisor.command(now_ns)
     return command.battery_heating_power_w, command.reason
+
+
+def moment_of(state, **changes):
+    """Return the Moment of a State with other fields."""
+    return Moment(**dict(zip(Moment.__annotations__, state.moment)) | changes)

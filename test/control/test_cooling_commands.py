@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from simulated_drives import drive
-from steady_drives import NOW_NS, ns
+from steady_drives import moment_of, NOW_NS, ns
 
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.command import Commander
@@ -141,7 +141,7 @@ def test_the_answer_to_why_speaks_of_cooling(temperature_c, most_c, begins, chan
     ids=['held', 'rests', 'moment'])
 def test_a_sentence_on_the_least_times_of_cooling_speaks_of_cooling(commander, status, begin, end):
     state = planned_at(49.0).state
-    moment = state.moment._replace(now_ns=NOW_NS + ns(50.0))
+    moment = moment_of(state, now_ns=NOW_NS + ns(50.0))
     _, told = commander.in_words(moment, replace(state.decision, status=status))
     assert told.status is commander.reason
     assert told.explanation.startswith(begin) and told.explanation.endswith(end)
@@ -151,7 +151,7 @@ def test_a_sentence_on_the_least_times_of_cooling_speaks_of_cooling(commander, s
 def test_what_heats_rests_before_it_cools(cools, power_w):
     state = planned_at(61.0).state
     commander, command = Commander(ON, cools=cools).give(
-        state.moment._replace(now_ns=NOW_NS + ns(1.0)), state.decision, None)
+        moment_of(state, now_ns=NOW_NS + ns(1.0)), state.decision, None)
     assert (command.power_w('chiller'), commander.direction) == (pytest.approx(power_w), -1 if cools else 0)
 
 
@@ -165,7 +165,7 @@ def test_the_least_times_of_a_chiller_outlast_the_plan(chiller, temperature_c, m
     state = planned_at(temperature_c, most_c, car).state
     assert state.decision.status is planned
     _, command = Commander(sources=(('chiller', chiller),)).give(
-        state.moment._replace(now_ns=NOW_NS + ns(1.0)), state.decision, None)
+        moment_of(state, now_ns=NOW_NS + ns(1.0)), state.decision, None)
     assert (command.total_w, command.power_w('chiller'), command.reason) == (
         pytest.approx(power_w), command.total_w, reason)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from steady_drives import at, measured, NOW_NS, steady_mission, VEHICLE
+from steady_drives import at, measured, moment_of, NOW_NS, steady_mission, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.command import Commander
@@ -30,7 +30,7 @@ def heating_state(vehicle=VEHICLE):
     ids=['no charging', 'not worth it', 'before the trip'])
 def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
     state = heating_state()
-    moment = state.moment._replace(now_ns=at(1.0))
+    moment = moment_of(state, now_ns=at(1.0))
     heats, changed = (state.commander.give(moment, decision, None)[1] for decision in (
         state.decision, replace(state.decision, **changes)))
     assert heats.battery_heating_power_w == pytest.approx(5500.0)
@@ -40,7 +40,7 @@ def test_a_plan_that_must_not_heat_ends_the_least_time_on(changes):
 def test_a_plan_that_has_ended_heats_no_more():
     state = heating_state()
     ended_s = state.decision.plan.arrival_time_s
-    commands = [state.commander.give(state.moment._replace(now_ns=at(after_s)), state.decision, None)[1]
+    commands = [state.commander.give(moment_of(state, now_ns=at(after_s)), state.decision, None)[1]
                 for after_s in (ended_s - 1.0, ended_s)]
     assert [command.reason for command in commands] == [state.decision.status, Status.ARRIVED]
     assert [command.battery_heating_power_w for command in commands] == [pytest.approx(5500.0), 0.0]
@@ -87,7 +87,7 @@ WORN_OUT = HeaterSwitch(pause=HeatingPause(NOW_NS, switch_ons=(0,) * MOST_SWITCH
     ids=['heats', 'misses its target', 'worn out'])
 def test_a_command_of_0_w_says_that_the_heater_waits_where_it_was_to_heat(switch, status, reason, shown):
     state = heating_state()
-    moment, decision = state.moment._replace(now_ns=at(1.0)), replace(state.decision, status=status)
+    moment, decision = moment_of(state, now_ns=at(1.0)), replace(state.decision, status=status)
     commander, command = Commander(switch, Status.STALE_INPUT).give(moment, decision, None)
     _, told = commander.in_words(moment, decision)
     assert (command.battery_heating_power_w, command.reason, told.status) == (0.0, reason, shown)

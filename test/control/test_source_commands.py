@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from simulated_drives import drive
+from steady_drives import moment_of
 
 from bev_preheat.control.decision import Unserved
 from bev_preheat.control.events import SourceStatusArrived, SourceStatusUnreadable
@@ -175,7 +176,7 @@ def test_sources_that_may_be_weak_are_tried_for_a_kelvin_of_their_heat_while_a_f
 
 def moment_without(state, vehicle, *unserved):
     """Return the Moment of a State with another vehicle and other unserved heat sources, at -10 degC."""
-    return state.moment._replace(vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
+    return moment_of(state, vehicle=vehicle, unserved=unserved, temperature_c=-10.0)
 
 
 # In air of -5 degC a watt gives 2.25 W of heat by the pump, 0.75 W by the motor, 0.9 W by the HVCH: in the
