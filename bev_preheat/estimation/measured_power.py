@@ -197,12 +197,14 @@ class PowerResponse(NamedTuple):
         heater_w = np.minimum(np.multiply.outer(SHARES, taken_ws / lasted_s), limit_w)
         heater_w[STUCK] = limit_w
         # The heaters' filters are mixed, because a heater may have changed from one kind to another. Evidence of
-        # the temperature counts, too: power that a healthy heater left unexplained does not tell a later fault.
+        # the temperature counts for that of a fault: power that a healthy heater left unexplained does not tell a
+        # later fault. It does not for a healthy heater's: a sensor that is stuck looks like a fault, too.
         # share[from, to, lag]: how much of `to` was `from` before.
         matrix = transitions(lasted_s)
         before = matrix.T @ self.weights
         share = matrix[:, :, np.newaxis] * (
             self.weights * (heaters / self.weights.sum(axis=1))[:, np.newaxis])[:, np.newaxis]
+        share[:, HEALTHY] = matrix[:, HEALTHY, np.newaxis] * self.weights
         share /= share.sum(axis=0)
         mean = (share[..., np.newaxis] * self.excess[:, np.newaxis]).sum(axis=0)
         off = self.excess[:, np.newaxis] - mean
