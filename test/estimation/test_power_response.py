@@ -8,7 +8,14 @@ import pytest
 
 from bev_preheat.estimation.hypotheses import Heater, SHARES
 from bev_preheat.estimation.measured_power import PowerResponse, PRIOR
-from bev_preheat.tunables import CONSUMPTION, EXCESS_W, MOST_BLOCK_EVIDENCE, POWER_BLOCK_S, SCATTER_W
+from bev_preheat.tunables import (
+    CONSUMPTION,
+    EXCESS_W,
+    MOST_BLOCK_EVIDENCE,
+    NO_CONTRADICTION,
+    POWER_BLOCK_S,
+    SCATTER_W,
+)
 
 FAULTS = (Heater.DERATED, Heater.DEAD, Heater.STUCK_ON)
 LIMIT_W = 5000.0
@@ -87,3 +94,15 @@ def test_power_that_a_healthy_heater_left_unexplained_is_no_sign_of_a_later_faul
                 ratios[stuck_w] += logs[-1] - logs[0]
     assert ratios[0.0] < -2.0
     assert ratios[LIMIT_W] > 2.0
+
+
+def test_power_that_answers_contradicts_a_dead_heater_whatever_the_temperature_says():
+    """A sensor that is stuck makes a dead heater certain, once the heater has begun."""
+    surely_dead, response, supports = np.eye(len(SHARES))[3] + 1e-12, PowerResponse(), []
+    for second in range(900):
+        command_w = LIMIT_W if second >= 300 else 0.0
+        response, _ = response.seen(
+            1.0, command_w, 20e3, command_w, LIMIT_W, surely_dead if second >= 500 else PRIOR)
+        supports.append(response.support(Heater.DEAD))
+    assert supports[499] < NO_CONTRADICTION
+    assert max(supports[500:]) < NO_CONTRADICTION
