@@ -31,7 +31,7 @@ class ConditioningGoal:
 
 @dataclass(frozen=True)
 class ConditioningRequest:
-    """The values requested last; `mode` is one of MODES."""
+    """The values requested last; MODES has all words for `mode`."""
 
     mode: str = INACTIVE
     target_c: float | None = None

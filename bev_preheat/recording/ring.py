@@ -33,7 +33,7 @@ def check_folder(folder: str | os.PathLike[str]) -> None:
     except (OSError, ValueError) as error:
         raise InvalidInput(f'{folder}: cannot be a folder: {getattr(error, "strerror", None) or error}') from error
     if not stat.S_ISDIR(status.st_mode):
-        raise InvalidInput(f'{folder}: is not a folder; recordings need one of their own')
+        raise InvalidInput(f'{folder}: is not a folder; recordings need a folder of their own')
 
 
 def file_name(started: str, life: str, part: int) -> str:

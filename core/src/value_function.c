@@ -159,13 +159,13 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
  * is as short of charge and power as without heating.
  */
 static int leads_on(const recursion *of, const double *states, const double *powers_w, double aim_c) {
+  if (of->is_certain != 0) {
+    return 0;
+  }
   const size_t points = (size_t)of->trip->steps + 1u;
   const double short_k = bev_beyond_k(of, states, 1, 1.0);
   const double lack_w = bev_most_lack_w(of, states, powers_w);
   const int is_short = short_k > BEV_ARRIVAL_TOLERANCE_K;
-  if (of->is_certain != 0) {
-    return 0;
-  }
   if (is_short || lack_w > 0.0) {
     double *unheated = of->kept;
     double *unheated_w = &unheated[4u * points];
