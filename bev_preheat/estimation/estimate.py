@@ -29,7 +29,13 @@ import numpy as np
 
 from bev_preheat.estimation.hypotheses import HeaterReport
 from bev_preheat.numerics import array_exp, ARRAYS, FloatArray, frozen, mean_magnitude
-from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, OUTSIDE_LAG_S
+from bev_preheat.tunables import (
+    LOCAL_LAG_S,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    OUTSIDE_LAG_S,
+    UNSEEN_SHELL_RISE,
+)
 from bev_preheat.vehicle.description import DIRECT, HeatPath, Vehicle
 from bev_preheat.vehicle.variants import Corrections, DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
@@ -179,10 +185,22 @@ class Estimate:
         return max(self.mean.item(UNDER_WAY), 0.0)
 
     @property
+    def sensor_excess_k(self) -> float:
+        """Temperature of the sensor's place above the core's [K]."""
+        return self.mean.item(SENSOR_PLACE) * self.mean.item(UNDER_WAY)
+
+    @property
     def shell_excess_k(self) -> float:
-        """Temperature of the shell above the core's [K]; of a shell that is not described, that of the sensor."""
-        per_under_way = 1.0 / self.path.shell_share if self.path.is_shell else self.mean.item(SENSOR_PLACE)
-        return per_under_way * self.mean.item(UNDER_WAY)
+        """
+        Temperature of the shell above the core's [K].
+
+        Of a shell that is not described, that of the sensor, and at least UNSEEN_SHELL_RISE times the heat under
+        way in the battery: a sensor in the core does not show it.
+        """
+        under_way_k = self.mean.item(UNDER_WAY)
+        if self.path.is_shell:
+            return under_way_k / self.path.shell_share
+        return max(self.mean.item(SENSOR_PLACE), UNSEEN_SHELL_RISE * self.share_in_battery) * under_way_k
 
     @property
     def heat_lag_s(self) -> float:

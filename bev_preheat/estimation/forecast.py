@@ -215,11 +215,11 @@ def replanned_deviation_k(as_planned_k: float, trip: DrivenRoute, plan: Plan, es
     `as_planned_k` [K] is that of the fixed plan. While heating lies ahead, it ends later if the battery
     turns out colder, and earlier if it turns out warmer. The rest is the uncertainty of the temperature, that of
     the drive after heating ends, errors beyond the heat that can be added or saved, and the model error. That is
-    UNMODELLED_K, and without `thermal` a share of a shell's excess, and the heat that arrives late.
+    UNMODELLED_K, and without `thermal` a share of the sensor's excess, and the heat that arrives late.
     """
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     unmodelled_k = UNMODELLED_K if estimate.path.is_shell else math.hypot(
-        UNMODELLED_K, UNDESCRIBED_SHARE * estimate.shell_excess_k,
+        UNMODELLED_K, UNDESCRIBED_SHARE * estimate.sensor_excess_k,
         math.sqrt(_lag_variance_k2(trip, plan, estimate)), _unseen_k(trip, plan))
     if warmer_k <= 0.0:
         return math.hypot(as_planned_k, unmodelled_k)
