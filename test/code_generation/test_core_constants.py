@@ -3,6 +3,8 @@
 
 from pathlib import Path
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -28,3 +30,15 @@ def test_the_header_has_each_number_to_the_last_bit():
     assert {name: float(text) for name, text in lines.items()} == GENERATED
     assert lines['BEV_LACK_PRICE'] == '2000.0'
     assert lines['BEV_MOST_LOOKS'] == '7'
+
+
+def test_a_build_depends_on_every_module_that_the_sources_are_made_from():
+    text = (CHECKOUT / 'core' / 'CMakeLists.txt').read_text(encoding='utf-8')
+    patterns = re.findall(r'"\$\{checkout\}/(\S+\*\.py)"', text)
+    watched = {path for pattern in patterns for path in CHECKOUT.glob(pattern)}
+    loaded = subprocess.run(
+        [sys.executable, '-c', 'import sys, bev_preheat.code_generation.c_source\n'
+         'for name, module in sorted(sys.modules.items()):\n'
+         '    if name.startswith("bev_preheat"): print(module.__file__)'],
+        cwd=CHECKOUT, capture_output=True, text=True, check=True).stdout.split()
+    assert {Path(path) for path in loaded} <= watched
