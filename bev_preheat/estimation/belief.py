@@ -29,11 +29,13 @@ from bev_preheat.estimation.estimate import (
     moved_with_slopes,
     MOVING,
     nominal_heat_lag_s,
+    outside_lag_s,
     PERTURBATION,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
     SENSOR_PLACE,
+    shell_excess_k,
     SIZE,
     SOC,
     SOURCE_HEAT,
@@ -85,6 +87,7 @@ from bev_preheat.tunables import (
     SIGNAL_NOISE_K,
     SOC_NOISE,
     UNKNOWN_K,
+    UNSEEN_SHELL_RISE,
 )
 from bev_preheat.vehicle.core_calls import Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
 from bev_preheat.vehicle.core_library import operation
@@ -117,9 +120,9 @@ READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 def terms_of(path: HeatPath) -> BeliefTermsStruct:
     """Return the constants that the native core needs for a vehicle with a HeatPath."""
     return belief_terms(
-        PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-        LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
-        JOULE_RISE_NOISE_K_PER_KW)
+        PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, path.shell_share,
+        outside_lag_s(path), UNSEEN_SHELL_RISE, LEAST_VARIANCE, LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K,
+        POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S, JOULE_RISE_NOISE_K_PER_KW)
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)
@@ -398,9 +401,11 @@ class Belief:
             drive, command_w, limit_w, is_hvch))
         wander = _elapsing(duration_s).wander
         hidden_s2 = _hidden_s2(drive, duration_s)
+        # Heat leaks from the shell, as it would from the core in colder air.
+        air_c = drive.ambient_temperature_c - shell_excess_k(self.path, self.mean)[..., np.newaxis]
         after, slopes = moved_with_slopes(
-            _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w, source_heat_w=source_heat_w),
-            duration_s)
+            _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w, source_heat_w=source_heat_w,
+                                              ambient_temperature_c=air_c), duration_s)
         step, mean = _unchanged(), self.mean.copy()
         step[..., MOVING, :] = slopes
         mean[..., MOVING] = after
@@ -475,9 +480,10 @@ class Belief:
         return frozen(mean), frozen(covariance)
 
     def answering_k_per_s(self, vehicle: Vehicle, drive: DriveInputs) -> float:
-        """Return the battery's warming in DriveInputs if the heater answers [K/s]; no heat is under way."""
-        weights = self.weights[HEALTHY]
-        rates_k_per_s, _, _ = state_rates(_car(vehicle), self.mean[HEALTHY], drive)
+        """Return the warming of battery and heat under way in DriveInputs if the heater answers [K/s]."""
+        weights, state = self.weights[HEALTHY], self.mean[HEALTHY]
+        rates_k_per_s, _, _ = state_rates(_car(vehicle), state, replace(
+            drive, ambient_temperature_c=drive.ambient_temperature_c - shell_excess_k(self.path, state)))
         return float(weights @ rates_k_per_s / weights.sum())
 
     def evidence(self, temperature_c: float, resolution_k: float) -> float:

@@ -58,6 +58,36 @@ def nominal_heat_lag_s(path: HeatPath) -> float:
     return path.coolant_lag_s if path.is_shell else NOMINAL_HEAT_LAG_S
 
 
+def outside_lag_s(path: HeatPath) -> float:
+    """Return the most lag of heat outside a battery whose shell is not described [s]; endless if its path is."""
+    return OUTSIDE_LAG_S if path.is_direct else math.inf
+
+
+def share_in_battery(path: HeatPath, state: FloatArray) -> FloatArray:
+    """
+    Return the share (...) of the heat under way in states (..., SIZE) that is in the battery, and not yet in its core.
+
+    A described path says where its heat is: none counts. Else heater and coolant delay the heat by
+    OUTSIDE_LAG_S at most; parts of the battery that warm before the core do the rest. Heat that warms the
+    sensor before the core is in the battery.
+    """
+    lag_s = nominal_heat_lag_s(path) * array_exp(state[..., HEAT_LAG])
+    return np.maximum(1.0 - outside_lag_s(path) / (1.0 + np.maximum(state[..., SENSOR_PLACE], 0.0)) / lag_s, 0.0)
+
+
+def shell_excess_k(path: HeatPath, state: FloatArray) -> FloatArray:
+    """
+    Return the temperature of the shell above the core's [K] in states (..., SIZE), shape (...).
+
+    Of a shell that is not described, that of the sensor, and at least UNSEEN_SHELL_RISE times the heat under
+    way in the battery: a sensor in the core does not show it.
+    """
+    under_way_k = state[..., UNDER_WAY]
+    if path.is_shell:
+        return under_way_k / path.shell_share
+    return under_way_k * np.maximum(state[..., SENSOR_PLACE], UNSEEN_SHELL_RISE * share_in_battery(path, state))
+
+
 def state_rates(vehicle: Vehicle, state: FloatArray,
                 drive: DriveInputs) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (dT/dt [K/s], d soc/dt [1/s], Joule heat [W]) of states (..., SIZE) in DriveInputs, arrays (...)."""
@@ -191,16 +221,8 @@ class Estimate:
 
     @property
     def shell_excess_k(self) -> float:
-        """
-        Temperature of the shell above the core's [K].
-
-        Of a shell that is not described, that of the sensor, and at least UNSEEN_SHELL_RISE times the heat under
-        way in the battery: a sensor in the core does not show it.
-        """
-        under_way_k = self.mean.item(UNDER_WAY)
-        if self.path.is_shell:
-            return under_way_k / self.path.shell_share
-        return max(self.mean.item(SENSOR_PLACE), UNSEEN_SHELL_RISE * self.share_in_battery) * under_way_k
+        """Temperature of the shell above the core's [K]."""
+        return float(shell_excess_k(self.path, self.mean))
 
     @property
     def heat_lag_s(self) -> float:
@@ -209,16 +231,8 @@ class Estimate:
 
     @cached_property
     def share_in_battery(self) -> float:
-        """
-        Share of the heat under way that is in the battery already, and not yet in its core (0 ... 1).
-
-        A described path says where its heat is: none counts. Else heater and coolant delay the heat by
-        OUTSIDE_LAG_S at most; parts of the battery that warm before the core do the rest. Heat that warms the
-        sensor before the core is in the battery.
-        """
-        if not self.path.is_direct:
-            return 0.0
-        return max(0.0, 1.0 - OUTSIDE_LAG_S / (1.0 + max(self.mean.item(SENSOR_PLACE), 0.0)) / self.heat_lag_s)
+        """Share of the heat under way that is in the battery already, and not yet in its core (0 ... 1)."""
+        return float(share_in_battery(self.path, self.mean))
 
     @property
     def planned_temperature_c(self) -> float:

@@ -285,14 +285,10 @@ class Estimator(NamedTuple):
         belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
         unheated_s, evidence = self.unheated_s, self.evidence
         seen_w, variance_w2 = power.step() or (None, 0.0)
-        # Heat leaks from the shell, as it would from the core in colder air.
-        shell_k = 0.0 if self.estimate is None else self.estimate.shell_excess_k
         for duration_s, drive, command_w, limit_w, hvch_watts in intervals:
             per_watt = 1.0 if hvch_watts is None else hvch_watts
             heat_w, most_heat_w = per_watt * command_w, per_watt * limit_w
             unheated_s = 0.0 if command_w > 0.0 else unheated_s + duration_s
-            if drive is not None and shell_k != 0.0:
-                drive = replace(drive, ambient_temperature_c=drive.ambient_temperature_c - shell_k)
             propulsion_w = 0.0
             if drive is None or seen_w is None:
                 response = response.paused()

@@ -140,9 +140,9 @@ class BeliefTermsStruct(Structure):
 
     _fields_ = [('perturbation', c_double * ELEMENTS), ('lowest', c_double * BOUNDED),
                 ('highest', c_double * BOUNDED), *_each(
-                    c_double, 'nominal_heat_lag_s nominal_sensor_lag_s local_lag_s least_variance least_weight '
-                    'most_evidence most_apart_k power_noise least_power_w power_noise_lasts_s '
-                    'joule_rise_noise_k_per_kw')]
+                    c_double, 'nominal_heat_lag_s nominal_sensor_lag_s local_lag_s shell_share outside_lag_s '
+                    'unseen_shell_rise least_variance least_weight most_evidence most_apart_k power_noise '
+                    'least_power_w power_noise_lasts_s joule_rise_noise_k_per_kw')]
 
 
 DRIVE_COLUMNS = (

@@ -123,6 +123,17 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
   }
 }
 
+/* Temperature of the shell above the core's [K]; see bev_preheat.estimation.estimate. */
+static double shell_excess_k(const bev_belief_terms *terms, const double state[BEV_ELEMENTS]) {
+  const double place = state[BEV_SENSOR_PLACE];
+  if (terms->shell_share > 0.0) {
+    return state[BEV_UNDER_WAY] / terms->shell_share;
+  }
+  const double heat_s = terms->nominal_heat_lag_s * exp(state[BEV_HEAT_LAG]);
+  const double in_battery = bev_maximum(1.0 - terms->outside_lag_s / (1.0 + bev_maximum(place, 0.0)) / heat_s, 0.0);
+  return bev_maximum(place, terms->unseen_shell_rise * in_battery) * state[BEV_UNDER_WAY];
+}
+
 /* The state after a step, and its slope over each element; returns whether all are finite. */
 static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms, const bev_drive *drive,
                              double duration_s, double heater_w, double source_heat_w,
@@ -244,7 +255,10 @@ static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *beli
     double *const covariance = &covariances[filter * SQUARE];
     double after[MOVING] = {0.0, 0.0, 0.0, 0.0, 0.0};
     double slopes[MOVING][BEV_ELEMENTS];
-    if (!moved_with_slopes(vehicle, terms, &passed->drive, duration_s,
+    /* Heat leaks from the shell, as it would from the core in colder air. */
+    bev_drive drive = passed->drive;
+    drive.ambient_temperature_c -= shell_excess_k(terms, mean);
+    if (!moved_with_slopes(vehicle, terms, &drive, duration_s,
                            passed->heater_power_w[filter / belief->noises],
                            passed->source_heat_w[filter / belief->noises], mean, after, slopes)) {
       return BEV_NOT_FINITE;

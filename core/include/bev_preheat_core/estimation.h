@@ -68,6 +68,10 @@ typedef struct {
   double nominal_heat_lag_s;
   double nominal_sensor_lag_s;
   double local_lag_s;
+  /* Share of the shell that is described, or 0; of one that is not: most lag outside the battery, excess per kelvin. */
+  double shell_share;
+  double outside_lag_s;
+  double unseen_shell_rise;
   double least_variance;
   double least_weight;
   /* Maximum loss of likelihood of a hypothesis by one reading, relative to the likeliest hypothesis [nats]. */
