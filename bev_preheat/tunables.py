@@ -79,7 +79,7 @@ COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery b
 # estimation/estimate.py, belief.py: noise of the model
 NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.181 K
 OUTSIDE_LAG_S = 80.0             # s    | most in heater and coolant; 40: a car with coolant arrives 1.7 K too cold
-UNSEEN_SHELL_RISE = 4.0          # K/K  | over its heat under way, of a shell that no sensor shows: a quarter; 6: fewer faults
+UNSEEN_SHELL_RISE = 4.0          # K/K  | over its heat under way, of a shell that no sensor shows: a quarter
 NOMINAL_SENSOR_LAG_S = 20.0      # s    | cells to sensor, whose logarithm is 0
 LOCAL_LAG_S = 100.0              # s    | of local heat at the sensor; nine i3 drives: 60 … 150 s predict alike
 LOCAL_DEVIATION_K = 0.15         # K    | local rise without heat; nine i3 drives: 0.1 … 0.2 K predict alike

@@ -120,9 +120,9 @@ READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 def terms_of(path: HeatPath) -> BeliefTermsStruct:
     """Return the constants that the native core needs for a vehicle with a HeatPath."""
     return belief_terms(
-        PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, path.shell_share,
-        outside_lag_s(path), UNSEEN_SHELL_RISE, LEAST_VARIANCE, LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K,
-        POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S, JOULE_RISE_NOISE_K_PER_KW)
+        PERTURBATION, LOWEST, HIGHEST, nominal_heat_lag_s(path), NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S,
+        path.shell_share, outside_lag_s(path), UNSEEN_SHELL_RISE, LEAST_VARIANCE, LEAST_WEIGHT, MOST_EVIDENCE,
+        MOST_APART_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S, JOULE_RISE_NOISE_K_PER_KW)
 
 
 @lru_cache(maxsize=KEPT_TRANSITIONS)

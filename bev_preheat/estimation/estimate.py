@@ -65,14 +65,16 @@ def outside_lag_s(path: HeatPath) -> float:
 
 def share_in_battery(path: HeatPath, state: FloatArray) -> FloatArray:
     """
-    Return the share (...) of the heat under way in states (..., SIZE) that is in the battery, and not yet in its core.
+    Return the share (...) of the heat under way in states (..., SIZE) that is in the battery, but not in its core.
 
     A described path says where its heat is: none counts. Else heater and coolant delay the heat by
     OUTSIDE_LAG_S at most; parts of the battery that warm before the core do the rest. Heat that warms the
     sensor before the core is in the battery.
     """
     lag_s = nominal_heat_lag_s(path) * array_exp(state[..., HEAT_LAG])
-    return np.maximum(1.0 - outside_lag_s(path) / (1.0 + np.maximum(state[..., SENSOR_PLACE], 0.0)) / lag_s, 0.0)
+    share: FloatArray = np.maximum(
+        1.0 - outside_lag_s(path) / (1.0 + np.maximum(state[..., SENSOR_PLACE], 0.0)) / lag_s, 0.0)
+    return share
 
 
 def shell_excess_k(path: HeatPath, state: FloatArray) -> FloatArray:
@@ -82,10 +84,10 @@ def shell_excess_k(path: HeatPath, state: FloatArray) -> FloatArray:
     Of a shell that is not described, that of the sensor, and at least UNSEEN_SHELL_RISE times the heat under
     way in the battery: a sensor in the core does not show it.
     """
-    under_way_k = state[..., UNDER_WAY]
-    if path.is_shell:
-        return under_way_k / path.shell_share
-    return under_way_k * np.maximum(state[..., SENSOR_PLACE], UNSEEN_SHELL_RISE * share_in_battery(path, state))
+    rise = 1.0 / path.shell_share if path.is_shell else np.maximum(
+        state[..., SENSOR_PLACE], UNSEEN_SHELL_RISE * share_in_battery(path, state))
+    excess_k: FloatArray = rise * state[..., UNDER_WAY]
+    return excess_k
 
 
 def state_rates(vehicle: Vehicle, state: FloatArray,
