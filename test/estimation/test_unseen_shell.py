@@ -1,9 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimator of a car whose file has no shell, with a core that follows its shell slowly, and the sensor in it."""
+"""The estimator of a car with a shell that its file omits: the core, with the sensor, follows slowly."""
 
 from math import sqrt
 
-from driven_car import AMBIENT_C, AUXILIARY_W, CABIN_W, Commands, observed, PROPULSION_W, SPEED_MPS, START_NS, VEHICLE
+from driven_car import (
+    AMBIENT_C,
+    AUXILIARY_W,
+    CABIN_W,
+    Commands,
+    observed,
+    PROPULSION_W,
+    SPEED_MPS,
+    START_NS,
+    VEHICLE,
+)
 import numpy as np
 import pytest
 
