@@ -68,7 +68,7 @@ typedef struct {
   double nominal_heat_lag_s;
   double nominal_sensor_lag_s;
   double local_lag_s;
-  /* Share of the shell that is described, or 0; of one that is not: most lag outside the battery, excess per kelvin. */
+  /* Share of a described shell, or 0; without it: most lag of heat outside the battery [s], excess of a shell [K/K]. */
   double shell_share;
   double outside_lag_s;
   double unseen_shell_rise;
