@@ -142,7 +142,7 @@ class VehiclePlant:
         return self.start_s + self.duration_s if self.empty_at_s is None else self.empty_at_s
 
     def followed_by(self, vehicle: Vehicle, route: Route, cooling: CoolingPowers | None = None) -> VehiclePlant:
-        """Return the plant that continues from here as another Vehicle on another Route, with sums of 0."""
+        """Return the plant, with its heater on, that continues as another Vehicle on another Route; sums are 0."""
         following = VehiclePlant(vehicle, route, BatteryState(
             self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c),
             self.time_s, cooling)
@@ -156,8 +156,9 @@ class VehiclePlant:
         self._drive(until_s, heater_power_w)
         self._look_at_terminals()
         if self.is_standing:
-            self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
-            self.cooling_power_w = self._cooled_w = 0.0
+            self.heater_power_w = self.brake_power_w = self.cooling_power_w = self._cooled_w = 0.0
+            if self.empty_at_s is not None:
+                self._power_at_end_w = 0.0
             self.sources.off()
         self._elapsed_s, self.time_s = until_s, to_s
 

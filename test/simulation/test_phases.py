@@ -18,7 +18,7 @@ from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge,
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.simulation.traffic import ClockJump, Event, Kind
-from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.description import HeatPath, Leakage
 
 
 def vehicle(leakage_w_per_k=0.0):
@@ -129,6 +129,15 @@ def test_state_and_sensor_go_on_from_phase_to_phase():
             assert now == pytest.approx(before, abs=3e-3)
         before = now
     assert [(report.started_s, report.ended_s) for report in car.reports] == [(0, 100), (100, 150), (150, 200)]
+
+
+@pytest.mark.parametrize('phase', [Park(300.0, 10.0), Charge(30e3, 300.0, 10.0)])
+def test_a_lagging_heater_goes_on_from_phase_to_phase(phase):
+    """It follows its command with a lag of 60 s, whatever the car does."""
+    car = a_car(phase, of=replace(vehicle(), heat_path=HeatPath(heater_lag_s=60.0)))
+    for instant_s in (50.0, 99.0, 101.0, 130.0):
+        car.advance_under(HeaterLease(1000.0, 200.0), instant_s)
+        assert car.plant.heater_power_w == pytest.approx(1000.0 * -math.expm1(-instant_s / 60.0), abs=10.0)
 
 
 @pytest.mark.parametrize('sent_after_s, announced', [(None, 0.0), (0.0, 0.0), (None, 300.0)])
