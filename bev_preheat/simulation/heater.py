@@ -94,6 +94,10 @@ class SimulatedSources:
         self.powers_w = dict.fromkeys(self._sources, 0.0)
         self.drawn_w = self.heat_w = 0.0
 
+    def go_on_from(self, before: SimulatedSources) -> None:
+        """Take over for how long each source has been off."""
+        self._off_s.update(before._off_s)
+
     def count(self, step_s: float) -> None:
         """Add the present powers over a time [s] to the energies."""
         self.heat_j += step_s * self.heat_w

@@ -147,6 +147,7 @@ class VehiclePlant:
             self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c),
             self.time_s, cooling)
         following.sensor_c = self.sensor_c
+        following.sources.go_on_from(self.sources)
         return following
 
     def advance(self, to_s: float, heater_power_w: float) -> None:

@@ -82,13 +82,16 @@ def test_a_source_with_steps_runs_at_the_step_below_its_command(command_w, power
     assert plant.sources.energy_wh['heat_pump'] == pytest.approx(power_w / 360.0)
 
 
-def test_a_source_that_was_on_rests_before_it_starts_again():
+@pytest.mark.parametrize('next_route_at', [5, 0], ids=['on two routes', 'on one'])
+def test_a_source_that_was_on_rests_before_it_starts_again(next_route_at):
     plant = driven(STEPPED, seconds=500.0, drives=False)
     powers_w = []
     for second in range(0, 200, 10):
         is_on = second < 20 or 40 <= second < 60 or second >= 80
         plant.advance_under(HeaterLease(0.0, np.inf, {'heat_pump': 1000.0 * is_on}), second + 10.0)
         powers_w.append(plant.sources.powers_w['heat_pump'])
+        if len(powers_w) == next_route_at:
+            plant = plant.followed_by(STEPPED, plant.route)
     # Off at 20 s: it may start from 70 s on.
     assert powers_w == [1000.0] * 2 + [0.0] * 6 + [1000.0] * 12
 
