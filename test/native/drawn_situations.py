@@ -9,6 +9,7 @@ import numpy as np
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.core_library import without_core
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_shell
 
@@ -16,6 +17,13 @@ from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_sh
 CARS = ('reference', 'mid_size_lfp')
 PATHS = (HeatPath(), HeatPath(), HeatPath(), HeatPath(35.0), HeatPath(0.0, 14e3, 320.0),
          HeatPath(45.0, 16e3, 280.0))
+
+
+def in_both(make):
+    """Return what a function returns with the native core, and without it."""
+    found = make()
+    with without_core():
+        return found, make()
 
 
 @cache

@@ -45,10 +45,6 @@ INPUTS = st.tuples(st.one_of(st.floats(1.0, 300.0), st.floats(-300.0, -1.0)), st
                    st.floats(0.0, 1e9), st.floats(-4e3, 8e3), st.floats(0.0, 150.0))
 
 
-def test_the_core_is_built_and_used():
-    assert core_in_words().startswith('used: ') and core() is not None
-
-
 def test_it_can_be_switched_off_and_on():
     use_core(False)
     try:
@@ -110,14 +106,11 @@ def run_in_python(step_of, soc, temperature_c, inputs):
     return None
 
 
-def with_resistance(curve):
-    return replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))
-
-
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
 @pytest.mark.deep
 @pytest.mark.parametrize('make_integrator', INTEGRATORS)
-@pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES, *map(with_resistance, CURVES)])
+@pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES, *(
+    replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve)) for curve in CURVES)])
 @given(soc=SOC, temperature_c=TEMPERATURE_C, inputs=INPUTS)
 def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs):
     assert run_in_core(vehicle, make_integrator, soc, temperature_c, inputs) == run_in_python(

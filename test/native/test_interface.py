@@ -8,14 +8,7 @@ import pytest
 from bev_preheat.vehicle import core_calls as calls
 from bev_preheat.vehicle import core_library as library
 from bev_preheat.vehicle import core_structs as structs
-from bev_preheat.vehicle.core_interface import (
-    COMMENT,
-    constants,
-    FILES,
-    INCLUDE,
-    read_headers,
-    read_macros,
-)
+from bev_preheat.vehicle.core_interface import COMMENT, constants, FILES, INCLUDE, read_headers, read_macros
 from bev_preheat.vehicle.core_library import bindings, core
 
 HEADERS, BINDINGS = read_headers(), bindings()

@@ -8,11 +8,11 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.planning.trip import make_trip, Trip, uncached_trip
+from bev_preheat.planning.trip import Trip, uncached_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import LONGEST_STEP_S
 from bev_preheat.vehicle.core_calls import place
-from bev_preheat.vehicle.core_library import core, without_core
+from bev_preheat.vehicle.core_library import core
 from bev_preheat.vehicle.core_structs import TripTermsStruct
 from bev_preheat.vehicle.model import TRIP_COLUMNS
 
@@ -52,9 +52,7 @@ def test_a_segment_that_is_too_long_is_divided(leakage_times):
     route = make_route({
         'duration_s': [40.0, duration_s], 'speed_mps': [0.0, 11.0], 'propulsion_power_w': [7e3, 9e3],
         'ambient_temperature_c': [-3.0]}, CAR.defaults)
-    trip = make_trip(leaky, route)
-    with without_core():
-        expected = uncached_trip(leaky, route, 1.0, 0.0)
+    trip, expected = drawn_situations.in_both(lambda: uncached_trip(leaky, route, 1.0, 0.0))
     assert len(trip.route) == len(expected.route) > 2
     assert trip.idle_heat_w.tolist() == expected.idle_heat_w.tolist()
 

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from drawn_situations import in_both
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from bev_preheat.route import load_route
 from bev_preheat.tunables import MOST_APART_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_calls import arrival_variance, Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
-from bev_preheat.vehicle.core_library import core, Declined, without_core
+from bev_preheat.vehicle.core_library import core, Declined
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import DriveInputs, with_shell
@@ -74,11 +75,7 @@ def believed(vehicle, seed, lost=(), seen_w=None):
     ids=['coolant', 'formulas', 'tables', 'logarithm', 'lost filters', 'power that the core refuses'])
 def test_beliefs_are_the_same(name, how):
     assert core() is not None
-    vehicle = VEHICLES[name]
-    in_core = believed(vehicle, 7, **how)
-    with without_core():
-        in_python = believed(vehicle, 7, **how)
-    for with_core, without in zip(in_core, in_python):
+    for with_core, without in zip(*in_both(lambda: believed(VEHICLES[name], 7, **how))):
         deviations = np.sqrt(np.diagonal(without[2], axis1=-2, axis2=-1))
         scales = (1.0, deviations, deviations[..., np.newaxis] * deviations[..., np.newaxis, :])
         for mine, theirs, scale in zip(with_core, without, scales):
@@ -107,9 +104,8 @@ def test_deviations_on_arrival_are_the_same(name):
         covariances.append(roots @ roots.T)
     for number, covariance in enumerate(covariances):
         estimate = Estimate(0, np.zeros(SIZE), covariance, HeaterReport(Heater.ANSWERS, 1.0, 1.0), 0.0)
-        found = arrival_deviation_k(trip, plan, estimate)
-        with without_core():
-            assert found == pytest.approx(arrival_deviation_k(trip, plan, estimate), rel=1e-7), number
+        found, expected = in_both(lambda: arrival_deviation_k(trip, plan, estimate))
+        assert found == pytest.approx(expected, rel=1e-7), number
     assert found > 1.0
 
 

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans with and without the native core, back to back in random situations; calls it declines are counted."""
+"""Plans of the native core and of Python, back to back in random situations, also uncertain and priced ones."""
 
 from collections import Counter
 from dataclasses import astuple, replace
 
 import drawn_situations
+from drawn_situations import in_both
+import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.limits import run_unheated
+from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.core_library import core_in_words, without_core
+from bev_preheat.vehicle.core_library import core_in_words
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 SAME_INSTANT_S = 1e-3
@@ -51,9 +54,7 @@ def check(numbers, most_steps):
     seen, others = Counter(), []
     for number in numbers:
         situation = drawn_situations.draw(number, most_steps)
-        found = plan_or_error(situation)
-        with without_core():
-            expected = plan_or_error(situation)
+        found, expected = in_both(lambda: plan_or_error(situation))
         (found_facts, *found_figures), (facts, instants_s, energies_wh) = map(
             figures_of, (found, expected))
         assert found_facts == facts, number
@@ -87,7 +88,47 @@ def test_where_the_charge_runs_out_the_outcome_is_the_same():
     trip = make_trip(drawn.vehicle, drawn.route)
     run = run_unheated(trip, replace(drawn.state, soc=0.05))
     assert run.empty_at_s is not None
-    with without_core():
-        expected = find_outcome(trip, run)
-    assert astuple(find_outcome(trip, run).energy_wh) == pytest.approx(
-        astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
+    found, expected = in_both(lambda: find_outcome(trip, run))
+    assert astuple(found.energy_wh) == pytest.approx(astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
+
+
+# Under an uncertainty, and with prices
+
+def check_uncertain(numbers, most_steps):
+    """Plan situations both ways; return how often which kind of plan came."""
+    assert core_in_words().startswith('used: ')
+    seen = Counter()
+    for number in numbers:
+        vehicle, route, state, goal = drawn_situations.draw(number, most_steps)[:4]
+        uncertainty = drawn_situations.draw_uncertainty(number)[0]
+        trip = make_trip(vehicle, route)
+        price = np.random.default_rng(number).uniform(0.0, 1.0, len(trip.route)) if number % 3 == 0 else None
+        found, expected = in_both(lambda: plan_by_values(
+            trip, state, goal, uncertainty=uncertainty, price=price))
+        np.testing.assert_allclose(found.heater_power_w, expected.heater_power_w, rtol=0.0, atol=1e-6)
+        assert found.heating_end_s == pytest.approx(expected.heating_end_s), number
+        seen['heated' if expected.heater_power_w.any() else 'not heated'] += 1
+        seen['ends within a step'] += expected.heating_end_s is not None
+        seen['with prices'] += price is not None
+    return seen
+
+
+def test_uncertain_plans_are_the_same():
+    seen = check_uncertain(range(40), most_steps=10)
+    assert min(seen[kind] for kind in ('heated', 'not heated', 'ends within a step', 'with prices')) > 1
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('part', range(10))
+def test_uncertain_plans_of_1_000_situations_are_the_same(part):
+    assert sum(check_uncertain(range(100 * part, 100 * (part + 1)), most_steps=80).values()) > 100
+
+
+def test_the_share_and_the_lag_of_the_heater_are_planned_with_too():
+    for number in range(12):
+        vehicle, route, state, goal = drawn_situations.draw_without_limits(number)
+        uncertainty, share, lag_s = drawn_situations.draw_uncertainty(number)
+        plan, expected = in_both(lambda: plan_preheating(
+            vehicle, route, state, goal, uncertainty=uncertainty, heater_share=share, heat_lag_s=lag_s))
+        assert plan.status is expected.status
+        np.testing.assert_allclose(plan.hvch_battery_power_w, expected.hvch_battery_power_w, rtol=0.0, atol=1e-6)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans and runs within limits of the native core compared with Python's, and their refusals."""
 
-from ctypes import addressof, byref
+from ctypes import addressof
 from dataclasses import replace
 
 import drawn_situations
@@ -10,9 +10,8 @@ import pytest
 
 from bev_preheat.planning.engine import trip_in_core
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle import core_library as library_module
 from bev_preheat.vehicle.core_calls import vehicle_in_core
-from bev_preheat.vehicle.core_library import core, core_in_words, LEFT
+from bev_preheat.vehicle.core_library import core, LEFT
 from bev_preheat.vehicle.core_structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
@@ -100,13 +99,3 @@ def test_kept_values_are_followed_by_a_shorter_trip_and_by_no_longer_one(number)
     states[1, 0] += 2.0
     assert core().bev_follow_values(*following) == LEFT
     assert (flags[-64:] == 3).all() and (memory[-64:] == 7.25).all()
-
-
-def test_a_library_with_other_structs_is_not_used(monkeypatch):
-    class Wider(ValueGoalStruct):
-        _fields_ = [('more', ValueGoalStruct)]
-
-    path = core_in_words().removeprefix('used: ')
-    monkeypatch.setattr(library_module.core_structs, 'ValueGoalStruct', Wider)
-    assert library_module.load_core(path) == (None, f'{path} is of another version')
-    assert byref(Wider())

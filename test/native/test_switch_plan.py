@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import inf, nan
 
 import drawn_situations
+from drawn_situations import in_both
 import numpy as np
 import pytest
 
@@ -18,12 +19,8 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.core_calls import place, vehicle_in_core
-from bev_preheat.vehicle.core_library import core, without_core
-from bev_preheat.vehicle.core_structs import (
-    NativeVehicle,
-    room,
-    SwitchPlanStruct,
-)
+from bev_preheat.vehicle.core_library import core
+from bev_preheat.vehicle.core_structs import NativeVehicle, room, SwitchPlanStruct
 from bev_preheat.vehicle.description import HeatPath
 from bev_preheat.vehicle.model import make_terminal_limits
 
@@ -37,12 +34,6 @@ def steady_route(steps=40, power_w=14e3, cabin_w=1500.0, **columns):
         'duration_s': [60.0], 'speed_mps': [22.0], 'propulsion_power_w': np.full(steps, power_w),
         'ambient_temperature_c': [-9.0], 'cabin_heating_power_w': [cabin_w],
         'auxiliary_power_w': [300.0], **columns}, FORMULAS.defaults)
-
-
-def in_both(make):
-    found = make()
-    with without_core():
-        return found, make()
 
 
 @pytest.mark.parametrize('part', [0, pytest.param(1, marks=pytest.mark.deep)])
