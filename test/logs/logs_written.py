@@ -3,6 +3,7 @@
 
 from datetime import datetime, timedelta, UTC
 import json
+import struct
 
 import numpy as np
 
@@ -107,3 +108,16 @@ def write_json_lines(path, log, names):
         lines.append(json.dumps({'car': 'x', 'tlm': fields}))
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
     return path
+
+
+def write_mcap(path, topic, values, **options):
+    """Write `values`, {second: value}, as messages std_msgs/Float64 of a topic, all logged at 0."""
+    import mcap.writer
+    with open(path, 'wb') as file:
+        writer = mcap.writer.Writer(file, **options)
+        writer.start()
+        channel = writer.register_channel(topic, 'cdr', writer.register_schema(
+            'std_msgs/msg/Float64', 'ros2msg', b'float64 data'))
+        for second, value in values.items():
+            writer.add_message(channel, second * 10**9, struct.pack('<BBBBd', 0, 1, 0, 0, value), 0)
+        writer.finish()

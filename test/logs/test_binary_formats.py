@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """CAN frames with a DBC, MDF files and recorded topics, written by the packages' own writers."""
 
-import struct
-
-from logs_written import assert_same, drive, START_S
+from logs_written import assert_same, drive, START_S, write_mcap
 import numpy as np
 import pytest
 
@@ -106,17 +104,10 @@ def test_mdf(tmp_path):
 
 @pytest.mark.needs('rosbags', 'mcap')
 def test_files_of_a_long_recording_are_read_in_their_order(tmp_path):
-    import mcap.writer
     (tmp_path / 'metadata.yaml').write_text('')
     for number in range(12):
-        with open(tmp_path / f'drive_{number}.mcap', 'wb') as file:
-            writer = mcap.writer.Writer(file)
-            writer.start()
-            channel = writer.register_channel('/speed_kmh', 'cdr', writer.register_schema(
-                'std_msgs/msg/Float64', 'ros2msg', b'float64 data'))
-            for at in range(10 * number, 10 * number + 10):
-                writer.add_message(channel, (at + 1) * 10**9, struct.pack('<BBBBd', 0, 1, 0, 0, 0.36 * at), 0)
-            writer.finish()
+        write_mcap(tmp_path / f'drive_{number}.mcap', '/speed_kmh', {
+            at + 1: 0.36 * at for at in range(10 * number, 10 * number + 10)})
     signals = tmp_path / 'own.yaml'
     signals.write_text('signals: {speed_mps: {channels: /speed_kmh.data, unit: km/h}}')
     speed = read_recording(tmp_path, signals).signals['speed_mps']

@@ -7,7 +7,7 @@ import signal
 import time
 import zlib
 
-from logs_written import drive, write_json_lines, write_leafspy, write_long, write_wide
+from logs_written import drive, write_json_lines, write_leafspy, write_long, write_mcap, write_wide
 from mistakes import mutated
 import numpy as np
 import pytest
@@ -100,16 +100,21 @@ def test_a_reader_that_crashes_waits_or_fails_ends_and_has_yielded_before(monkey
     assert list(in_child(reader_that, 'ends')) == [1, 2]
 
 
+def write_blf(folder, frames, compression_level):
+    """Write the data of frames, one a second, as a BLF file beside their DBC; return its path."""
+    import can
+    (folder / 'a.dbc').write_text(DBC, encoding='utf-8')
+    with can.BLFWriter(folder / 'a.blf', compression_level=compression_level) as file:
+        for at, data in enumerate(frames):
+            file.on_message_received(can.Message(
+                timestamp=1.7e9 + at, arbitration_id=341, is_extended_id=False, data=bytes(data)))
+    return folder / 'a.blf'
+
+
 @pytest.mark.parametrize('level', [0, -1])
 @pytest.mark.needs('can', 'cantools')
 def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
-    import can
-    path = tmp_path / 'a.blf'
-    with can.BLFWriter(path, compression_level=level) as file:
-        for at in range(200):
-            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, is_extended_id=False,
-                                                 data=bytes([16, 14, 160, 0, 0, 0, 0, 0])))
-    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    path = write_blf(tmp_path, [[16, 14, 160, 0, 0, 0, 0, 0]] * 200, level)
     assert len(read_recording(path).signals['soc'].value) == 200
     contents = bytearray(path.read_bytes())
     # The container behind the head of the file: its own head, that of the compression, then objects.
@@ -130,13 +135,7 @@ def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
 @pytest.mark.parametrize('level', [0, -1])
 @pytest.mark.needs('can', 'cantools')
 def test_a_blf_file_that_is_cut_is_named(tmp_path, level, share):
-    import can
-    path = tmp_path / 'a.blf'
-    with can.BLFWriter(path, compression_level=level) as file:
-        for at in range(200):
-            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, is_extended_id=False,
-                                                 data=bytes([16, 14, at, 0, 0, 0, 200 - at, 0])))
-    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    path = write_blf(tmp_path, ([16, 14, at, 0, 0, 0, 200 - at, 0] for at in range(200)), level)
     contents = path.read_bytes()
     kept = round(share * len(contents))
     assert not [remark for remark in read_recording(path).remarks if 'damaged' in remark]
@@ -150,24 +149,14 @@ def test_a_blf_file_that_is_cut_is_named(tmp_path, level, share):
 @pytest.mark.needs('can', 'cantools', 'asammdf', 'mcap', 'rosbags')
 def test_binary_files_with_lengths_of_zero_or_all_ones_end_within_seconds(tmp_path, seed):
     import asammdf
-    import can
     import mcap.writer
-    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
-    with can.BLFWriter(tmp_path / 'a.blf', compression_level=0) as file:
-        for at in range(50):
-            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, data=bytes(8)))
+    write_blf(tmp_path, [bytes(8)] * 50, 0)
     mdf = asammdf.MDF(version='4.10')
     mdf.append(asammdf.Signal(np.arange(50.0), np.arange(50.0), name='speed', unit='km/h'))
     mdf.save(tmp_path / 'a.mf4')
     mdf.close()
-    with open(tmp_path / 'a.mcap', 'wb') as file:
-        writer = mcap.writer.Writer(file, compression=mcap.writer.CompressionType.NONE)
-        writer.start()
-        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data')
-        channel = writer.register_channel('/speed', 'cdr', schema)
-        for at in range(50):
-            writer.add_message(channel, at * 10**9, bytes([0, 1, 0, 0]) + bytes(8), at * 10**9)
-        writer.finish()
+    write_mcap(tmp_path / 'a.mcap', '/speed', dict.fromkeys(range(50), 0.0),
+               compression=mcap.writer.CompressionType.NONE)
     random = Random(seed)
     for path in sorted(tmp_path.glob('a.[bm]*')):
         contents = path.read_bytes()
