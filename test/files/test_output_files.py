@@ -15,13 +15,7 @@ from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files import output_files
-from bev_preheat.files.output_files import (
-    check_outputs,
-    check_writable,
-    OutputFile,
-    PICTURE_SUFFIXES,
-    write_whole,
-)
+from bev_preheat.files.output_files import check_outputs, check_writable, OutputFile, PICTURE_SUFFIXES, write_whole
 
 OLD, NEW = b'old contents\n', b'new contents, longer than the old\n'
 

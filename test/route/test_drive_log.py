@@ -101,14 +101,6 @@ def test_all_of_the_terminal_energy_goes_somewhere(write, step_s):
     assert route.distance_m == pytest.approx(log['speed_mps'].sum())
 
 
-def test_power_may_stand_in_for_voltage_and_current(write):
-    log = samples()
-    power = {**log, 'power_w': log['voltage_v'] * log['current_a']}
-    del power['voltage_v'], power['current_a']
-    assert_same_route(load_drive_logs([write(power, 'power.csv')], DEFAULTS).route,
-                      load_drive_logs([write(log)], DEFAULTS).route, rtol=1e-12)
-
-
 def test_logs_are_joined_in_order(write):
     first, second = samples(40), samples(35, start=500)
     joined = load_drive_logs([write(first, 'a.csv'), write(second, 'b.csv')], DEFAULTS).route

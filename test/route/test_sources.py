@@ -87,17 +87,24 @@ def test_charging_stops_of_navigation_are_kept_and_no_part_of_the_drive(tmp_path
     assert not any('waypoint' in remark for remark in found.remarks)
 
 
-def test_waypoints_of_graphhopper_may_be_charging_stops(tmp_path):
+def graphhopper_with_waypoint():
     contents = json.loads(examples.graphhopper())
     contents['paths'][0]['instructions'][1]['sign'] = 5
-    passed = loaded(tmp_path, json.dumps(contents))
-    assert any(remark.startswith('1 waypoint is passed without a stop') for remark in passed.remarks)
-    found = loaded(tmp_path, json.dumps(contents), replace(COLD, stop_duration_s=1200.0))
-    [stop] = found.stops
-    assert stop.duration_s == 1200.0
+    return json.dumps(contents)
+
+
+@pytest.mark.parametrize('text, shares, told', [
+    (lambda: examples.osrm(legs=3), [1.0 / 3.0, 2.0 / 3.0], '2 waypoints are passed without a stop'),
     # The first two of the instructions are 0.25 and 0.35 of the way.
-    assert found.route.duration_s[:stop.after_segment + 1].sum() == pytest.approx(
-        0.6 * examples.LENGTH_M / examples.SPEED_MPS)
+    (graphhopper_with_waypoint, [0.6], '1 waypoint is passed without a stop')], ids=['osrm', 'graphhopper'])
+def test_waypoints_are_passed_or_are_charging_stops(tmp_path, text, shares, told):
+    passed = loaded(tmp_path, text())
+    assert passed.stops == () and any(
+        remark.startswith(told) and '--stop-duration' in remark for remark in passed.remarks)
+    found = loaded(tmp_path, text(), replace(COLD, stop_duration_s=900.0))
+    assert [stop.duration_s for stop in found.stops] == [900.0] * len(shares)
+    assert [found.route.time_s[stop.after_segment + 1] for stop in found.stops] == pytest.approx(
+        np.array(shares) * examples.LENGTH_M / examples.SPEED_MPS, rel=1e-3)
     assert found.line is not None
 
 
@@ -234,17 +241,6 @@ def test_a_curve_is_driven_at_its_speed(tmp_path):
     speeds = np.diff(line.distance_m[inside]) / np.diff(line.elapsed_s[inside])
     assert speeds == pytest.approx(np.sqrt(200.0), rel=0.1)
     assert found.route.speed_mps.max() > 25.0
-
-
-def test_waypoints_are_passed_or_are_charging_stops(tmp_path):
-    passed = loaded(tmp_path, examples.osrm(legs=3))
-    assert passed.stops == () and any('--stop-duration' in remark for remark in passed.remarks)
-    stops = loaded(tmp_path, examples.osrm(legs=3), replace(COLD, stop_duration_s=900.0))
-    time_s = stops.route.time_s
-    third_s = examples.LENGTH_M / examples.SPEED_MPS / 3.0
-    assert [time_s[stop.after_segment + 1] for stop in stops.stops] == pytest.approx(
-        [third_s, 2 * third_s], rel=1e-3)
-    assert [stop.duration_s for stop in stops.stops] == [900.0, 900.0]
 
 
 def test_edges_with_speeds_in_place_of_durations_and_elevations_of_valhalla_are_used(tmp_path):
