@@ -75,9 +75,8 @@ def test_interrupted_while_it_is_still_loading():
     assert ended([sys.executable, '-c', code, '--version']) == (130, '', 'preheat: interrupted\n')
 
 
-def interrupt(*numbers):
-    for number in numbers:
-        os.kill(os.getpid(), number)
+def interrupt(number):
+    os.kill(os.getpid(), number)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

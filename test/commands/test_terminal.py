@@ -27,15 +27,11 @@ def printed(show, width, *arguments):
     return text
 
 
-def figures(width):
-    return printed(print_figures, width, 'vehicle reference, route alpine_pass', ['', *METHODS],
-                   [('Status', *STATUSES), ('Heating starts after', *['49:00 min'] * 4),
-                    ('Solve time [ms]', '', '', '', '2758.5')])
-
-
 @pytest.mark.parametrize('width', [200, 110, 80, 60])
 def test_figures_keep_every_name_whole(width):
-    lines = figures(width).splitlines()
+    lines = printed(print_figures, width, 'vehicle reference, route alpine_pass', ['', *METHODS], [
+        ('Status', *STATUSES), ('Heating starts after', *['49:00 min'] * 4),
+        ('Solve time [ms]', '', '', '', '2758.5')]).splitlines()
     for name in [*METHODS, *STATUSES, 'Heating starts after', 'Solve time [ms]']:
         assert any(name in line for line in lines), name
 

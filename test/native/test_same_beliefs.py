@@ -11,8 +11,8 @@ from bev_preheat.estimation.belief import Belief, terms_of
 from bev_preheat.estimation.estimate import Estimate, SENSOR, SIZE, TEMPERATURE, UNDER_WAY
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, PLACES
-from bev_preheat.planning.engine import run_forward
-from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.tunables import MOST_APART_K
@@ -20,7 +20,6 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_calls import arrival_variance, Elapsing, NativeBelief, ReadingNoise, vehicle_in_core
 from bev_preheat.vehicle.core_library import core, Declined
 from bev_preheat.vehicle.description import HeatPath
-from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import DriveInputs, with_shell
 
 VEHICLES = {'formulas': load_vehicle('reference'), 'tables': load_vehicle('small_car'),
@@ -89,13 +88,9 @@ def test_beliefs_are_the_same(name, how):
 @pytest.mark.parametrize('name', ['formulas', 'tables'])
 def test_deviations_on_arrival_are_the_same(name):
     vehicle = VEHICLES[name]
-    trip = make_trip(vehicle, load_route('alpine_pass', vehicle.defaults))
-    heater_w = np.where(np.arange(len(trip.route)) % 3, 0.0, 2500.0)
-    soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, -9.0, heater_w)
-    plan = Plan.__new__(Plan)
-    for field, value in {'soc': soc, 'battery_temperature_c': temperature_c,
-                         'hvch_battery_power_w': heater_w, 'source_power_w': {}}.items():
-        object.__setattr__(plan, field, value)
+    route = load_route('alpine_pass', vehicle.defaults)
+    trip, plan = make_trip(vehicle, route), plan_preheating(vehicle, route, BatteryState(-9.0, 0.8), Goal(15.0))
+    assert 0 < np.count_nonzero(plan.hvch_battery_power_w) < len(route)
     drawn = np.random.default_rng(4)
     # Only traffic, each element by itself, and all elements.
     covariances = [np.zeros((SIZE, SIZE)), *(np.diag(row) for row in np.eye(SIZE))]

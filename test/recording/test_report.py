@@ -7,10 +7,10 @@ import html
 import json
 import math
 import re
-import shutil
 import subprocess
 import sys
 
+from left_out import program
 import pytest
 from recorded_drive import LENGTH_S, record_drive, TARGET_C
 
@@ -23,7 +23,6 @@ from bev_preheat.recording.replay import Played, Player
 from bev_preheat.simulation.supervised_drive import START_NS
 
 pytestmark = [pytest.mark.needs('mcap', 'rclpy', 'jinja2'), pytest.mark.costly]
-BROWSER = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
 QUIET = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
          '--disable-background-networking', '--disable-component-update', '--disable-sync')
 
@@ -119,10 +118,10 @@ def test_the_page_needs_no_network_and_escapes_what_recordings_say():
     assert not re.search(r'(src|href)\s*=|@import|url\(', page)
 
 
-@pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
+@pytest.mark.needs('chromium')
 def test_a_browser_draws_it(page, tmp_path):
     dom = subprocess.run(
-        [BROWSER, *QUIET, f'--user-data-dir={tmp_path}', '--virtual-time-budget=2000', '--dump-dom',
+        [program('chromium'), *QUIET, f'--user-data-dir={tmp_path}', '--virtual-time-budget=2000', '--dump-dom',
          page[1].as_uri()], capture_output=True, text=True, timeout=120).stdout
     # Temperature, heater, charge, power, regime.
     assert dom.count('<canvas') == 5
