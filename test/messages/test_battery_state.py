@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Battery states in messages: what is read of them, refusals and their wording."""
 
-from math import inf, nan
+from math import inf, isnan, nan
 
 from builtin_interfaces.msg import Time
 import pytest
@@ -44,16 +44,7 @@ def test_a_percentage_at_an_end_or_rounded_beyond_it_is_that_of_the_end(percenta
     assert measurement_from_message(message).state.soc == soc
 
 
-# Cells: their order, and NaN among them, must not matter.
-CELLS_C = [4.0, nan, 1.5, 9.5]
-
-
-def test_cells_stand_for_a_temperature_that_is_not_known():
-    measurement = measurement_from_message(
-        battery_message(temperature=nan, cell_temperature=CELLS_C))
-    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
-        5.0, 1.5, 8.0)
-    assert measurement.cell_warning == ''
+# Cells
 
 
 @pytest.mark.parametrize('code_c, shown', [(215.0, '215'), (-273.0, '-273')])
@@ -70,20 +61,22 @@ def test_a_code_for_a_missing_sensor_is_no_cell(code_c, shown):
     # A byte 0 with an offset of 40 or 50 K, or a plain 0, in place of modules that are not there.
     (nan, [20.0, -40.0, 22.0, 0.0, -50.0], (21.0, 20.0)), (nan, [12.0, 0.0, 0.0, 0.0], (12.0, 12.0)),
     (21.0, [-40.0, -40.0], (21.0, None)),
-    # Real ones: near to others, or other values.
-    (nan, [8.0, 0.0], (4.0, 0.0)), (nan, [-40.0, -36.0], (-38.0, -40.0)), (21.0, [0.5, 20.0], (21.0, 0.5))])
-def test_codes_of_missing_modules_are_no_cells(battery_c, cells_c, expected):
+    # Real ones: near to others, or other values. Their order, and NaN among them, does not matter.
+    (nan, [4.0, nan, 1.5, 9.5], (5.0, 1.5)), (nan, [8.0, 0.0], (4.0, 0.0)), (nan, [-40.0, -36.0], (-38.0, -40.0)),
+    (21.0, [0.5, 20.0], (21.0, 0.5))])
+def test_cells_stand_for_an_unknown_temperature_without_the_codes_of_missing_modules(battery_c, cells_c, expected):
     measurement = measurement_from_message(battery_message(temperature=battery_c, cell_temperature=cells_c))
     assert (measurement.state.temperature_c, measurement.coldest_cell_c) == expected
 
 
 @pytest.mark.parametrize('warmest_c, warning', [
-    (12.0, ''),
+    (12.0, ''), (nan, ''),
     (12.5, 'cell_temperature: the cells differ by 10.5 K, the coldest is at 2.0 degC; at most 10 K are '
      'expected')])
 def test_cells_that_differ_widely_are_reported(warmest_c, warning):
-    assert measurement_from_message(
-        battery_message(cell_temperature=[2.0, warmest_c])).cell_warning == warning
+    measurement = measurement_from_message(battery_message(cell_temperature=[2.0, warmest_c]))
+    assert measurement.cell_warning == warning
+    assert measurement.cell_spread_k == (0.0 if isnan(warmest_c) else warmest_c - 2.0)
 
 
 def test_supply_status_and_names_of_a_battery():

@@ -117,14 +117,6 @@ def test_too_many_segments_are_refused_before_they_are_looked_at(name):
 # Route: conversion
 
 
-@pytest.mark.parametrize('value, has, target_c', [
-    (0.0, False, None), (-0.0, False, None), (nan, False, None), (0.0, True, 0.0),
-    (12.5, False, 12.5), (12.5, True, 12.5), (-3.0, False, -3.0)])
-def test_target_of_0_counts_where_it_is_said_to_be_there(value, has, target_c):
-    leg = convert_leg(target_battery_temperature=value, has_target_battery_temperature=has)
-    assert leg.target_temperature_c == target_c
-
-
 def test_a_target_that_is_said_to_be_there_must_be_a_number():
     assert problems_of(lambda: convert(
         target_battery_temperature=nan, has_target_battery_temperature=True)) == [

@@ -151,7 +151,8 @@ def test_an_empty_array_is_not_given_for_all_stops(field, attribute, expected):
 
 @pytest.mark.parametrize('targets_c, has, expected', [
     ([0.0, 21.0], [], [None, 21.0]), ([0.0, 0.0], [True, False], [0.0, None]),
-    ([nan, 0.0], [False, True], [None, 0.0]), ([5.0, -5.0], [False, False], [5.0, -5.0])])
+    ([nan, 0.0], [False, True], [None, 0.0]), ([5.0, -5.0], [False, False], [5.0, -5.0]),
+    ([-0.0, 12.5], [False, True], [None, 12.5])])
 def test_a_stop_target_of_0_counts_where_it_is_said_to_be_there(targets_c, has, expected):
     mission = convert(stop_target_battery_temperature=targets_c,
                       stop_has_target_battery_temperature=has)
