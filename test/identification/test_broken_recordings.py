@@ -73,10 +73,6 @@ def test_a_night_lasts_as_long_as_its_temperature_although_the_charge_is_logged_
     assert len(trip) == 8 * 3600 - 60 + 1 and trip.soc[[0, -1]].tolist() == [0.6, 0.61]
 
 
-def test_three_wrong_readings_are_no_jump():
-    trip_of(recording(battery_temperature_c=lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)), VEHICLE)
-
-
 @pytest.mark.parametrize('above_k, told', [(19.0, False), (22.0, True)])
 def test_a_battery_that_the_car_may_have_cooled_is_named(above_k, told):
     """With one log in which a chiller worked, a car's heat capacity came out a quarter too small."""
@@ -93,15 +89,17 @@ def test_the_heater_of_cabin_and_battery_counts_the_battery_once():
     assert not trip.remarks
 
 
-def test_a_car_that_stands_may_draw_a_steady_current():
-    trip_of(recording(current_a=lambda a: np.where(TIME_S < 700.0, a, 4.0), speed_mps=lambda v: np.where(
-        TIME_S < 699.0, v, 0.0)), VEHICLE)
+RARE_S = TIME_S[::25]
 
 
-def test_a_log_of_few_readings_may_have_the_same_for_minutes():
-    rare_s = TIME_S[::25]
-    trip_of(recording(current_a=Series(rare_s, np.where(rare_s < 700.0, 80.0 + rare_s % 7.0, 84.0)),
-                      speed_mps=lambda v: np.full_like(v, 15.0)), VEHICLE)
+@pytest.mark.parametrize('changes', [
+    {'battery_temperature_c': lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)},
+    {'current_a': lambda a: np.where(TIME_S < 700.0, a, 4.0),
+     'speed_mps': lambda v: np.where(TIME_S < 699.0, v, 0.0)},
+    {'current_a': Series(RARE_S, np.where(RARE_S < 700.0, 80.0 + RARE_S % 7.0, 84.0))}],
+    ids=['three wrong readings', 'steady current of a car that stands', 'few readings, the same for minutes'])
+def test_what_may_be_is_not_refused(changes):
+    assert len(trip_of(recording(**changes), VEHICLE))
 
 
 def test_the_longest_part_of_a_log_with_a_hole_is_used():

@@ -20,7 +20,7 @@ PATHS = (HeatPath(), HeatPath(), HeatPath(), HeatPath(35.0), HeatPath(0.0, 14e3,
 
 
 def in_both(make):
-    """Return what a function returns with the native core, and without it."""
+    """Return the results of a function with the native core and without it."""
     found = make()
     with without_core():
         return found, make()

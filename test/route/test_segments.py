@@ -79,21 +79,15 @@ def test_after_refuses_instants_that_are_not_on_the_route(instant_s):
 
 
 @given(ROUTES, STEPS_S, SHARES)
-def test_each_step_of_a_resampled_route_has_its_own_integrals(route, step_s, share):
-    assume(route.total_duration_s / step_s < 3000)
-    steps = route.resampled(step_s)
-    index = int(share * len(steps))
-    start_s, end_s = steps.time_s[index], steps.time_s[index + 1]
-    of_step = integrals(steps, start_s, end_s)
-    assert np.all(np.abs(of_step - integrals(route, start_s, end_s)) <= 10.0 * tolerance(route))
-
-
-@given(ROUTES, STEPS_S)
-def test_steps_are_equally_long_but_for_the_last(route, step_s):
+def test_resampled_steps_are_equally_long_but_for_the_last_and_have_their_integrals(route, step_s, share):
     assume(route.total_duration_s / step_s < 3000)
     steps = route.resampled(step_s)
     np.testing.assert_allclose(steps.duration_s[:-1], step_s, rtol=1e-9)
     assert 0.0 < steps.duration_s[-1] <= step_s * (1.0 + 1e-8)
+    index = int(share * len(steps))
+    start_s, end_s = steps.time_s[index], steps.time_s[index + 1]
+    of_step = integrals(steps, start_s, end_s)
+    assert np.all(np.abs(of_step - integrals(route, start_s, end_s)) <= 10.0 * tolerance(route))
 
 
 @pytest.mark.parametrize('step_s', [0.0, -30.0, np.nan, np.inf])

@@ -45,13 +45,10 @@ def test_formula_of_arrays_is_that_of_floats(curve, soc, temperature_c):
     assert array == pytest.approx([curve.function(FLOATS)(soc, temperature_c)], rel=1e-12)
 
 
-def test_table_over_both_is_bilinear_between_points():
+@pytest.mark.parametrize('table, point, expected', [
     # soc a third of the way from 0.25 to 1, temperature a tenth from 5 to 15:
     # 2/3 (5 + 0.1*4) + 1/3 (7 + 0.1*6)
-    assert OVER_BOTH.function(FLOATS)(0.5, 6.0) == pytest.approx((2 * 5.4 + 7.6) / 3, rel=1e-14)
-
-
-@pytest.mark.parametrize('table, beyond, end', [
+    (OVER_BOTH, (0.5, 6.0), (2 * 5.4 + 7.6) / 3),
     (OVER_SOC, (0.05, 0.0), 7.0), (OVER_SOC, (0.95, 0.0), 11.0),
     (OVER_TEMPERATURE, (0.5, -21.0), 5.0), (OVER_TEMPERATURE, (0.5, 31.0), -3.0),
     (OVER_BOTH, (-0.1, -11.0), 1.0), (OVER_BOTH, (-0.1, 41.0), 8.0),
@@ -59,8 +56,8 @@ def test_table_over_both_is_bilinear_between_points():
     # Beyond one axis only, the other still counts: 2 + 0.3 (4 - 2), 1 + 0.4 (3 - 1).
     (OVER_BOTH, (-9.0, 8.0), 2.6), (OVER_BOTH, (0.1, -99.0), 1.8)])
 @pytest.mark.parametrize('arithmetic', [pytest.param(FLOATS, id='floats'), pytest.param(ARRAYS, id='arrays')])
-def test_table_is_level_beyond_its_ends(table, beyond, end, arithmetic):
-    assert table.function(arithmetic)(*beyond) == pytest.approx(end, rel=1e-14)
+def test_table_is_bilinear_between_its_points_and_level_beyond_them(table, point, expected, arithmetic):
+    assert table.function(arithmetic)(*point) == pytest.approx(expected, rel=1e-14)
 
 
 @TABLES

@@ -45,22 +45,12 @@ def id4(tmp_path_factory):
     return made(tmp_path_factory.mktemp('id4'), ID4)
 
 
-@pytest.fixture(scope='module')
-def least(tmp_path_factory):
-    return made(tmp_path_factory.mktemp('least'), LEAST)
-
-
 def trapezoids_kwh(contents):
     """Return the energy of the file's own table [kWh]: integral of U dQ, by hand."""
     table = contents['battery']['open_circuit_voltage']['table']
     mean_v = sum(0.5 * (low + high) * (end - start) for low, high, start, end in zip(
         table['values'], table['values'][1:], table['soc'], table['soc'][1:]))
     return mean_v * contents['battery']['capacity_ah'] / 1000.0
-
-
-@pytest.mark.parametrize('car, kwh', [('id4', 77.0), ('least', 55.0)])
-def test_open_circuit_voltage_times_charge_is_the_usable_energy(request, car, kwh):
-    assert trapezoids_kwh(request.getfixturevalue(car)[1]) == pytest.approx(kwh, rel=1e-4)
 
 
 def test_a_car_without_a_heater_warms_its_cabin_otherwise(tmp_path):
