@@ -75,33 +75,15 @@ def test_interrupted_while_it_is_still_loading():
     assert ended([sys.executable, '-c', code, '--version']) == (130, '', 'preheat: interrupted\n')
 
 
-def interrupt(number):
-    os.kill(os.getpid(), number)
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_one_line_and_130(capsys, number):
     before = signal.getsignal(number)
-    assert run_program('work', lambda: lambda: interrupt(number), ends_process=False) == 130
+    assert run_program('work', lambda: lambda: os.kill(os.getpid(), number), ends_process=False) == 130
     assert capsys.readouterr() == ('', 'work: interrupted\n')
     assert signal.getsignal(number) is before
 
 
-def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
-    class Interrupting:
-        def __del__(self):
-            interrupt(signal.SIGINT)
-
-    def work():
-        thing = Interrupting()
-        del thing
-        signal.pause()
-
-    assert run_program('work', lambda: work, ends_process=False) == 130
-    assert capsys.readouterr().err == 'work: interrupted\n'
-
-
-def test_it_comes_again_until_it_is_heard(tmp_path):
+def test_a_signal_that_is_lost_in_a_callback_comes_again_until_it_is_heard(tmp_path):
     """The first alarm comes before a call that waits for the next one, as one in the instant before would."""
     (tmp_path / 'wait.c').write_text(
         '#include <unistd.h>\nvoid wait_on(void);\nvoid wait_on(void) { usleep(60000); pause(); }\n')

@@ -84,11 +84,6 @@ def test_a_plan_is_that_of_the_command(vehicle, route, capsys):
     assert plan.heating_energy_wh == pytest.approx(spent_wh, rel=1e-6)
 
 
-def test_a_share_in_percent_is_refused(vehicle, route):
-    with pytest.raises(bp.InvalidInput, match=r'^state of charge: 80 is not allowed; it must be 0 \.\.\. 1'):
-        bp.plan(vehicle, route, bp.BatteryState(-7.0, soc=80.0))
-
-
 def test_worth_is_that_of_the_command(worth, capsys):
     shown = json_of(capsys, 'worth', *SITUATION, '--charger-power', '150000', '--departure-soc', '0.8')
     assert (worth.best_target_c, worth.verdict) == (shown['best']['target_c'], shown['verdict'])

@@ -110,6 +110,8 @@ def test_functions_are_compared(vehicle, route):
     (lambda vehicle, route: bp.plan(vehicle, 'reference', STATE), 'route: must be a Route, .* not str'),
     (lambda vehicle, route: bp.plan(vehicle, route, (-7.0, 0.9)), r'state: must be a BatteryState .* not tuple'),
     (lambda vehicle, route: bp.plan(vehicle, route, bp.BatteryState('-7', 0.9)), 'state: must be a BatteryState'),
+    (lambda vehicle, route: bp.plan(vehicle, route, bp.BatteryState(-7.0, soc=80.0)),
+     r'^state of charge: 80 is not allowed; it must be 0 \.\.\. 1'),
     (lambda vehicle, route: bp.plan(vehicle, route, STATE, '25'), 'goal: must be a Goal or a number .* str'),
     (lambda vehicle, route: bp.plan(vehicle, route, STATE, bp.Goal('25')), 'goal: must be a Goal or a number'),
     (lambda vehicle, route: bp.plan(vehicle, route, STATE, method=3), "method: must be the name .* not int '3'"),
@@ -145,7 +147,7 @@ def test_functions_are_compared(vehicle, route):
     (lambda vehicle, route: bp.make_route([1.0], vehicle), 'columns: must be a dictionary'),
     (lambda vehicle, route: bp.make_route({'duration_s': 'long'}, vehicle), 'duration_s: must be numbers'),
     (lambda vehicle, route: bp.load_recording(None), 'file: must be a name or a path')])
-def test_a_wrong_type_is_refused_with_what_is_allowed(vehicle, route, call, problem):
+def test_a_wrong_argument_is_refused_with_what_is_allowed(vehicle, route, call, problem):
     with pytest.raises(bp.InvalidInput, match=problem):
         call(vehicle, route)
 

@@ -142,18 +142,6 @@ def test_what_holds_some_of_a_trip_is_no_cancellation():
         field: [1] if field == 'stop_after_segment' else [True] if 'has' in field else [1.0]}))} == set()
 
 
-@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
-def test_an_array_of_one_holds_in_every_segment(name):
-    value = {'propulsion_power_rms': 4e3, 'propulsion_power_magnitude': 3.3e3}.get(name, 7.0)
-    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
-    # Some of these routes have constant columns.
-    rest = {} if name == 'propulsion_power_magnitude' else {'propulsion_power_magnitude': []}
-    if name in ('propulsion_power', 'propulsion_power_magnitude'):
-        rest['propulsion_power_rms'] = [8e3]
-    route = convert_leg(step_s=10.0, **rest, **{name: [value]}).route
-    assert getattr(route, field).tolist() == pytest.approx([value] * 6)
-
-
 @pytest.mark.parametrize('name, field, expected', [
     ('cabin_heating_power', 'cabin_heating_power_w', [1111.0] * 6),
     ('auxiliary_power', 'auxiliary_power_w', [222.0] * 6),
