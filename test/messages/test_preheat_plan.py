@@ -48,9 +48,9 @@ def decision():
     return Decision(plan.status, plan.explanation, plan, 50 * NS_PER_S)
 
 
-@pytest.fixture(scope='module')
-def message(decision):
-    return plan_message(decision, EAST, now_ns=99 * NS_PER_S)
+def message_of(decision, **changes):
+    """Return the PreheatPlan of a Decision whose plan has other fields."""
+    return plan_message(replace(decision, plan=replace(decision.plan, **changes)), EAST, now_ns=99 * NS_PER_S)
 
 
 # Four heating intervals, one for each reason, all figures different.
@@ -67,18 +67,16 @@ STRETCHES = (HeatingInterval(10.0, 15.5, 7.25, Reason.CLIMB),
                         PreheatPlan.STRETCH_ARRIVAL])])
 def test_heating_intervals_of_a_plan(decision, field, expected):
     for intervals, values in ((STRETCHES, expected), ((), [])):
-        plan = replace(decision.plan, intervals=intervals)
-        message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
-        assert list(getattr(message, field)) == values
+        assert list(getattr(message_of(decision, intervals=intervals), field)) == values
     assert not len(getattr(plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S), field))
 
 
-def test_where_the_charge_runs_out(decision, message):
-    plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, deficit_wh=2250.0))
-    stranded = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+def test_where_the_charge_runs_out(decision):
+    stranded = message_of(decision, stranding=Stranding(at_s=450.5, at_m=8125.0, deficit_wh=2250.0))
     # The plan starts at 50 s.
     assert (nanoseconds(stranded.charge_runs_out), stranded.charge_runs_out_distance,
             stranded.lacking_energy) == (500.5 * NS_PER_S, 8125.0, 2250.0)
+    message = message_of(decision)
     assert message.charge_runs_out == Time()
     assert np.isnan([message.charge_runs_out_distance, message.lacking_energy]).all()
 
@@ -94,8 +92,7 @@ def test_without_a_plan_the_figures_are_unknown():
 
 @pytest.mark.parametrize('asked_c, told_c', [(inf, nan), (36.5, 36.5), (0.0, 0.0)])
 def test_the_highest_temperature_on_arrival_if_one_is_asked_for(decision, asked_c, told_c):
-    plan = replace(decision.plan, maximum_arrival_temperature_c=asked_c)
-    told = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    told = message_of(decision, maximum_arrival_temperature_c=asked_c)
     assert told.maximum_arrival_temperature == pytest.approx(told_c, nan_ok=True)
 
 
