@@ -428,8 +428,6 @@ MISFITS = {
         'live.heater_command.off_value: 20 is a value at which the heater heats']),
     'counter of the power': (COMMAND.format('power: Power'), {'counter: Count': 'counter: Power'}, [
         'live.heater_command.counter: Power is the signal of power already']),
-    'enabled by the power': (COMMAND.format('power: Power, enable: Power'), {}, [
-        'live.heater_command.enable: Power is the signal of power already']),
     'enabled by the counter': (COMMAND.format('power: Power, enable: Count'), {}, [
         'live.heater_command.enable: Count is the signal of counter already']),
     'checksum of the power': (COMMAND.format('power: Power, checksum: {signal: Power, method: crc8}'), {}, [
