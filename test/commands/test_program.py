@@ -83,7 +83,21 @@ def test_a_signal_is_one_line_and_130(capsys, number):
     assert signal.getsignal(number) is before
 
 
-def test_a_signal_that_is_lost_in_a_callback_comes_again_until_it_is_heard(tmp_path):
+def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
+    class Interrupting:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def work():
+        thing = Interrupting()
+        del thing
+        signal.pause()
+
+    assert run_program('work', lambda: work, ends_process=False) == 130
+    assert capsys.readouterr().err == 'work: interrupted\n'
+
+
+def test_it_comes_again_until_it_is_heard(tmp_path):
     """The first alarm comes before a call that waits for the next one, as one in the instant before would."""
     (tmp_path / 'wait.c').write_text(
         '#include <unistd.h>\nvoid wait_on(void);\nvoid wait_on(void) { usleep(60000); pause(); }\n')
