@@ -33,7 +33,8 @@ def test_each_public_name_has_a_docstring_and_is_in_the_api_reference():
     assert sorted(name for _, name in directives) == sorted(bp.__all__)
     for kind, name in directives:
         public = getattr(bp, name)
-        assert public.__doc__ and kind == ('function' if not isinstance(public, type) else
+        assert public.__doc__, name
+        assert kind == ('function' if not isinstance(public, type) else
                         'exception' if issubclass(public, Exception) else 'class'), name
 
 
