@@ -17,10 +17,10 @@ VOLTAGE_V, CAPACITY_AH, HEAT_CAPACITY_J_PER_K = 350.0, 120.0, 300e3
 HEATER_W, HEATER_EFFICIENCY = 6000.0, 0.85
 
 
-def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
-    """Return a Route of one-minute steps at 90 km/h and 15 kW."""
+def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0, power_w=15e3):
+    """Return a Route of one-minute steps at 90 km/h."""
     return Route(np.full(minutes, 60.0), *(np.full(minutes, value) for value in (
-        25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
+        25.0, power_w, power_w, ambient_c, cabin_w, 400.0, power_w)))
 
 
 def constant(value):

@@ -17,7 +17,6 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingProspect, held_prospect, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth_search import find_worth
-from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -145,5 +144,5 @@ def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
 
 
 def test_a_probability_above_one_is_refused():
-    with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
-        worth(ChargingProspect(1.1))
+    told, = problems_of(worth, ChargingProspect(1.1))
+    assert told.startswith('charging probability: 1.1 is not allowed')

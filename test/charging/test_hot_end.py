@@ -6,8 +6,9 @@ import math
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from plain_car import own_session, plain_car, stored_wh
+from plain_car import drive, own_session, plain_car, stored_wh
 import pytest
+from refusals import problems_of
 import yaml
 
 from bev_preheat.charging.equations import make_cooling
@@ -16,10 +17,8 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.verdict import derating_in, too_warm
 from bev_preheat.charging.worth_search import find_worth
-from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import derated
 from bev_preheat.vehicle.curves import Table
@@ -93,9 +92,8 @@ def test_a_chiller_with_steps_takes_no_more_than_the_highest():
 def test_cooling_without_a_source_of_cold_is_refused(cooling, problem):
     contents = yaml.safe_load(vehicle_file('heat_pump_car').read_text())
     contents['charging']['cooling'] = {'set_point_c': 35, **cooling}
-    with pytest.raises(InvalidInput) as refusal:
-        vehicle_of_text(yaml.safe_dump(contents), 'the file')
-    assert refusal.value.problems == [f'the file: charging.cooling{problem}']
+    assert problems_of(vehicle_of_text, yaml.safe_dump(contents), 'the file') == [
+        f'the file: charging.cooling{problem}']
 
 
 @pytest.mark.parametrize('cooling', [CHILLER, RADIATOR], ids=['chiller', 'radiator'])
@@ -179,7 +177,7 @@ def test_no_battery_charges_beyond_its_highest_temperature(name):
 
 # --- too warm ---
 
-FALLING = derated(LEVEL, (38.0, 48.0), (1.0, 0.1))
+FALLING, PRICES = derated(LEVEL, (38.0, 48.0), (1.0, 0.1)), Prices(0.4, 40.0)
 
 
 def test_too_warm_is_an_answer_with_minutes_and_why():
@@ -205,15 +203,9 @@ def test_cold_and_cooled_batteries_are_not_too_warm():
         assert too_warm(car, stop, charge(car, stop, BatteryState(start_c, 0.1))) is None
 
 
-def drive(ambient_c, power_w=14e3):
-    return make_route({
-        'duration_s': [60.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
-        'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [300.0]}, None)
-
-
 def test_the_worth_of_heating_says_where_it_gets_too_warm():
     car = hot_car(None, limit=derated(LEVEL, (28.0, 40.0), (1.0, 0.05)), resistance_ohm=0.15)
-    worth = find_worth(car, drive(-2.0), BatteryState(4.0, 0.5), Goal(25.0), 150e3, 0.8, Prices(0.4, 40.0))
+    worth = find_worth(car, drive(40, -2.0, 0.0), BatteryState(4.0, 0.5), Goal(25.0), 150e3, 0.8, PRICES)
     assert worth.best.target_c < 28.0
     assert 'because the power is derated above 28 degC' in worth.verdict
     hottest = max(worth.targets, key=lambda item: item.arrival_temperature_c)
@@ -222,6 +214,6 @@ def test_the_worth_of_heating_says_where_it_gets_too_warm():
 
 def test_a_battery_that_arrives_too_warm_without_heating_is_told_so():
     car = hot_car(None, limit=FALLING, leakage_w_per_k=2.0)
-    worth = find_worth(car, drive(35.0), BatteryState(44.0, 0.5), Goal(25.0), 150e3, 0.8, Prices(0.4, 40.0))
+    worth = find_worth(car, drive(40, 35.0, 0.0), BatteryState(44.0, 0.5), Goal(25.0), 150e3, 0.8, PRICES)
     assert worth.best is worth.without_heating
     assert worth.verdict.startswith('Not worth it') and 'Too warm: arriving at 4' in worth.verdict

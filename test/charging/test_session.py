@@ -18,10 +18,10 @@ from plain_car import (
     VOLTAGE_V,
 )
 import pytest
+from refusals import problems_of
 
 from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
 from bev_preheat.charging.stop import ChargingStop
-from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
@@ -164,6 +164,4 @@ NAN = math.nan
      "the vehicle's battery"),
     ({}, (5.0, NAN), 'state of charge: nan is not allowed; it must be 0 ... 1')])
 def test_refused_in_words(changes, state, problem):
-    with pytest.raises(InvalidInput) as error:
-        charge(REFERENCE, replace(STOP, **changes), BatteryState(*state))
-    assert error.value.problems == [problem]
+    assert problems_of(charge, REFERENCE, replace(STOP, **changes), BatteryState(*state)) == [problem]

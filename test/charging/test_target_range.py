@@ -4,6 +4,7 @@
 import math
 
 import numpy as np
+from plain_car import drive
 import pytest
 
 from bev_preheat.charging.target_range import by_table, read_charging_times, targets_in_range
@@ -13,7 +14,6 @@ from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.two_switches import maximum_between
-from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 
@@ -23,17 +23,12 @@ STATE, GOAL, PRICES = BatteryState(2.0, 0.7), Goal(25.0, 0.1), Prices(0.5, 15.0)
 STEP = Table((0.0, 1.0), (-10.0, 20.0, 22.0, 23.0, 30.0), (
     (1900.0, 1300.0, 1290.0, 990.0, 980.0), (1500.0, 900.0, 890.0, 590.0, 580.0)))
 FLAT = Table((0.0,), (0.0,), ((900.0,),))
-
-
-def drive(minutes=60):
-    """Return a Route of three parts, in rows of a minute."""
-    return Route(np.full(3, 20.0 * minutes), *(np.full(3, value) for value in (
-        25.0, 18e3, 18e3, -6.0, 800.0, 400.0, 18e3))).divided(60.0)
+HOUR, TEN_MINUTES = (drive(minutes, -6.0, 800.0, 18e3) for minutes in (60, 10))
 
 
 def cheapest_start(after, low_c, high_c):
     """Return the least cost of heating from one instant until arrival, by a scan in steps of 2 s."""
-    trip = make_trip(CAR, drive().divided(4.0))
+    trip = make_trip(CAR, HOUR.divided(4.0))
     costs = [math.inf]
     for start_s in np.arange(0.0, 3600.0, 2.0).tolist():
         driven = drive_as_planned(trip, STATE, maximum_between(trip, start_s, 3600.0))
@@ -49,7 +44,7 @@ def cheapest_start(after, low_c, high_c):
     (STEP, 18.0, 25.0, 23.0), (STEP, 18.0, 21.5, 18.0), (FLAT, 20.0, 25.0, 20.0)])
 def test_the_best_target_costs_no_more_than_the_best_start_of_a_scan(times, low_c, high_c, best_c):
     after = by_table(CAR, times, 0.8)
-    best = targets_in_range(CAR, drive(), STATE, GOAL, (low_c, high_c), after, PRICES)[0]
+    best = targets_in_range(CAR, HOUR, STATE, GOAL, (low_c, high_c), after, PRICES)[0]
     assert best.arrival_temperature_c == pytest.approx(best_c, abs=0.06)
     assert best.cost <= cheapest_start(after, low_c, high_c) + 1e-4
     assert best.charging_time_s == pytest.approx(after(BatteryState(
@@ -58,17 +53,17 @@ def test_the_best_target_costs_no_more_than_the_best_start_of_a_scan(times, low_
 
 def test_an_arrival_below_the_range_or_the_reserve_costs_infinitely_and_a_warm_battery_is_not_heated():
     after = by_table(CAR, STEP, 0.8)
-    assert targets_in_range(CAR, drive(10), STATE, GOAL, (20.0, 25.0), after, PRICES)[0].cost == math.inf
-    poor = targets_in_range(CAR, drive(), BatteryState(2.0, 0.4), Goal(25.0, 0.15), (20.0, 25.0), after, PRICES)[0]
+    assert targets_in_range(CAR, TEN_MINUTES, STATE, GOAL, (20.0, 25.0), after, PRICES)[0].cost == math.inf
+    poor = targets_in_range(CAR, HOUR, BatteryState(2.0, 0.4), Goal(25.0, 0.15), (20.0, 25.0), after, PRICES)[0]
     assert poor.cost == math.inf
-    warm = targets_in_range(CAR, drive(10), BatteryState(40.0, 0.7), GOAL, (20.0, 25.0), after, PRICES)
+    warm = targets_in_range(CAR, TEN_MINUTES, BatteryState(40.0, 0.7), GOAL, (20.0, 25.0), after, PRICES)
     assert len(warm) == 1 and warm[0].hvch_electric_wh == 0.0 and math.isfinite(warm[0].cost)
 
 
 @pytest.mark.parametrize('range_c', [(25.0, 20.0), (-41.0, 20.0), (20.0, 61.0), (math.nan, 25.0)])
 def test_a_range_that_cannot_be_is_refused(range_c):
     with pytest.raises(InvalidInput, match='target range: .* it must rise within -40 ... 60 degC'):
-        targets_in_range(CAR, drive(), STATE, GOAL, range_c, by_table(CAR, STEP, 0.8), PRICES)
+        targets_in_range(CAR, HOUR, STATE, GOAL, range_c, by_table(CAR, STEP, 0.8), PRICES)
 
 
 @pytest.mark.parametrize('departure_soc', [9.0, -0.1, math.nan])

@@ -8,6 +8,7 @@ import numpy as np
 from own_ageing import AGEING, own_session_cost
 from plain_car import constant, drive, plain_car
 import pytest
+from refusals import problems_of
 
 from bev_preheat.charging.expectation import time_deviation
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -16,7 +17,6 @@ from bev_preheat.charging.stop import ChargingProspect, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import pays_from_per_h, Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth_search import find_worth
-from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.vehicle import load_vehicle
@@ -213,10 +213,7 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
 def test_refused_in_words(changes, problems):
     arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
                  'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}
-    with pytest.raises(InvalidInput) as error:
-        find_worth(**arguments)
-    assert len(error.value.problems) == len(problems)
-    for said, problem in zip(error.value.problems, problems):
+    for said, problem in zip(problems_of(find_worth, **arguments), problems, strict=True):
         assert said.startswith(problem)
 
 

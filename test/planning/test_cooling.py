@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from own_sources import ALONE, driven, REFERENCE, vehicle_with
 import pytest
+from refusals import problems_of
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nonlinear_program.solve import solve_optimum
@@ -48,9 +49,8 @@ def planned(vehicle=VEHICLE, temperature_c=45.0, most_c=35.0, route=ROUTE, soc=0
     (-0.01, '-0.01 is not allowed; it must be -10 ... -0.05'),
     ({'temperature_c': [0, 30], 'values': [-2, 1]}, '1 is not allowed; it must be -10 ... -0.05')])
 def test_heat_per_watt_of_two_signs_or_none_is_refused(heat_per_watt, problem):
-    with pytest.raises(InvalidInput) as refusal:
-        vehicle_with({'chiller': {**CHILLER, 'heat_per_watt': heat_per_watt}})
-    assert refusal.value.problems == [f'the file: heat_sources.chiller.heat_per_watt: {problem}']
+    assert problems_of(vehicle_with, {'chiller': {**CHILLER, 'heat_per_watt': heat_per_watt}}) == [
+        f'the file: heat_sources.chiller.heat_per_watt: {problem}']
 
 
 @pytest.mark.parametrize('most_c', [21.9, np.nan, -np.inf])

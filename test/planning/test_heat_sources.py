@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from own_sources import ALONE, as_curve, driven, heat_of, REFERENCE, vehicle_with
 import pytest
+from refusals import problems_of
 
 from bev_preheat.code_generation.ecu_export import vehicle_source
 from bev_preheat.errors import InvalidInput
@@ -72,16 +73,12 @@ def planned(vehicle=VEHICLE, temperature_c=-14.0, route=ROUTE, goal=GOAL, soc=0.
     ({'pump': {**PUMP, 'minimum_on_time_s': 3601}}, {},
      'heat_sources.pump.minimum_on_time_s: 3601 is not allowed; it must be at least 0 and at most 3600')])
 def test_refused_in_words(sources, changes, problem):
-    with pytest.raises(InvalidInput) as refusal:
-        vehicle_with(sources, **changes)
-    assert f'the file: {problem}' in refusal.value.problems
+    assert f'the file: {problem}' in problems_of(vehicle_with, sources, **changes)
 
 
 def test_of_a_table_with_the_wrong_shape_no_value_is_blamed():
     transposed = {'ambient_c': [-5, 5], 'temperature_c': [0, 9, 20], 'values': [[2, 3], [2, 3], [1, 2]]}
-    with pytest.raises(InvalidInput) as refusal:
-        vehicle_with({'pump': {**PUMP, 'heat_per_watt': transposed}})
-    assert refusal.value.problems == [
+    assert problems_of(vehicle_with, {'pump': {**PUMP, 'heat_per_watt': transposed}}) == [
         'the file: heat_sources.pump.heat_per_watt.values: must have 2 x 3 values, one for each point of its axes']
 
 

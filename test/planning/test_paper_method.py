@@ -9,9 +9,10 @@ from formula_car import current_a, FORMULA_CAR, resistance_ohm, voltage_v
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+from own_car import bilinear
 import pytest
+from refusals import problems_of
 
-from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.methods import plan_paper
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -116,13 +117,6 @@ def test_a_tenth_of_the_step_makes_a_tenth_of_the_arrival_error():
     assert errors_k[0] / errors_k[1] == pytest.approx(10.0, rel=0.15)
 
 
-def discharge_limit_w(soc, temperature_c):
-    """Limit (9i) of the shipped pack: along temperature in each row of the table, then along soc."""
-    table = FORMULA_CAR.battery.discharge_power_limit
-    return np.interp(soc, table.soc, [
-        np.interp(temperature_c, table.temperature_c, row) for row in table.values])
-
-
 def test_power_limited_says_when_and_by_how_much():
     # A drive that asks a deeply cold battery for too much, twice.
     segments = drive(ambient_c=-30.0)
@@ -132,7 +126,8 @@ def test_power_limited_says_when_and_by_how_much():
     soc, temperature_c = plan.soc[9], plan.battery_temperature_c[9]
     u, r = voltage_v(soc), resistance_ohm(temperature_c)
     # P_b = U I at the battery's limit, or the circuit's most, at U/2R.
-    most_a = min(discharge_limit_w(soc, temperature_c) / u, u / (2 * r))
+    limit_w = bilinear(FORMULA_CAR.battery.discharge_power_limit, soc, temperature_c)
+    most_a = min(limit_w / u, u / (2 * r))
     # The heater needs its share too.
     deficit_w = 480e3 + 1978.0 + 500.0 + 5022.0 - (u * most_a - r * most_a**2)
     # Segment 9 starts at 4:30.
@@ -166,7 +161,5 @@ def test_power_limited_says_when_and_by_how_much():
     (START, Goal(18.0), -44.0, 'ambient temperature: -44 is not allowed; it must be at least -40 '
      "degC: the vehicle's battery is not described below that")])
 def test_state_goal_or_route_refused_in_words(state, goal, ambient_c, problem):
-    with pytest.raises(InvalidInput) as refused:
-        plan_preheating(FORMULA_CAR, route_of(drive(ambient_c=ambient_c)), state, goal,
-                        method='paper')
-    assert refused.value.problems == [problem]
+    route = route_of(drive(ambient_c=ambient_c))
+    assert problems_of(plan_preheating, FORMULA_CAR, route, state, goal, method='paper') == [problem]

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car with constant voltage and resistance, so that currents and heat have closed forms."""
+"""A car with constant voltage and resistance, so that currents and heat have closed forms, and a drive of it."""
 
 from dataclasses import replace
 import math
 
+from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
@@ -24,6 +25,15 @@ def level(value):
 
 LEVEL = replace(CURVED, battery=replace(
     CURVED.battery, open_circuit_voltage=level(VOLTAGE_V), resistance=level(OHM)))
+
+
+def route_of(*durations_s, power_w=0.0, speed_mps=20.0, ambient_c=0.0, cabin_w=0.0, auxiliary_w=0.0, rms_w=None):
+    """Return a Route with segments of these durations; a column is one value, or one for each segment."""
+    return make_route({
+        'duration_s': durations_s, 'propulsion_power_rms_w': rms_w, **{
+            name: [values] if isinstance(values, float) else values for name, values in (
+                ('speed_mps', speed_mps), ('propulsion_power_w', power_w), ('ambient_temperature_c', ambient_c),
+                ('cabin_heating_power_w', cabin_w), ('auxiliary_power_w', auxiliary_w))}}, CURVED.defaults)
 
 
 def current_a(power_w):

@@ -4,14 +4,13 @@
 from dataclasses import replace
 import math
 
-from level_car import CAPACITY_AH, current_a, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, VOLTAGE_V
+from level_car import CAPACITY_AH, current_a, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, route_of, VOLTAGE_V
 import pytest
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import HeaterLease, NO_LEASE
 from bev_preheat.simulation.imperfect_car import COMPUTERS_GO_ON_S, ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import ASLEEP_POWER_W, AWAKE_POWER_W, Charge, DrivePhase, Park
@@ -29,15 +28,13 @@ def vehicle(leakage_w_per_k=0.0):
         battery=replace(LEVEL.battery, charge_power_limit=limit, leakage=Leakage(leakage_w_per_k, 0.0)))
 
 
-def a_route(duration_s=100.0):
-    return make_route({
-        'duration_s': [duration_s], 'speed_mps': [20.0], 'propulsion_power_w': [5e3],
-        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, None)
+def a_drive(duration_s=100.0, target_c=20.0, **how):
+    return DrivePhase(route_of(duration_s, power_w=5e3), Goal(target_c), **how)
 
 
 def a_car(*following, of=None, soc=0.5, temperature_c=10.0, **imperfections):
     imperfections.setdefault('sensors', Sensors(period_s=10.0))
-    return ImperfectCar(of or vehicle(), DrivePhase(a_route(), Goal(20.0)), BatteryState(temperature_c, soc),
+    return ImperfectCar(of or vehicle(), a_drive(), BatteryState(temperature_c, soc),
                         Imperfections(**imperfections), route_id='home', following=following)
 
 
@@ -105,7 +102,7 @@ def test_a_parked_battery_cools_to_the_ambient():
 
 
 def test_a_car_that_sleeps_says_nothing_and_takes_little():
-    car = at_the_start_of_its_second_phase(Park(7200.0, 0.0, awake_s=600.0), DrivePhase(a_route(), Goal(20.0)))
+    car = at_the_start_of_its_second_phase(Park(7200.0, 0.0, awake_s=600.0), a_drive())
     car.readings()
     soc = car.plant.soc
     car.advance_under(NO_LEASE, 7290.0)
@@ -143,8 +140,8 @@ def test_a_lagging_heater_goes_on_from_phase_to_phase(phase):
 @pytest.mark.parametrize('sent_after_s, announced', [(None, 0.0), (0.0, 0.0), (None, 300.0)])
 def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
     events = () if sent_after_s is None else (Event(Kind.CANCEL_CHARGING, 20.0, sent_after_s),)
-    drive = DrivePhase(a_route(40.0), Goal(15.0), 600.0, events, announced_s=announced)
-    car = a_car(Park(600.0, 0.0), drive)
+    car = a_car(Park(600.0, 0.0), a_drive(
+        40.0, 15.0, standing_time_s=600.0, events=events, announced_s=announced))
     assert car.mission(0).route_id == 'home'
     sent = []
     for second in range(1, 741):
@@ -158,7 +155,7 @@ def test_each_drive_is_sent_when_it_starts_or_before(sent_after_s, announced):
 
 
 def test_a_recording_that_is_played_again_begins_with_the_first_state():
-    car = a_car(DrivePhase(a_route(), Goal(20.0), starts_over=True), clock_jumps=(ClockJump(100.0, -100.0),))
+    car = a_car(a_drive(starts_over=True), clock_jumps=(ClockJump(100.0, -100.0),))
     car.advance_under(HeaterLease(4000.0, 100.0), 99.0)
     assert (car.clock_s, car.plant.temperature_c > 10.5) == (99.0, True)
     car.advance_under(NO_LEASE, 100.0)
@@ -166,7 +163,7 @@ def test_a_recording_that_is_played_again_begins_with_the_first_state():
 
 
 def test_no_step_is_taken_while_the_computers_sleep():
-    car = a_car(Park(36_000.0, 0.0, awake_s=300.0), DrivePhase(a_route(), Goal(20.0)))
+    car = a_car(Park(36_000.0, 0.0, awake_s=300.0), a_drive())
     steps_s = [moment.time_s for moment in moments(
         car, Supervisor(car.vehicle, Settings()), lambda: car.is_over)]
     asleep_s = 100.0 + 300.0 + COMPUTERS_GO_ON_S

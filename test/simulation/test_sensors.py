@@ -3,11 +3,11 @@
 
 import math
 
+from level_car import route_of
 import pytest
 
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater import NO_LEASE
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import Charge, DrivePhase
@@ -18,14 +18,8 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 
 
-def a_route(power_w=20e3, speed_mps=20.0):
-    return make_route({
-        'duration_s': [100.0], 'speed_mps': [speed_mps], 'propulsion_power_w': [power_w],
-        'ambient_temperature_c': [0.0], 'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [0.0]}, None)
-
-
 def readings(to_s=100.0, power_w=20e3, following=(), **sensors):
-    car = ImperfectCar(VEHICLE, DrivePhase(a_route(power_w), Goal(20.0)), BatteryState(5.0, 0.6),
+    car = ImperfectCar(VEHICLE, DrivePhase(route_of(100.0, power_w=power_w), Goal(20.0)), BatteryState(5.0, 0.6),
                        Imperfections(sensors=Sensors(**sensors)), following=following)
     car.advance_under(NO_LEASE, to_s)
     return car.readings()
@@ -80,8 +74,9 @@ START_NS = 1_700_000_000_000_000_000
 
 def distances(until_s, *events):
     """Drive, and return the distance reported at each second, or None."""
-    car = ImperfectCar(VEHICLE, DrivePhase(a_route(), Goal(20.0), events=events, position=PositionReports()),
-                       BatteryState(0.0, 0.8), Imperfections(sensors=Sensors(period_s=50.0)), route_id='home')
+    drive = DrivePhase(route_of(100.0, power_w=20e3), Goal(20.0), events=events, position=PositionReports())
+    car = ImperfectCar(VEHICLE, drive, BatteryState(0.0, 0.8), Imperfections(sensors=Sensors(period_s=50.0)),
+                       route_id='home')
     said, mission = {}, car.mission(START_NS)
     for second in range(until_s + 1):
         car.advance_under(NO_LEASE, float(second))
@@ -101,5 +96,5 @@ def test_the_distance_grows_as_it_drives_and_stays_where_it_stands():
 
 
 def test_off_its_route_it_says_nothing_until_the_next_one_comes():
-    said = distances(50, Event(Kind.DETOUR, 30.0, 10.0, route=a_route(speed_mps=10.0)))
+    said = distances(50, Event(Kind.DETOUR, 30.0, 10.0, route=route_of(100.0, speed_mps=10.0)))
     assert [said[second] for second in (29, 30, 39, 40, 50)] == [580.0, None, None, 0.0, 100.0]

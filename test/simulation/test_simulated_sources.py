@@ -3,11 +3,11 @@
 
 from dataclasses import replace
 
+from level_car import route_of
 import numpy as np
 import pytest
 
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route import make_route
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle import load_vehicle
@@ -20,10 +20,8 @@ MINUTE_S = 60.0
 
 
 def driven(vehicle=CAR, seconds=60.0, speed_mps=20.0, temperature_c=5.0, until_s=60.0, shares=None,
-           commands_w=COMMANDS_W, drives=True, **columns):
-    route = make_route({'duration_s': [seconds], 'speed_mps': [speed_mps], 'propulsion_power_w': [9e3],
-                        'ambient_temperature_c': [-10.0], 'cabin_heating_power_w': [800.0], **columns},
-                       vehicle.defaults)
+           commands_w=COMMANDS_W, drives=True, ambient_c=-10.0, cabin_w=800.0):
+    route = route_of(seconds, power_w=9e3, speed_mps=speed_mps, ambient_c=ambient_c, cabin_w=cabin_w)
     plant = VehiclePlant(vehicle, route, BatteryState(temperature_c, 0.8))
     plant.sources.shares.update(shares or {})
     if drives:
@@ -64,8 +62,8 @@ def test_heat_of_the_sources_takes_the_way_of_the_coolant():
     ({'speed_mps': 0.0}, 0.0, 15.0),
     ({'until_s': 30.0}, 1700.0 / 120.0, 7.5),
     ({'shares': {'heat_pump': 0.0, 'motor': 0.5}}, 1700.0 / 120.0, 0.0),
-    ({'ambient_temperature_c': [-26.0]}, 1700.0 / 60.0, 0.0),
-    ({'ambient_temperature_c': [-24.0]}, 1700.0 / 60.0, 500.0 / 60.0)])
+    ({'ambient_c': -26.0}, 1700.0 / 60.0, 0.0),
+    ({'ambient_c': -24.0}, 1700.0 / 60.0, 500.0 / 60.0)])
 def test_a_source_heats_as_far_as_it_may(changes, motor_wh, pump_wh):
     assert driven(**changes).sources.energy_wh == pytest.approx(
         {'motor': motor_wh, 'heat_pump': pump_wh, 'chiller': 0.0})
@@ -99,12 +97,9 @@ def test_a_source_that_was_on_rests_before_it_starts_again(next_route_at):
 @pytest.mark.parametrize(('temperature_c', 'power_w', 'cold'), [
     (55.0, 2400.0, 2.6), (45.0, 2400.0, 2.6), (22.5, 1500.0, 2.02), (19.0, 0.0, 1.0)])
 def test_a_chiller_cools_down_to_its_temperature(temperature_c, power_w, cold):
-    route = make_route({'duration_s': [10.0], 'speed_mps': [20.0], 'propulsion_power_w': [9e3],
-                        'ambient_temperature_c': [35.0], 'cabin_heating_power_w': [0.0]}, CAR.defaults)
-
     def driven_c(command_w):
-        plant = VehiclePlant(CAR, route, BatteryState(temperature_c, 0.8))
-        plant.advance_under(HeaterLease(0.0, 10.0, {'chiller': command_w}), 10.0)
+        plant = driven(seconds=10.0, temperature_c=temperature_c, commands_w={'chiller': command_w},
+                       ambient_c=35.0, cabin_w=0.0)
         assert plant.sources.energy_wh['chiller'] == pytest.approx(min(command_w, power_w) / 360.0, rel=0.02)
         return plant.temperature_c
 

@@ -1,23 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of events on a drive, and the trip planner's news about them."""
 
+from level_car import route_of
 import pytest
 
-from bev_preheat.route import make_route
 from bev_preheat.simulation.traffic import clock_offset_s, ClockJump, drive_with_events, Event, Kind
-from bev_preheat.vehicle import load_vehicle
 
-DEFAULTS = load_vehicle('reference').defaults
-
-
-def route_of(count=10, power_w=15e3):
-    return make_route({
-        'duration_s': [60.0] * count, 'speed_mps': [20.0], 'propulsion_power_w': [power_w],
-        'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1200.0],
-        'auxiliary_power_w': [300.0]}, DEFAULTS)
-
-
-ROUTE = route_of()
+ROUTE = route_of(*[60.0] * 10, power_w=15e3, cabin_w=1200.0)
+OTHER = route_of(*[60.0] * 5, power_w=25e3)
 
 
 def energy_j(route):
@@ -54,8 +44,7 @@ def test_a_slower_pace_to_the_very_end():
 
 
 def test_a_detour_is_another_route_from_there_on():
-    other = route_of(5, power_w=25e3)
-    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.DETOUR, 90.0, 30.0, route=other),))
+    driven, (news,) = drive_with_events(ROUTE, (Event(Kind.DETOUR, 90.0, 30.0, route=OTHER),))
     assert driven.total_duration_s == pytest.approx(390.0)
     assert driven.propulsion_power_w[driven.segment_at(89.0)] == 15e3
     assert driven.propulsion_power_w[driven.segment_at(91.0)] == 25e3
@@ -65,8 +54,7 @@ def test_a_detour_is_another_route_from_there_on():
 
 
 def test_a_detour_at_the_start_replaces_the_route():
-    other = route_of(5)
-    assert drive_with_events(ROUTE, (Event(Kind.DETOUR, 0.0, route=other),))[0] is other
+    assert drive_with_events(ROUTE, (Event(Kind.DETOUR, 0.0, route=OTHER),))[0] is OTHER
 
 
 def test_arriving_early_ends_the_drive():

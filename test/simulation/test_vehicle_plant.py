@@ -3,11 +3,10 @@
 
 from dataclasses import replace
 
-from level_car import CAPACITY_AH, current_a, CURVED, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, VOLTAGE_V
+from level_car import CAPACITY_AH, current_a, CURVED, HEAT_CAPACITY_J_PER_K, LEVEL, level, OHM, route_of, VOLTAGE_V
 import pytest
 
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route import make_route
 from bev_preheat.simulation.heater import HeaterLease
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 from bev_preheat.vehicle.description import HeatPath
@@ -18,20 +17,11 @@ def with_limits(charge_w, discharge_w):
         LEVEL.battery, charge_power_limit=level(charge_w), discharge_power_limit=level(discharge_w)))
 
 
-def route_of(durations_s, power_w=(0.0,), speed_mps=(12.0,), ambient_c=(-9.0,), cabin_w=(0.0,),
-             auxiliary_w=(0.0,), rms_w=None):
-    return make_route({
-        'duration_s': durations_s, 'speed_mps': speed_mps, 'propulsion_power_w': power_w,
-        'propulsion_power_rms_w': rms_w, 'ambient_temperature_c': ambient_c,
-        'cabin_heating_power_w': cabin_w, 'auxiliary_power_w': auxiliary_w}, CURVED.defaults)
-
-
 def winter_plant(vehicle=CURVED):
     """Return a plant on a route on which everything varies."""
-    route = route_of([31.0, 47.5, 60.0, 12.25], power_w=[18e3, -7e3, 42e3, 0.0],
+    route = route_of(31.0, 47.5, 60.0, 12.25, power_w=[18e3, -7e3, 42e3, 0.0],
                      speed_mps=[14.0, 22.0, 33.0, 0.0], ambient_c=[-9.0, -4.0, -11.0, -2.0],
-                     cabin_w=[1800.0, 2600.0, 900.0, 6200.0], auxiliary_w=[350.0],
-                     rms_w=[24e3, 9e3, 42e3, 0.0])
+                     cabin_w=[1800.0, 2600.0, 900.0, 6200.0], auxiliary_w=350.0, rms_w=[24e3, 9e3, 42e3, 0.0])
     return VehiclePlant(vehicle, route, BatteryState(temperature_c=3.0, soc=0.71))
 
 
@@ -72,8 +62,7 @@ def test_after_arrival_the_vehicle_stands():
 
 def test_power_that_the_battery_cannot_deliver_is_accounted_for():
     most_w = VOLTAGE_V**2 / (4.0 * OHM)
-    plant = VehiclePlant(LEVEL, route_of([10.0, 20.0], power_w=[60e3, most_w + 5e3]),
-                         BatteryState(5.0, 0.8))
+    plant = VehiclePlant(LEVEL, route_of(10.0, 20.0, power_w=[60e3, most_w + 5e3]), BatteryState(5.0, 0.8))
     plant.advance(30.0, 0.0)
     assert plant.undeliverable_power_w == pytest.approx(5e3)
     assert plant.undeliverable_energy_wh == pytest.approx(5e3 * 20.0 / 3600.0)
@@ -84,7 +73,7 @@ def test_power_that_the_battery_cannot_deliver_is_accounted_for():
 
 def test_friction_brake_takes_what_the_battery_must_not():
     plant = VehiclePlant(with_limits(charge_w=-5e3, discharge_w=1e5), route_of(
-        [200.0], power_w=[-30e3], auxiliary_w=[350.0]), BatteryState(5.0, 0.8))
+        200.0, power_w=-30e3, auxiliary_w=350.0), BatteryState(5.0, 0.8))
     plant.advance(200.0, 0.0)
     assert plant.energy_wh.battery_total == pytest.approx(-5e3 * 200.0 / 3600.0)
     brake_w = 30e3 - 350.0 - (5e3 + OHM * (5e3 / VOLTAGE_V)**2)
@@ -95,8 +84,8 @@ def test_friction_brake_takes_what_the_battery_must_not():
 
 
 def test_heater_gets_what_the_battery_may_give():
-    plant = VehiclePlant(with_limits(charge_w=-1e5, discharge_w=20e3), route_of(
-        [200.0], power_w=[18e3]), BatteryState(5.0, 0.8))
+    plant = VehiclePlant(with_limits(charge_w=-1e5, discharge_w=20e3), route_of(200.0, power_w=18e3),
+                         BatteryState(5.0, 0.8))
     plant.advance(150.0, 6e3)
     assert plant.energy_wh.battery_total == pytest.approx(20e3 * 150.0 / 3600.0)
     joule_w = OHM * (20e3 / VOLTAGE_V)**2
@@ -105,7 +94,7 @@ def test_heater_gets_what_the_battery_may_give():
 
 def test_with_an_empty_battery_the_vehicle_stands():
     strong = with_limits(charge_w=-1e5, discharge_w=1e5)
-    plant = VehiclePlant(strong, route_of([900.0], power_w=[80e3]), BatteryState(5.0, 0.05))
+    plant = VehiclePlant(strong, route_of(900.0, power_w=80e3), BatteryState(5.0, 0.05))
     plant.advance(900.0, 1000.0)
     lasts_s = 0.05 * CAPACITY_AH * 3600.0 / current_a(81e3)
     assert lasts_s <= plant.empty_at_s <= lasts_s + 1.0
@@ -115,7 +104,7 @@ def test_with_an_empty_battery_the_vehicle_stands():
 
 
 def test_a_car_does_not_let_its_battery_melt():
-    plant = VehiclePlant(LEVEL, route_of([600.0], power_w=[2e6]), BatteryState(40.0, 0.9))
+    plant = VehiclePlant(LEVEL, route_of(600.0, power_w=2e6), BatteryState(40.0, 0.9))
     plant.advance(600.0, 0.0)
     hottest_c = CURVED.battery.temperature_range_c[1] + 20.0
     energy = plant.energy_wh
@@ -125,8 +114,7 @@ def test_a_car_does_not_let_its_battery_melt():
 
 
 def test_current_and_voltage_are_those_of_the_circuit():
-    plant = VehiclePlant(LEVEL, route_of([10.0, 10.0], power_w=[30e3, -12e3]),
-                         BatteryState(5.0, 0.8))
+    plant = VehiclePlant(LEVEL, route_of(10.0, 10.0, power_w=[30e3, -12e3]), BatteryState(5.0, 0.8))
     plant.advance(5.0, 2000.0)
     assert plant.current_a > 0.0
     assert plant.terminal_voltage_v == pytest.approx(VOLTAGE_V - OHM * plant.current_a)
