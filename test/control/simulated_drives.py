@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives of simulated cars under a Supervisor, with each command and the decision shown with it."""
 
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -12,6 +13,12 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS, Wire
 from bev_preheat.vehicle.description import HVCH
+
+
+def with_source(vehicle, name, **properties):
+    """Return a vehicle, of whose heat sources one has other properties."""
+    return replace(vehicle, heat_sources=tuple(
+        replace(source, **properties) if source.name == name else source for source in vehicle.heat_sources))
 
 
 class Seen(NamedTuple):

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from simulated_drives import drive
+from simulated_drives import drive, with_source
 from steady_drives import moment_of, NOW_NS, ns
 
 from bev_preheat.charging.stop import Charger
@@ -159,9 +159,7 @@ def test_what_heats_rests_before_it_cools(cools, power_w):
     (RESTS, 61.0, math.inf, Status.COOLING, 0.0, Status.WAITING_TO_COOL),
     (ON, 49.0, 42.0, Status.WAITING_TO_COOL, 3000.0, Status.COOLING)], ids=['rests', 'runs'])
 def test_the_least_times_of_a_chiller_outlast_the_plan(chiller, temperature_c, most_c, planned, power_w, reason):
-    car = replace(CAR, heat_sources=tuple(
-        replace(source, minimum_on_time_s=300.0, minimum_off_time_s=180.0) if source.cools else source
-        for source in CAR.heat_sources))
+    car = with_source(CAR, 'chiller', minimum_on_time_s=300.0, minimum_off_time_s=180.0)
     state = planned_at(temperature_c, most_c, car).state
     assert state.decision.status is planned
     _, command = Commander(sources=(('chiller', chiller),)).give(
@@ -281,7 +279,6 @@ def test_a_chiller_that_refuses_each_command_is_named_between_them_and_serves_ag
 
 
 def test_a_chiller_whose_least_time_exceeds_the_rest_of_the_drive_cools_until_the_arrival():
-    car = replace(CAR, heat_sources=tuple(
-        replace(source, minimum_on_time_s=900.0) if source.cools else source for source in CAR.heat_sources))
+    car = with_source(CAR, 'chiller', minimum_on_time_s=900.0)
     *_, last = driven(car=car, goal=Goal(25.0, maximum_arrival_temperature_c=42.0), charger=None)
     assert last.car.plant.temperature_c == pytest.approx(42.0, abs=0.7)

@@ -24,6 +24,11 @@ def leg(minutes=40, departure=None):
         auxiliary_power_w=None, target_temperature_c=None, departure=departure)
 
 
+def with_a_stop(minutes=30):
+    """Return legs of 5 min and of some minutes, with a stop of 5 min between them."""
+    return with_stops((leg(5), leg(minutes, departure=BatteryState(20.0, 0.8))), (300.0,))
+
+
 class Car:
     """The reference battery; for a minute or more, one state every two seconds. The heater obeys at once."""
 
@@ -150,8 +155,7 @@ def test_a_position_that_moves_outranks_the_power():
 
 
 def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
-    legs = with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,))
-    car = Car(legs, soc=0.6)
+    car = Car(with_a_stop(), soc=0.6)
     car.go(5 * 60, DRIVE_W)
     car.go(600, 0.0, charged_w=50e3)
     # 5 min longer than planned: the next leg has not begun.
@@ -161,8 +165,7 @@ def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
 
 @pytest.mark.parametrize('has_position', [True, False])
 def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_there(has_position):
-    legs = with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,))
-    car = Car(legs, soc=0.6)
+    car = Car(with_a_stop(), soc=0.6)
 
     def go_to(place_m, from_m, seconds, **power):
         for second in range(1, seconds + 1):
@@ -184,7 +187,7 @@ def test_a_stop_that_is_reached_early_begins_early_and_the_drive_goes_on_from_th
 
 
 def test_a_position_corrects_an_arrival_that_charging_told():
-    car = Car(with_stops((leg(5), leg(30, departure=BatteryState(20.0, 0.8))), (300.0,)), soc=0.6)
+    car = Car(with_a_stop(), soc=0.6)
     car.tell(0.0)
     car.go(240, DRIVE_W)
     car.go(180, 0.0, charged_w=50e3)
@@ -195,8 +198,7 @@ def test_a_position_corrects_an_arrival_that_charging_told():
 
 
 def test_a_short_leg_does_not_end_at_the_stop_before_it():
-    legs = with_stops((leg(5), leg(10, departure=BatteryState(20.0, 0.8))), (300.0,))
-    car = Car(legs, soc=0.4, temperature_c=-5.0)
+    car = Car(with_a_stop(10), soc=0.4, temperature_c=-5.0)
     car.go(5 * 60, DRIVE_W)
     # It is charged for 10 min longer than planned, and the 10 min of the next leg are near its end.
     car.go(900, 0.0, charged_w=50e3)

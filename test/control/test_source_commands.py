@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from simulated_drives import drive
+from simulated_drives import drive, with_source
 from steady_drives import moment_of
 
 from bev_preheat.control.decision import Unserved
@@ -207,8 +207,7 @@ PUMP = {'power_steps_w': STEPS_W, **TIMES}
 
 
 def car_with(name='heat_pump', hvch_w=6500.0, **properties):
-    return replace(CAR, hvch=replace(CAR.hvch, maximum_power_w=hvch_w), heat_sources=tuple(
-        replace(source, **properties) if source.name == name else source for source in CAR.heat_sources))
+    return with_source(replace(CAR, hvch=replace(CAR.hvch, maximum_power_w=hvch_w)), name, **properties)
 
 
 def route_of(minutes=60, speeds_mps=(20.0,), air_c=-10.0):

@@ -169,9 +169,12 @@ def test_a_current_of_0_between_others_is_not_filled_but_one_that_stays_is():
 
 # Age
 
-def test_a_silent_battery_heats_until_the_timeout():
-    assert outcome(make_supervisor(), at(3.999))[0] > 0.0
-    assert outcome(make_supervisor(), at(4.0)) == (0.0, Status.STALE_INPUT)
+@pytest.mark.parametrize('now_s, power_w, reason', [
+    (3.999, FULL_POWER_W, Status.TARGET_UNREACHABLE), (4.0, 0.0, Status.STALE_INPUT),
+    # The clock was set back, and the state comes from its future.
+    (-0.6, 0.0, Status.STALE_INPUT), (-300.0, 0.0, Status.STALE_INPUT)])
+def test_a_battery_state_heats_until_its_timeout_and_never_before_its_stamp(now_s, power_w, reason):
+    assert outcome(make_supervisor(), at(now_s)) == (pytest.approx(power_w), reason)
 
 
 @pytest.mark.parametrize('now_ns, stamp_ns, message', [
@@ -209,18 +212,6 @@ def test_a_state_that_was_overtaken_is_dropped_without_a_word_and_counted(late_s
         assert outcome(supervisor, at(after_s)) == (power_w, reason)
         state = supervisor.state
         assert (state.temperature_c, state.inbox.overtaken_states) == (-7.0, count)
-
-
-def test_an_overtaken_state_does_not_excuse_a_refused_one():
-    supervisor = make_supervisor()
-    refused_battery(supervisor, NOW_NS, soc=2.0)
-    supervisor.accept_battery(measured(NOW_NS - ns(0.5)), NOW_NS)
-    assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
-
-
-@pytest.mark.parametrize('back_s', [0.6, 300.0])
-def test_a_clock_set_back_heats_on_nothing_from_its_future(back_s):
-    assert outcome(make_supervisor(), NOW_NS - ns(back_s)) == (0.0, Status.STALE_INPUT)
 
 
 @pytest.mark.parametrize('back_ns, restarted', [
@@ -261,14 +252,15 @@ def test_a_refused_state_switches_off_and_is_told_by_its_source_until_a_good_one
     assert heats_after_pause(supervisor, 0.1)
 
 
-@pytest.mark.parametrize('is_mended', [False, True])
-def test_a_good_route_does_not_excuse_a_refused_state(is_mended):
+@pytest.mark.parametrize('events', [
+    [BatteryStateArrived(measured(NOW_NS - ns(0.5)))], [RouteArrived(steady_mission())],
+    [RouteArrived(steady_mission(minimum_arrival_soc=2.0)), RouteArrived(steady_mission())]],
+    ids=['overtaken state', 'route', 'refused route and a mended one'])
+def test_nothing_but_a_new_state_excuses_a_refused_one(events):
     supervisor = make_supervisor()
     refused_battery(supervisor, NOW_NS, soc=2.0)
-    if is_mended:
-        with pytest.raises(InvalidInput):
-            supervisor.accept_mission(steady_mission(minimum_arrival_soc=2.0))
-    supervisor.accept_mission(steady_mission())
+    for event in events:
+        supervisor.step_through(NOW_NS, event)
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
 
 

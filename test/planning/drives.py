@@ -25,5 +25,8 @@ def segments(min_size=1, max_size=40, **ranges):
 
 
 def columns_of(drawn):
-    """Return the columns of drawn segments, as arrays (N,)."""
-    return {name: np.array([segment[name] for segment in drawn]) for name in drawn[0]}
+    """Return the columns of drawn segments, as arrays (N,); `deviation_w` [W] becomes the root mean square."""
+    columns = {name: np.array([segment[name] for segment in drawn]) for name in drawn[0]}
+    if 'deviation_w' in columns:
+        columns['propulsion_power_rms_w'] = np.hypot(columns['propulsion_power_w'], columns.pop('deviation_w'))
+    return columns

@@ -53,17 +53,14 @@ def test_heat_per_watt_of_two_signs_or_none_is_refused(heat_per_watt, problem):
         f'the file: heat_sources.chiller.heat_per_watt: {problem}']
 
 
-@pytest.mark.parametrize('most_c', [21.9, np.nan, -np.inf])
-def test_an_arrival_below_the_target_is_refused(most_c):
-    with pytest.raises(InvalidInput, match='maximum arrival temperature: .* must be 22 ... 60 degC'):
-        planned(most_c=most_c)
-
-
-@pytest.mark.parametrize('rise_k', [-0.1, np.nan])
-def test_a_local_rise_below_0_is_refused(rise_k):
-    with pytest.raises(InvalidInput, match='local rise: .* must be 0 ... 150 K'):
-        plan_preheating(VEHICLE, ROUTE, BatteryState(45.0, 0.9), Goal(
-            22.0, maximum_arrival_temperature_c=35.0, local_rise_k=rise_k))
+@pytest.mark.parametrize(('most_c', 'rise_k', 'problem'), [
+    *((most_c, 0.0, 'maximum arrival temperature: .* must be 22 ... 60 degC')
+      for most_c in (21.9, np.nan, -np.inf)),
+    *((35.0, rise_k, 'local rise: .* must be 0 ... 150 K') for rise_k in (-0.1, np.nan))])
+def test_a_highest_temperature_below_the_target_and_a_negative_rise_are_refused(most_c, rise_k, problem):
+    goal = Goal(22.0, maximum_arrival_temperature_c=most_c, local_rise_k=rise_k)
+    with pytest.raises(InvalidInput, match=problem):
+        plan_preheating(VEHICLE, ROUTE, BatteryState(45.0, 0.9), goal)
 
 
 @pytest.mark.parametrize(('target_c', 'arrival_c'), [(22.0, 34.3), (34.8, 34.8)])

@@ -34,8 +34,6 @@ STARTS = st.tuples(st.floats(0.35, 0.95), st.floats(-25.0, 30.0))
 def trip_of(vehicle, segments):
     """Trip of random segments, and the power of heater and friction brake in each."""
     columns = drives.columns_of(segments)
-    columns['propulsion_power_rms_w'] = np.hypot(
-        columns['propulsion_power_w'], columns.pop('deviation_w'))
     heater_share, brake_share = columns.pop('heater_share'), columns.pop('brake_share')
     trip = make_trip(vehicle, make_route(columns, vehicle.defaults))
     return (trip, heater_share * trip.heater_limit_w,

@@ -4,13 +4,14 @@
 from dataclasses import replace
 import math
 
+from drives import route_of
 import numpy as np
 import pytest
 
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route import load_route, make_route
+from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import gate_problems, HeatingGates, NO_GATES
 from bev_preheat.vehicle.heater_controller import Refusal
@@ -51,10 +52,7 @@ def test_heat_ends_below_the_hottest_battery(method):
 @pytest.mark.parametrize('method', METHODS)
 def test_a_parked_battery_is_heated_up_to_the_gate_just_before_it_leaves(method):
     # Heat of the first hour would have leaked: 10 degC of then are 5 degC.
-    parked = make_route({
-        'duration_s': [60.0] * 150, 'speed_mps': [0.0] * 150, 'propulsion_power_w': [0.0] * 150,
-        'ambient_temperature_c': [-10.0] * 150, 'cabin_heating_power_w': [0.0] * 150,
-        'auxiliary_power_w': [200.0] * 150}, VEHICLE.defaults)
+    parked = route_of((150, 0.0), step_s=60.0, speed_mps=0.0, ambient_c=-10.0, cabin_w=0.0, auxiliary_w=200.0)
     plan = planned(HeatingGates(maximum_temperature_c=10.0), BatteryState(-9.0, 0.9), method=method, route=parked)
     assert 9.7 < plan.arrival_temperature_c < 10.0
     assert heated(plan).tolist() == sorted(heated(plan).tolist())

@@ -49,8 +49,6 @@ def battery_power_w(soc, temperature_c, terminal_w, variance_w2):
 def trip_of(segments):
     """Trip of random segments, and the heater power wanted in each."""
     columns = drives.columns_of(segments)
-    columns['propulsion_power_rms_w'] = np.hypot(
-        columns['propulsion_power_w'], columns.pop('deviation_w'))
     share = columns.pop('wanted_share')
     trip = make_trip(CAR, make_route(columns, CAR.defaults))
     return trip, share * trip.heater_limit_w

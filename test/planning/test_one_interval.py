@@ -28,7 +28,7 @@ CAR = Car(FORMULA_CAR)
 # The power left by the cabin changes from segment to segment, sometimes to 0. The coldest battery delivers all of
 # this power, and stays within the model's range of charge.
 SEGMENTS = drives.segments(
-    propulsion_power_w=(-5e3, 35e3), spread_w=(0.0, 15e3), ambient_temperature_c=(-15.0, 6.0),
+    propulsion_power_w=(-5e3, 35e3), deviation_w=(0.0, 15e3), ambient_temperature_c=(-15.0, 6.0),
     cabin_heating_power_w=(0.0, 7e3))
 START_C = st.floats(-10.0, 12.0)
 SOC = st.floats(0.6, 0.97)
@@ -55,9 +55,7 @@ def drawn_target(segments, state, share):
 
 
 def route_of(segments):
-    columns = drives.columns_of(segments)
-    columns['propulsion_power_rms_w'] = np.hypot(columns['propulsion_power_w'], columns.pop('spread_w'))
-    return make_route(columns, FORMULA_CAR.defaults)
+    return make_route(drives.columns_of(segments), FORMULA_CAR.defaults)
 
 
 def plan_of(segments, state, target_c):
