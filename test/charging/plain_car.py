@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 from own_ageing import own_cost_per_s
+import pytest
 
+from bev_preheat.charging.session import charge
 from bev_preheat.numerics import ARRAYS, FLOATS
 from bev_preheat.route import Route
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
@@ -114,6 +116,15 @@ def own_session(vehicle, stop, state, step_s=0.5, is_on=lambda elapsed_s, soc, t
         if h < step_s:
             break
     return OwnSession(elapsed_s, bought_j / 3600.0, float(y[1]), aged)
+
+
+def same_session(vehicle, stop, state, tolerance):
+    """Return the Session from a BatteryState, which must be the OwnSession to a relative tolerance and 0.01 K."""
+    session, own = charge(vehicle, stop, state), own_session(vehicle, stop, state)
+    assert (session.charging_time_s, session.bought_energy_wh) == pytest.approx(
+        (own.time_s, own.bought_wh), rel=tolerance)
+    assert session.battery_temperature_c[-1] == pytest.approx(own.end_c, abs=0.01)
+    return session
 
 
 def stored_wh(vehicle, soc, temperature_c):

@@ -69,10 +69,24 @@ def test_who_is_no_candidate_comes_last_with_the_reason():
     assert ranking_verdict(found).startswith('good, without heating before arrival: ')
 
 
-def test_a_reserve_that_is_not_kept_on_the_way():
-    [item] = ranked([Candidate('far', 3000.0, 50e3, 0.5)], state=BatteryState(20.0, 0.45),
-                    goal=Goal(25.0, 0.15))
-    assert item.problem == 'out of reach: the charge would fall to 11.5 % on the way; the reserve is 15 %'
+@pytest.mark.parametrize('candidate, how, problem', [
+    (Candidate('far', 3000.0, 50e3, 0.5), {'state': BatteryState(20.0, 0.45), 'goal': Goal(25.0, 0.15)},
+     'out of reach: the charge would fall to 11.5 % on the way; the reserve is 15 %'),
+    (Candidate('weak', 1800.0, 1500.0, 0.5), {},
+     'This charger cannot charge the battery that far, heated or not: cabin and auxiliaries take all of the '
+     '1.5 kW that charger and inlet provide.'),
+    # 50 min at 16.9 kW of 42 kWh.
+    (Candidate('early', 600.0, 50e3, 0.5), {'end_soc': 0.9},
+     'even 100 % is not enough for the rest of the route: 66.5 % would be left at its end; 90 % is required'),
+    (Candidate('early', 600.0, 50e3, 0.5), {'route': drive(240), 'end_soc': 0.2},
+     'even 100 % is not enough for the rest of the route: the vehicle would strand; 20 % is required')],
+    ids=['reserve', 'weak charger', 'too little at the end', 'stranded'])
+def test_a_charger_that_does_not_suit_says_why(candidate, how, problem):
+    [item] = ranked([candidate], **how)
+    assert (item.problem, item.total_cost) == (problem, math.inf)
+    # A charger that is reached may be judged.
+    assert (item.as_dictionary()['worth'] is not None) == (candidate.name == 'weak')
+    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
 
 
 def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
@@ -90,23 +104,6 @@ def test_a_rest_that_falls_below_the_reserve_though_it_ends_above():
     # It would not even reach the top.
     [item] = ranked(valley, PLAIN, state, 0.2, route=route)
     assert item.problem.endswith('but fall to 0.0 % on the rest of the route; the reserve is 0 %')
-
-
-def test_a_charger_that_cannot_charge():
-    [item] = ranked([Candidate('weak', 1800.0, 1500.0, 0.5)])
-    assert item.problem.startswith('This charger cannot charge the battery that far')
-    assert item.total_cost == math.inf and item.as_dictionary()['worth'] is not None
-
-
-def test_a_full_battery_that_does_not_carry_the_rest():
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], end_soc=0.9)
-    # 50 min at 16.9 kW of 42 kWh.
-    assert item.problem == ('even 100 % is not enough for the rest of the route: 66.5 % would be left at '
-                            'its end; 90 % is required')
-    [item] = ranked([Candidate('early', 600.0, 50e3, 0.5)], route=drive(240), end_soc=0.2)
-    assert item.problem == ('even 100 % is not enough for the rest of the route: the vehicle would strand; '
-                            '20 % is required')
-    assert ranking_verdict([item]) == 'None of these chargers suits this route.'
 
 
 @pytest.mark.parametrize('end_soc, goal', [(1.2, GOAL), (math.nan, GOAL), (0.2, Goal(25.0, 0.3))])

@@ -6,7 +6,7 @@ import math
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from plain_car import drive, own_session, plain_car, stored_wh
+from plain_car import drive, own_session, plain_car, same_session, stored_wh
 import pytest
 from refusals import problems_of
 import yaml
@@ -98,13 +98,8 @@ def test_cooling_without_a_source_of_cold_is_refused(cooling, problem):
 
 @pytest.mark.parametrize('cooling', [CHILLER, RADIATOR], ids=['chiller', 'radiator'])
 @pytest.mark.parametrize('charger_w, start_c', [(105e3, 29.0), (60e3, 44.0)])
-def test_a_cooled_session_is_that_of_small_euler_steps(cooling, charger_w, start_c):
-    car, stop = hot_car(cooling, 1.6), a_stop(charger_w)
-    session = charge(car, stop, BatteryState(start_c, 0.1))
-    time_s, bought_wh, end_c, _ = own_session(car, stop, BatteryState(start_c, 0.1))
-    assert session.charging_time_s == pytest.approx(time_s, rel=1e-4)
-    assert session.bought_energy_wh == pytest.approx(bought_wh, rel=1e-4)
-    assert session.battery_temperature_c[-1] == pytest.approx(end_c, abs=0.01)
+def test_a_cooled_session_is_that_of_an_own_fine_integration(cooling, charger_w, start_c):
+    session = same_session(hot_car(cooling, 1.6), a_stop(charger_w), BatteryState(start_c, 0.1), 1e-4)
     assert session.energy_wh.cooling_electric > 10.0
 
 

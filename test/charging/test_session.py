@@ -12,8 +12,8 @@ from plain_car import (
     HEAT_CAPACITY_J_PER_K,
     HEATER_EFFICIENCY,
     HEATER_W,
-    own_session,
     plain_car,
+    same_session,
     stored_wh,
     VOLTAGE_V,
 )
@@ -81,12 +81,7 @@ def test_constant_power_through_a_resistance():
     (SMALL, 100e3, BatteryState(1.0, 0.15)), (LATE, 22e3, BatteryState(15.0, 0.3, 1000.0, 2.0))],
     ids=['150 kW, cold', '50 kW, held at the limit', 'no heating', 'late heat'])
 def test_a_session_is_that_of_an_own_fine_integration(vehicle, charger_w, state):
-    stop = ChargingStop(charger_w, 0.62, -9.0, 1700.0, 450.0)
-    session = charge(vehicle, stop, state)
-    time_s, bought_wh, departure_c, _ = own_session(vehicle, stop, state)
-    assert session.charging_time_s == pytest.approx(time_s, rel=2e-4)
-    assert session.bought_energy_wh == pytest.approx(bought_wh, rel=2e-4)
-    assert session.battery_temperature_c[-1] == pytest.approx(departure_c, abs=0.01)
+    same_session(vehicle, ChargingStop(charger_w, 0.62, -9.0, 1700.0, 450.0), state, 2e-4)
 
 
 @given(name=st.sampled_from(['reference', 'small', 'late heat']), charger_w=st.floats(3e3, 400e3),

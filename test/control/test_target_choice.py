@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import simulated_drives
 from stepwise import Stepwise
 
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -16,7 +17,6 @@ from bev_preheat.charging.worth_search import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target import TargetSource
 from bev_preheat.control.target_choice import TargetChooser, TargetSearchInput
 from bev_preheat.estimation.estimate import FACTORS, HEAT_CAPACITY
@@ -26,10 +26,8 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import Route
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import HeatPath
@@ -191,21 +189,14 @@ def test_a_belief_that_has_really_changed_changes_the_target():
 
 def driven_with_late_heat(target_c=math.nan):
     """Drive a car whose heat arrives late; return instants [s] and powers [W] of its commands, and the target."""
-    late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
-    car = ImperfectCar(
-        late, DrivePhase(drive(20, -9.0, power_w=14e3), Goal(target_c), charger=FAST), BatteryState(10.0, 0.45),
-        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0)),
-        [3, 14])
-    supervisor = Supervisor(late, replace(
-        MEASURED, estimation=True, command_period_s=10.0, command_lease_s=22.0, battery_state_timeout_s=22.0))
-    commands, planned_c = [], math.nan
-    for moment in moments(car, supervisor, lambda: car.is_over):
-        output = moment.output
-        if output.command is not None:
-            commands.append((moment.time_s, output.command.battery_heating_power_w))
-        if output.decision is not None and output.decision.plan is not None:
-            planned_c = output.decision.plan.target_temperature_c
-    return *np.array(commands).T, planned_c
+    seen = list(simulated_drives.drive(
+        replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0)),
+        DrivePhase(drive(20, -9.0, power_w=14e3), Goal(target_c), charger=FAST), BatteryState(10.0, 0.45),
+        sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0), seed=[3, 14],
+        energy_price_per_kwh=0.55, value_of_time_per_h=12.0, command_period_s=10.0, command_lease_s=22.0,
+        battery_state_timeout_s=22.0))
+    planned_c = next(each.decision.plan.target_temperature_c for each in reversed(seen) if each.decision.plan)
+    return *np.array([(each.at_s, each.command.battery_heating_power_w) for each in seen]).T, planned_c
 
 
 @pytest.mark.costly

@@ -110,20 +110,13 @@ def test_values_serve_a_drive_that_is_short_without_heating(name):
         np.testing.assert_allclose(kept.heater_power_w, new.heater_power_w, rtol=0.0, atol=1e-6)
 
 
-def test_values_that_ask_for_more_heat_than_the_charge_carries_are_not_used():
-    drive = Drive()
-    state = replace(drive.state, soc=0.33)
+@pytest.mark.parametrize('soc, later_soc', [(0.9, 0.33), (0.33, 0.9)], ids=['then short', 'short before'])
+def test_values_are_not_used_once_the_charge_carries_less_or_more_heat(soc, later_soc):
+    drive = Drive(soc=soc)
+    state = replace(drive.state, soc=later_soc)
     kept, new = drive.plan(drive.kept, 5.0, state), drive.plan(None, 5.0, state)
     np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
-    assert len(drive.kept.latest) == 2
-
-
-def test_values_of_a_drive_that_was_short_are_not_used_once_it_is_not():
-    drive = Drive(soc=0.33)
-    state = replace(drive.state, soc=0.9)
-    kept, new = drive.plan(drive.kept, 5.0, state), drive.plan(None, 5.0, state)
-    assert (kept.heater_power_w > 1.0).any()
-    np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
+    assert len(drive.kept.latest) == 2 and (kept.heater_power_w > 1.0).any() == (later_soc > soc)
 
 
 @pytest.mark.parametrize('name', ['at once', *(

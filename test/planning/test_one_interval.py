@@ -82,22 +82,15 @@ def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one
     assert plan.hvch_battery_power_w == pytest.approx(expected_w, rel=1e-12, abs=1e-9)
 
 
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, warmer_k=st.floats(-5.0, -0.001))
-def test_target_below_the_unheated_arrival_needs_no_heating(segments, start_c, soc, warmer_k):
-    state = BatteryState(start_c, soc)
-    idle_c, _ = span_c(segments, state)
-    plan = plan_of(segments, state, idle_c + warmer_k)
-    assert (plan.status, plan.hvch_battery_power_w.any()) == (Status.NOT_NEEDED, False)
-
-
 # Nearer than a fifth of a kelvin counts as reached.
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, colder_k=st.floats(0.201, 30.0))
-def test_target_above_the_fully_heated_arrival_is_unreachable(segments, start_c, soc, colder_k):
+@given(segments=SEGMENTS, start_c=START_C, soc=SOC, below_k=st.floats(0.001, 5.0), above_k=st.floats(0.201, 30.0))
+def test_a_target_that_is_met_unheated_and_one_out_of_reach(segments, start_c, soc, below_k, above_k):
     state = BatteryState(start_c, soc)
-    _, full_c = span_c(segments, state)
-    plan = plan_of(segments, state, full_c + colder_k)
-    assert plan.status is Status.TARGET_UNREACHABLE
-    assert plan.shortfall_k == pytest.approx(colder_k, abs=1e-9)
+    idle_c, full_c = span_c(segments, state)
+    unheated, heated = plan_of(segments, state, idle_c - below_k), plan_of(segments, state, full_c + above_k)
+    assert (unheated.status, unheated.hvch_battery_power_w.any()) == (Status.NOT_NEEDED, False)
+    assert (heated.status, heated.shortfall_k) == (
+        Status.TARGET_UNREACHABLE, pytest.approx(above_k, abs=1e-9))
 
 
 def planned(number, **drawn):
