@@ -29,9 +29,9 @@ def own_cost_per_s(soc, temperature_c, soc_per_s, ageing=AGEING):
     return ageing.battery_price / (1.0 - ageing.end_of_life) * lost_per_h / 3600.0
 
 
-def own_session_cost(session, ageing=AGEING):
+def own_session_cost(session):
     """Return the price of a Session's ageing, by the midpoint rule."""
     ends = list(zip(session.time_s.tolist(), session.battery_temperature_c.tolist(), session.soc.tolist()))
     return sum((after[0] - before[0]) * own_cost_per_s(
         0.5 * (before[2] + after[2]), 0.5 * (before[1] + after[1]),
-        (after[2] - before[2]) / (after[0] - before[0]), ageing) for before, after in zip(ends, ends[1:]))
+        (after[2] - before[2]) / (after[0] - before[0])) for before, after in zip(ends, ends[1:]))

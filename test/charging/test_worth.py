@@ -31,26 +31,22 @@ STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
 COLD, WARM = BatteryState(-5.0, 0.35), BatteryState(12.0, 0.35)
 
 
-def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
+def cost_of(vehicle, route, charger_w):
     """Return the cost of one target as a function: plan, session and money one after the other."""
     stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
                         float(route.cabin_heating_power_w[-1]), 400.0)
-    heating = ChargerHeating(vehicle, stop, prices)
+    heating = ChargerHeating(vehicle, stop, PRICES)
 
     def cost(target_c):
-        plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
-                plan_preheating(vehicle, route, state, Goal(target_c)))
+        plan = (plan_unheated(vehicle, route, STATE, GOAL) if target_c is None else
+                plan_preheating(vehicle, route, STATE, Goal(target_c)))
         arrival = BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
         session = charge(vehicle, stop, arrival, heating=heating.choose(arrival).limit)
-        return money(session, prices)
+        aged = 0.0 if session.ageing is None else own_session_cost(session)
+        return (PRICES.energy_per_kwh * session.bought_energy_wh / 1000.0
+                + PRICES.time_per_h * session.charging_time_s / 3600.0 + aged)
 
     return cost
-
-
-def money(session, prices):
-    aged = 0.0 if session.ageing is None else own_session_cost(session)
-    return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
-            + prices.time_per_h * session.charging_time_s / 3600.0 + aged)
 
 
 @pytest.fixture(scope='module')

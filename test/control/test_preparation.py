@@ -517,13 +517,6 @@ def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
     car.expect_end(soonest, PreparationEnding.UNPLUGGED)
 
 
-def test_a_clock_that_is_set_back_ends_the_goal():
-    car = Car()
-    preparation_goal = car.want(900.0)
-    car.state(-100.0)
-    car.expect_end(preparation_goal, PreparationEnding.INPUT_LOST, 'set back')
-
-
 def test_another_vehicle_that_the_goal_does_not_fit_keeps_the_heater_off():
     narrow = replace(VEHICLE, battery=replace(VEHICLE.battery, temperature_range_c=(-40.0, 10.0)))
     car = Car()

@@ -25,7 +25,6 @@ MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=
 SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, command_lease_s=1.5)
 CABIN_W = 1500.0
 FULL_POWER_W = 7000.0 - CABIN_W
-DURATION_S = 1200.0
 
 
 def make_supervisor(temperature_c=-7.0, stamp_ns=NOW_NS, settings=SETTINGS, **mission):
@@ -58,7 +57,7 @@ def refused_battery(supervisor, now_ns, **measurement):
     return str(refusal.value)
 
 
-# One case for each status
+# Which inputs it needs, and what it makes of them
 
 @pytest.mark.parametrize('has_route, has_battery, reason', [
     (False, False, Status.NO_ROUTE), (False, True, Status.NO_ROUTE), (True, False, Status.NO_BATTERY_STATE)])
@@ -89,17 +88,6 @@ def test_surplus_goes_to_the_heater_though_the_charge_does_not_carry():
     assert outcome(supervisor) == (FULL_POWER_W, Status.OUT_OF_CHARGE)
     feed(supervisor, at(151.0), temperature_c=-20.0, soc=0.06)
     assert outcome(supervisor, at(151.0)) == (0.0, Status.OUT_OF_CHARGE)
-
-
-@pytest.mark.parametrize('situation, power_w, reason', [
-    ({'charging_planned': False}, 0.0, Status.NO_CHARGING_PLANNED),
-    ({'temperature_c': 30.0}, 0.0, Status.NOT_NEEDED),
-    ({'temperature_c': 20.0}, 0.0, Status.WAITING),
-    ({'temperature_c': -7.0}, FULL_POWER_W, Status.TARGET_UNREACHABLE),
-    ({'start_ns': NOW_NS - ns(DURATION_S)}, 0.0, Status.ARRIVED),
-], ids=lambda value: value.name if isinstance(value, Status) else '')
-def test_outcome_of_a_plan(situation, power_w, reason):
-    assert outcome(make_supervisor(**situation)) == (pytest.approx(power_w), reason)
 
 
 @pytest.mark.parametrize('what', ['planning.planner.plan_case', 'control.forecast_plan.explain'])

@@ -43,8 +43,8 @@ def one_step(propulsion_w):
         (1, propulsion_w), step_s=STEP_S, ambient_c=5.0, cabin_w=0.0, auxiliary_w=0.0))
 
 
-def driven(trip, soc, take_surplus=False):
-    return drive_as_planned(trip, BatteryState(5.0, soc), trip.heater_limit_w, take_surplus)
+def driven(trip, soc):
+    return drive_as_planned(trip, BatteryState(5.0, soc), trip.heater_limit_w)
 
 
 @given(propulsion_w=st.floats(1e3, 70e3), soc=st.floats(0.3, 1.0))

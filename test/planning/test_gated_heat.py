@@ -22,8 +22,8 @@ STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
 METHODS = 'value_function', 'optimal_switch', 'paper'
 
 
-def planned(gates, state=STATE, goal=GOAL, method='value_function', route=ROUTE):
-    return plan_preheating(replace(VEHICLE, heating_gates=gates), route, state, goal, method)
+def planned(gates, state=STATE, method='value_function', route=ROUTE):
+    return plan_preheating(replace(VEHICLE, heating_gates=gates), route, state, GOAL, method)
 
 
 def heated(plan):

@@ -70,13 +70,13 @@ OFF_EARLY = segments_of(
     [*[0.0] * 5, 2.0, *[0.0] * 9, 4.0, 0.0, 2000.0, 3.0])
 
 
-def slow(path, vehicle=REFERENCE):
-    return replace(vehicle, heat_path=path)
+def slow(path):
+    return replace(REFERENCE, heat_path=path)
 
 
 @cache
-def plan_of(path, method='optimal_switch', target_c=25.0):
-    return plan_preheating(slow(path), ROUTE, STATE, Goal(target_c), method)
+def plan_of(path, method='optimal_switch'):
+    return plan_preheating(slow(path), ROUTE, STATE, GOAL, method)
 
 
 def without_time(plan):
@@ -289,11 +289,11 @@ STATES = st.builds(BatteryState, st.floats(-20.0, 30.0), st.floats(0.3, 0.99),
                    st.floats(0.0, 7e3), st.floats(-2.0, 15.0))
 
 
-def driven_within_limits(segments, state, path, take_surplus=True):
+def driven_within_limits(segments, state, path):
     columns = drives.columns_of(segments)
     share = columns.pop('wanted_share')
-    trip = make_trip(replace(REFERENCE, heat_path=path), make_route(columns, REFERENCE.defaults))
-    return trip, drive_as_planned(trip, state, share * trip.heater_limit_w, take_surplus)
+    trip = make_trip(slow(path), make_route(columns, REFERENCE.defaults))
+    return trip, drive_as_planned(trip, state, share * trip.heater_limit_w, take_surplus=True)
 
 
 @given(LIMITED_SEGMENTS, STATES, SLOW_PATHS)
@@ -334,9 +334,7 @@ def test_a_command_never_asks_for_more_than_the_battery_can_give(segments, state
 @pytest.mark.parametrize('number', [3, 10, 20, 35])
 def test_climbs_that_heat_helps_with_are_delivered(path, number):
     trip = draw_limit_trip(REFERENCE, 1, number)
-    at_once, late = (plan_preheating(
-        replace(REFERENCE, heat_path=each), trip.route, trip.state, trip.goal)
-        for each in (HeatPath(), path))
+    at_once, late = (plan_preheating(slow(each), trip.route, trip.state, trip.goal) for each in (HeatPath(), path))
     assert at_once.undeliverable_power_w == late.undeliverable_power_w == 0.0
     assert at_once.heating_start_s is not None
     assert late.heating_start_s <= at_once.heating_start_s
@@ -346,7 +344,7 @@ def test_climbs_that_heat_helps_with_are_delivered(path, number):
 @pytest.mark.parametrize('number', [25, 39])
 def test_before_a_descent_heat_comes_in_time_and_the_target_is_met(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
-    plan = plan_preheating(replace(REFERENCE, heat_path=BOTH), trip.route, trip.state, trip.goal)
+    plan = plan_preheating(slow(BOTH), trip.route, trip.state, trip.goal)
     assert plan.shortfall_k < 1e-4
     descent_s = float(plan.time_s[np.argmax(trip.route.propulsion_power_w < 0.0)])
     assert plan.heating_start_s < descent_s - BOTH.heat_lag_s

@@ -63,9 +63,9 @@ def powers(monkeypatch):
     return holder
 
 
-def planned(holder, function, vehicle=VEHICLE, route=ROUTE, state=STATE, goal=GOAL, **options):
+def planned(holder, function, goal=GOAL, **options):
     holder.function = function
-    return plan_preheating(vehicle, route, state, goal, 'given', **options)
+    return plan_preheating(VEHICLE, ROUTE, STATE, goal, 'given', **options)
 
 
 # --- names ---

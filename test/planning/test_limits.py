@@ -4,7 +4,7 @@
 from dataclasses import replace
 
 import drives
-from formula_car import current_a, resistance_ohm, SHIPPED_CAR, voltage_v, with_limits
+from formula_car import current_a, resistance_ohm, voltage_v, with_limits
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -13,10 +13,8 @@ import pytest
 from bev_preheat.numerics import FLOATS
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.methods import plan_by_values
-from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.model import make_terminal_limits
@@ -159,13 +157,6 @@ def test_plan_is_what_is_driven_within_limits(segments, state, target_c):
 
 
 # Driven as planned
-
-
-def test_the_unheated_drive_keeps_the_limits():
-    route, state = load_route('alpine_pass', SHIPPED_CAR.defaults), BatteryState(-10.0, 0.9)
-    unheated = plan_unheated(SHIPPED_CAR, route, state, Goal(25.0))
-    assert unheated.friction_brake_power_w.max() > 1e3
-    assert not unheated.hvch_battery_power_w.any()
 
 
 def test_most_terminal_power_is_that_of_the_circuit_where_the_battery_has_no_limit():

@@ -78,10 +78,11 @@ def route_of(segments):
     return make_route(drives.columns_of(segments), FORMULA_CAR.defaults)
 
 
-def drive(minutes=40, step_s=30.0, power_w=16e3, ambient_c=-7.0, cabin_w=1978.0):
-    return [{'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': power_w,
-             'ambient_temperature_c': ambient_c, 'cabin_heating_power_w': cabin_w,
-             'auxiliary_power_w': 500.0}] * round(minutes * 60 / step_s)
+def drive(step_s=30.0, ambient_c=-7.0):
+    """Return the segments of a drive of 40 min."""
+    return round(2400.0 / step_s) * [{
+        'duration_s': step_s, 'speed_mps': 20.0, 'propulsion_power_w': 16e3, 'ambient_temperature_c': ambient_c,
+        'cabin_heating_power_w': 1978.0, 'auxiliary_power_w': 500.0}]
 
 
 def plan_of(segments, target_c=18.0, state=START, **options):

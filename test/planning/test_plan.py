@@ -20,18 +20,17 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 
 
-def made_plan(target_c=25.0, charging_planned=True, method='paper', cabin_w=1978.0, vehicle=VEHICLE, **how):
+def made_plan(target_c, method='paper', cabin_w=1978.0, vehicle=VEHICLE, **how):
     route = make_route({
         'cabin_heating_power_w': np.atleast_1d(cabin_w), 'duration_s': [40.0, 10.0, 25.0, 60.0, 30.0, 5.0, 90.0],
         'speed_mps': [22.0], 'propulsion_power_w': [19e3], 'ambient_temperature_c': [-6.0]}, VEHICLE.defaults)
-    return plan_preheating(vehicle, route, BatteryState(temperature_c=-3.0, soc=0.83),
-                           Goal(target_c, charging_planned=charging_planned), method=method, **how)
+    return plan_preheating(vehicle, route, BatteryState(-3.0, 0.83), Goal(target_c), method, **how)
 
 
 @pytest.fixture(scope='module')
 def plan():
     # Partial heating reaches the target.
-    return made_plan(target_c=-0.5)
+    return made_plan(-0.5)
 
 
 def test_a_plan_that_another_process_has_sent_tells_itself(plan):

@@ -29,8 +29,8 @@ ROUTE = make_route({
     'ambient_temperature_c': [AMBIENT_C]}, VEHICLE.defaults)
 
 
-def planned(start_c, deviation_k, is_heating=False, route=ROUTE):
-    return plan_preheating(VEHICLE, route, BatteryState(start_c, 0.5), Goal(TARGET_C),
+def planned(start_c, deviation_k, is_heating=False):
+    return plan_preheating(VEHICLE, ROUTE, BatteryState(start_c, 0.5), Goal(TARGET_C),
                            uncertainty=Uncertainty(deviation_k, is_heating))
 
 

@@ -35,9 +35,8 @@ SAME_SOC, SAME_POWER_W, SAME_POWER_SHARE = 3e-4, 150.0, 4e-3
 DEAR = settings(max_examples=6 if settings.default.derandomize else settings.default.max_examples)
 
 
-def planned(trip, method='value_function', **changes):
-    goal = replace(trip.goal, **changes)
-    return plan_preheating(trip.vehicle, trip.route, trip.state, goal, method)
+def planned(trip, **changes):
+    return plan_preheating(trip.vehicle, trip.route, trip.state, replace(trip.goal, **changes))
 
 
 def total_wh(plan):
