@@ -29,17 +29,22 @@ PRICES = Prices(0.55, 12.0)
 # long.
 STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
 COLD, WARM = BatteryState(-5.0, 0.35), BatteryState(12.0, 0.35)
+ROUTE = drive()
 
 
-def cost_of(vehicle, route, charger_w):
+def worth_of(vehicle=REFERENCE, charger_power_w=150e3, state=STATE, prices=PRICES, route=ROUTE, goal=GOAL,
+             departure_soc=0.8, prospect=ChargingProspect()):
+    return find_worth(vehicle, route, state, goal, charger_power_w, departure_soc, prices, prospect=prospect)
+
+
+def cost_of(vehicle, charger_w):
     """Return the cost of one target as a function: plan, session and money one after the other."""
-    stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
-                        float(route.cabin_heating_power_w[-1]), 400.0)
+    stop = ChargingStop(charger_w, 0.8, -8.0, 1500.0, 400.0)
     heating = ChargerHeating(vehicle, stop, PRICES)
 
     def cost(target_c):
-        plan = (plan_unheated(vehicle, route, STATE, GOAL) if target_c is None else
-                plan_preheating(vehicle, route, STATE, Goal(target_c)))
+        plan = (plan_unheated(vehicle, ROUTE, STATE, GOAL) if target_c is None else
+                plan_preheating(vehicle, ROUTE, STATE, Goal(target_c)))
         arrival = BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
         session = charge(vehicle, stop, arrival, heating=heating.choose(arrival).limit)
         aged = 0.0 if session.ageing is None else own_session_cost(session)
@@ -52,7 +57,7 @@ def cost_of(vehicle, route, charger_w):
 @pytest.fixture(scope='module')
 def usual():
     """Return the Worth of the reference at 150 kW."""
-    return find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
+    return worth_of()
 
 
 # Full power only in a narrow range of temperatures: one minimum there, another at a lower temperature.
@@ -65,14 +70,11 @@ CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
     pytest.param(replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3, id='corners'),
     pytest.param(replace(REFERENCE, charging=replace(REFERENCE.charging, ageing=AGEING)), 50e3, id='ageing')])
 def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
-    route = drive()
-    worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)
-    cost = cost_of(vehicle, route, charger_w)
+    worth, cost = worth_of(vehicle, charger_w), cost_of(vehicle, charger_w)
     assert worth.without_heating.cost == pytest.approx(cost(None), rel=1e-9)
     # Every half degree, and densely around its lowest point.
     scan_c = np.arange(math.ceil(worth.without_heating.target_c), 24.0, 0.5)
-    lowest_c = scan_c[int(np.argmin([
-        cost(target_c) for target_c in scan_c]))]
+    lowest_c = scan_c[int(np.argmin([cost(target_c) for target_c in scan_c]))]
     scan_c = np.arange(lowest_c - 0.45, lowest_c + 0.45, 0.05)
     scanned = [cost(target_c) for target_c in scan_c]
     assert worth.best.cost <= min(scanned) + 1e-6
@@ -89,8 +91,7 @@ def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
 
 
 def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):
-    arrival_soc = usual.without_heating.arrival_soc
-    worth = find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, arrival_soc, PRICES)
+    worth = worth_of(departure_soc=usual.without_heating.arrival_soc)
     assert worth.best == worth.without_heating
     assert (worth.best.charging_time_s, worth.best.bought_energy_wh, worth.best.cost) == (0.0, 0.0, 0.0)
     # The heater's energy has to be bought.
@@ -98,7 +99,7 @@ def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(us
 
 
 def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
-    cost = cost_of(REFERENCE, drive(), 150e3)
+    cost = cost_of(REFERENCE, 150e3)
     figures = usual.as_dictionary()
     assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
     assert figures['unheated_more_cost'] > 0.0
@@ -110,10 +111,9 @@ def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
 def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
     # Heating at the charger depends on the value of time, too, so this car cannot heat there.
     car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
-    break_even = find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, PRICES).break_even_value_of_time_per_h
+    break_even = worth_of(car, state=WARM).break_even_value_of_time_per_h
     assert 0.1 < break_even < 12.0
-    below, above = (find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, Prices(0.55, per_h))
-                    for per_h in (0.9 * break_even, 1.1 * break_even))
+    below, above = (worth_of(car, state=WARM, prices=Prices(0.55, share * break_even)) for share in (0.9, 1.1))
     assert below.best == below.without_heating and above.best != above.without_heating
     assert below.break_even_value_of_time_per_h == pytest.approx(break_even, rel=0.02)
     assert below.verdict == (f'Not worth it at {0.9 * break_even:.2f} an hour: heating pays as soon as an '
@@ -137,8 +137,8 @@ def test_from_which_value_of_time_on_a_target_pays(more_wh, saved_s, per_h):
 def test_at_a_charger_of_4_kw_in_the_cold_the_battery_is_charged_and_not_heated():
     # By hand: 2.1 kW are left. The heater takes them up to 25 degC, where 45 K times 34.9 W/K leak: 1.8 kW hold
     # the temperature, and 0.3 kW charge the missing 19 % of about 80 kWh: more than 50 h. Unheated, 2.1 kW charge.
-    route = drive(ambient_c=-20.0)
-    best = find_worth(REFERENCE, route, BatteryState(-18.0, 0.35), GOAL, 4000.0, 0.45, PRICES).best
+    best = worth_of(charger_power_w=4000.0, state=BatteryState(-18.0, 0.35), route=drive(ambient_c=-20.0),
+                    departure_soc=0.45).best
     assert (best.charger_heating, best.hvch_electric_wh) == ('never', 0.0)
     assert best.charging_time_s == pytest.approx((0.45 - best.arrival_soc) * 80e3 / 2100.0 * 3600.0, rel=0.05)
     stop = ChargingStop(4000.0, 0.45, -20.0, 1500.0, 400.0)
@@ -172,8 +172,7 @@ def test_verdict_where_energy_is_free(per_h, verdict):
 def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
     # Without resistance, leakage and a limit only the energy of the drive counts.
     car = plain_car(limit=constant(-1e6))
-    route = drive()
-    deviation = time_deviation(car, route, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8, PRICES)
+    deviation = time_deviation(car, ROUTE, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8, PRICES)
     # 60 kW into the battery; 8 % of the 6.25 kWh of the drive.
     assert deviation.without_heating_s == pytest.approx(
         3600.0 * 15e3 * 25.0 / 60.0 * math.sinh(0.08) / 60e3, rel=1e-3)
@@ -182,7 +181,7 @@ def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
 
 def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     variances = [time_deviation(
-        replace(REFERENCE, uncertainty=uncertainty), drive(), COLD, GOAL, 150e3, 0.8, PRICES).without_heating_s**2
+        replace(REFERENCE, uncertainty=uncertainty), ROUTE, COLD, GOAL, 150e3, 0.8, PRICES).without_heating_s**2
         for uncertainty in (Uncertainty(*(share * np.array([0.058, 0.115, 0.115, 0.029])).tolist())
                             for share in (1.0, 0.75, 0.5))]
     # The consumption's is always the same.
@@ -207,9 +206,7 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     ({'state': BatteryState(-5.0, 0.7), 'departure_soc': 0.5}, [
         'departure state of charge: 0.5 is below the 0.6'])])
 def test_refused_in_words(changes, problems):
-    arguments = {'vehicle': REFERENCE, 'route': drive(), 'state': STATE, 'goal': GOAL,
-                 'charger_power_w': 150e3, 'departure_soc': 0.8, 'prices': PRICES, **changes}
-    for said, problem in zip(problems_of(find_worth, **arguments), problems, strict=True):
+    for said, problem in zip(problems_of(worth_of, **changes), problems, strict=True):
         assert said.startswith(problem)
 
 
@@ -219,30 +216,29 @@ SIMPLE = replace(REFERENCE, charging=Charging(CORNERS, False))
 
 @pytest.fixture(scope='module')
 def simple():
-    return find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES)
+    return worth_of(SIMPLE, 140e3)
 
 
 @pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
 @pytest.mark.parametrize('is_certain', [True, False])
 def test_heating_pays_up_to_the_energy_price_that_is_named(simple, is_certain, share, pays):
     prospect = ChargingProspect(1.0 if is_certain else 0.5 * (1.0 + simple.pays_from_chance))
-    named = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
+    named = worth_of(SIMPLE, 140e3, prospect=prospect)
     assert f'up to an energy price of {named.pays_to_price_per_kwh:.2f} per kWh' in named.bounds_in_words()
     # In doubt the heat that is lost counts.
     assert is_certain or named.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
     prices = Prices(share * named.pays_to_price_per_kwh, PRICES.time_per_h)
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
+    other = worth_of(SIMPLE, 140e3, prices=prices, prospect=prospect)
     assert (other.best is not other.without_heating) is pays
 
 
 def test_bounds_are_none_if_heating_never_or_always_pays():
-    never = find_worth(SIMPLE, drive(), BatteryState(40.0, 0.35), GOAL, 140e3, 0.8, PRICES)
+    never = worth_of(SIMPLE, 140e3, BatteryState(40.0, 0.35))
     assert (never.pays_to_price_per_kwh, never.bounds_in_words()) == (0.0, '')
     assert never.as_dictionary()['break_even_charging_probability'] is None
     # So cold that the battery is never charged without heat.
     closed = Table((0.0,), (-20.0, 5.0, 6.0, 40.0), ((0.0, 0.0, -50e3, -100e3),))
-    always = find_worth(replace(REFERENCE, charging=Charging(closed, False)), drive(cabin_w=0.0),
-                        COLD, GOAL, 140e3, 0.8, PRICES)
+    always = worth_of(replace(REFERENCE, charging=Charging(closed, False)), 140e3, COLD, route=drive(cabin_w=0.0))
     assert (always.pays_to_price_per_kwh, always.pays_from_chance) == (math.inf, 0.0)
     assert always.bounds_in_words() == 'Some heating pays at any energy price and at any chance of charging.'
     assert always.unheated_in_words() == ''
@@ -257,10 +253,10 @@ def stairs(low_kw, high_kw):
 
 def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     car = stairs(40.0, 160.0)
-    worth = find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, PRICES)
+    worth = worth_of(car, state=WARM)
     from_c, to_c, saved_s = worth.step
     assert 20.0 <= from_c + 0.05 and to_c <= 22.05 and to_c - from_c <= 2.05
-    stop = stop_after(drive(), 150e3, 0.8)
+    stop = stop_after(ROUTE, 150e3, 0.8)
     soc = {target.arrival_temperature_c: target.arrival_soc for target in worth.targets}
     low, high = (charge(car, stop, BatteryState(at_c, soc[at_c])).charging_time_s for at_c in (from_c, to_c))
     assert saved_s == pytest.approx(low - high, abs=STEP_S) and saved_s > 300.0
@@ -272,8 +268,7 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
 @pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
 def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
-    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES,
-                       prospect=ChargingProspect(share * simple.pays_from_chance))
+    other = worth_of(SIMPLE, 140e3, prospect=ChargingProspect(share * simple.pays_from_chance))
     assert (other.best is not other.without_heating) is pays
     assert other.pays_from_chance == other.pays_from_probability
     assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
@@ -285,7 +280,7 @@ def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
     (REFERENCE, 0.3, 'below the 30.0 % reserve: the heater stays off'),
     (replace(REFERENCE, hvch=replace(REFERENCE.hvch, maximum_power_w=0.0)), 0.0, 'The battery cannot be heated')])
 def test_heat_that_is_not_possible_is_not_judged(car, reserve_soc, reason):
-    worth = find_worth(car, drive(), COLD, Goal(25.0, reserve_soc), 150e3, 0.8, PRICES)
+    worth = worth_of(car, state=COLD, goal=Goal(25.0, reserve_soc))
     assert worth.best == worth.without_heating
     assert worth.verdict.startswith('No heating before arrival: ') and reason in worth.verdict
     assert 'neither time nor money' not in worth.verdict

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import problems_of
 from steady_drives import at, measured, NOW_NS, ns, outcome, steady_mission, VEHICLE
 from stepwise import Stepwise
 
@@ -14,7 +15,6 @@ from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes
-from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
@@ -48,13 +48,6 @@ def heats_after_pause(supervisor, from_s):
         powers_w.append(outcome(supervisor, now_ns)[0])
     assert powers_w[:9] == [0.0] * 9
     return powers_w[-1] > 0.0
-
-
-def refused_battery(supervisor, now_ns, **measurement):
-    """Give a measurement that must be refused, and return the message."""
-    with pytest.raises(InvalidInput) as refusal:
-        supervisor.accept_battery(measured(**measurement), now_ns)
-    return str(refusal.value)
 
 
 # Which inputs it needs, and what it makes of them
@@ -172,7 +165,8 @@ def test_a_battery_state_heats_until_its_timeout_and_never_before_its_stamp(now_
     (NOW_NS, NOW_NS - ns(4.0) - 1, 'header.stamp: the state is 4.000000001 s old; at most 4 s are allowed'),
     (0, 0, 'use_sim_time is set and no /clock has arrived: time stands at 0')])
 def test_a_state_of_another_time_is_refused_by_its_age(now_ns, stamp_ns, message):
-    assert refused_battery(Stepwise(VEHICLE, SETTINGS), now_ns, stamp_ns=stamp_ns) == message
+    supervisor = Stepwise(VEHICLE, SETTINGS)
+    assert problems_of(supervisor.accept_battery, measured(stamp_ns=stamp_ns), now_ns) == [message]
 
 
 def test_a_stamp_a_little_ahead_of_the_clock_heats_now():
@@ -183,8 +177,8 @@ def test_a_stamp_a_little_ahead_of_the_clock_heats_now():
 def test_stamps_that_go_back_are_refused_and_switch_off():
     # Of a battery that another temperature tells apart; of the same battery it would have been overtaken.
     supervisor = make_supervisor()
-    assert refused_battery(supervisor, at(1.0), temperature_c=3.0, stamp_ns=NOW_NS - ns(1.001)) == (
-        'header.stamp: the state is 1.001 s older than the previous one; stamps must not go back')
+    assert problems_of(supervisor.accept_battery, measured(NOW_NS - ns(1.001), 3.0), at(1.0)) == [
+        'header.stamp: the state is 1.001 s older than the previous one; stamps must not go back']
     assert outcome(supervisor, at(1.0)) == (0.0, Status.INVALID_INPUT)
 
 
@@ -246,8 +240,7 @@ def test_a_refused_state_switches_off_and_is_told_by_its_source_until_a_good_one
     ids=['overtaken state', 'route', 'refused route and a mended one'])
 def test_nothing_but_a_new_state_excuses_a_refused_one(events):
     supervisor = make_supervisor()
-    refused_battery(supervisor, NOW_NS, soc=2.0)
-    for event in events:
+    for event in (BatteryStateArrived(measured(soc=2.0)), *events):
         supervisor.step_through(NOW_NS, event)
     assert outcome(supervisor) == (0.0, Status.INVALID_INPUT)
 

@@ -40,6 +40,15 @@ def shell_car(sensor='shell', heat_path=HeatPath()):
     return with_shell(replace(REFERENCE, heat_path=heat_path), 0.2, 350.0, sensor)
 
 
+def supervised(car, known_as, minutes=25, **imperfections):
+    """Yield time [s], plant and the planner's State at each moment of a drive; the planner knows another car."""
+    drive = ImperfectCar(
+        car, DrivePhase(route(minutes), Goal(TARGET_C)), START, Imperfections(**imperfections), seed=3)
+    supervisor = Supervisor(known_as, Settings())
+    for moment in moments(drive, supervisor, lambda: drive.plant.has_arrived):
+        yield moment.time_s, drive.plant, supervisor.state
+
+
 @pytest.mark.parametrize('heat_path', [HeatPath(), HeatPath(heater_lag_s=45.0, sensor_lag_s=20.0)])
 def test_all_heat_is_in_shell_and_core_and_the_plan_predicts_it(heat_path):
     car = shell_car('core', heat_path)
@@ -78,35 +87,29 @@ def test_a_plan_knows_how_much_of_a_steps_heat_the_core_has_on_arrival(idle_s, c
     ('core', ()), ('shell', ((900.0, 1000.0),)), *(
         pytest.param(sensor, (), marks=pytest.mark.deep) for sensor in ('shell', 'mean'))])
 def test_the_core_arrives_warm_wherever_the_sensor_is(sensor, silent_s):
-    car = shell_car(sensor)
-    drive = ImperfectCar(car, DrivePhase(route(), Goal(TARGET_C)), START, Imperfections(
-        Mismatch(heat_capacity=1.05, leakage=0.9, heater=0.95, propulsion_power=1.05),
-        sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5, drop_outs=silent_s)), seed=3)
-    supervisor, hottest_k, errors_k = Supervisor(car, Settings()), 0.0, []
-    for _ in moments(drive, supervisor, lambda: drive.plant.has_arrived):
-        plant, estimate = drive.plant, supervisor.state.estimate
+    car, hottest_k, errors_k = shell_car(sensor), 0.0, []
+    for _, plant, state in supervised(
+            car, car, mismatch=Mismatch(heat_capacity=1.05, leakage=0.9, heater=0.95, propulsion_power=1.05),
+            sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5, drop_outs=silent_s)):
         hottest_k = max(hottest_k, plant.coolant_c - plant.temperature_c)
-        errors_k += [] if estimate is None else [estimate.temperature_c - plant.temperature_c]
+        errors_k += [] if state.estimate is None else [state.estimate.temperature_c - plant.temperature_c]
     assert max(map(abs, errors_k)) < 2.5
     # The shell has been so much warmer that a battery of one mass would be misjudged.
     assert hottest_k > 8.0
-    arrival_c = drive.plant.temperature_c
-    assert arrival_c == pytest.approx(TARGET_C, abs=1.0)
-    assert supervisor.state.decision.plan.arrival_temperature_c == pytest.approx(arrival_c, abs=1.0)
+    assert plant.temperature_c == pytest.approx(TARGET_C, abs=1.0)
+    assert state.decision.plan.arrival_temperature_c == pytest.approx(plant.temperature_c, abs=1.0)
 
 
 @pytest.mark.parametrize('sensor', ['core', 'shell'])
 def test_a_file_of_one_mass_heats_and_predicts_the_mean_of_shell_and_core(sensor):
     # Slow, and with a third of the battery: on arrival the shell is still much warmer.
-    drive = ImperfectCar(
-        with_shell(REFERENCE, 0.33, 250.0, sensor), DrivePhase(route(40), Goal(TARGET_C)), START,
-        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5)), seed=3)
-    supervisor, early_c = Supervisor(REFERENCE, Settings()), []
-    for moment in moments(drive, supervisor, lambda: drive.plant.has_arrived):
-        if moment.time_s >= 2100.0:
-            early_c.append(supervisor.state.decision.plan.arrival_temperature_c)
-    core_c, shell_c = drive.plant.temperature_c, drive.plant.coolant_c
-    mean_c = 0.67 * core_c + 0.33 * shell_c
+    early_c = []
+    for time_s, plant, state in supervised(
+            with_shell(REFERENCE, 0.33, 250.0, sensor), REFERENCE, 40,
+            sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.5)):
+        core_c, mean_c = plant.temperature_c, 0.67 * plant.temperature_c + 0.33 * plant.coolant_c
+        if time_s >= 2100.0:
+            early_c.append(state.decision.plan.arrival_temperature_c)
     assert mean_c - core_c > 1.0
     assert mean_c == pytest.approx(TARGET_C, abs=0.6)
     assert early_c[0] == pytest.approx(mean_c, abs=0.6)
