@@ -11,7 +11,6 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth_search import find_worth
-from bev_preheat.commands.main import main
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
@@ -65,18 +64,17 @@ def test_no_cooling_where_it_does_not_pay():
     assert weak.step is None
 
 
-def test_the_command_says_cooling(tmp_path, capsys):
+def test_the_command_says_cooling(said):
     rows = [','.join(COLUMNS), *(','.join(map(str, row)) for row in zip(*COLUMNS.values()))]
-    Path(tmp_path, 'summer.csv').write_text('\n'.join(rows), encoding='utf-8')
-    situation = ['--vehicle', 'heat_pump_car', '--route', str(tmp_path / 'summer.csv'), '--temperature', '45',
-                 '--soc', '0.8', '--json', str(tmp_path / 'result.json')]
-    assert main(['plan', *situation, '--max-arrival-temperature', '36.5']) == 0
-    printed, written = capsys.readouterr().out, json.loads((tmp_path / 'result.json').read_text())
-    assert '22.00 … 36.50' in printed and 'Cooling starts after' in printed
+    Path('summer.csv').write_text('\n'.join(rows), encoding='utf-8')
+    situation = ('--vehicle', 'heat_pump_car', '--route', './summer.csv', '--temperature', 45, '--soc', 0.8,
+                 '--json', 'result.json')
+    status, printed, _ = said('plan', *situation, '--max-arrival-temperature', 36.5)
+    written = json.loads(Path('result.json').read_text())
+    assert status == 0 and '22.00 … 36.50' in printed and 'Cooling starts after' in printed
     assert 'WAITING_TO_COOL: Cooling starts in ' in printed and 'eating starts in' not in printed
     assert written['maximum_arrival_temperature_c'] == 36.5 and written['heating_start_s'] is None
     assert written['cooling_start_s'] > 0.0 and sum(written['heat_source_power_w']['chiller']) > 0.0
-    assert main(['worth', *situation, '--charger-power', '150000']) == 0
-    printed = capsys.readouterr().out
-    assert 'Worth it: cooling the battery to ' in printed and 'without cooling' in printed
+    status, printed, _ = said('worth', *situation, '--charger-power', 150e3)
+    assert status == 0 and 'Worth it: cooling the battery to ' in printed and 'without cooling' in printed
     assert 'Heating is needed' not in printed

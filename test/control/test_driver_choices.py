@@ -16,10 +16,9 @@ HOUR_NS = 3600 * NS_PER_S
 SETTINGS = Settings(minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 
 
-def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
+def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None):
     """Return a Stepwise planner that was restarted with these choices, a route and a cold battery."""
-    planner = Stepwise(VEHICLE, Settings(**settings) if settings else SETTINGS,
-                       choices=choices.after_restart(now_ns))
+    planner = Stepwise(VEHICLE, SETTINGS, choices=choices.after_restart(now_ns))
     planner.refresh(now_ns)
     planner.accept_mission(mission or steady_mission())
     planner.accept_battery(measured(now_ns), now_ns)

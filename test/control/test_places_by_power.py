@@ -39,7 +39,6 @@ class Car:
         # The sign of the current is known before the route arrives.
         for _ in range(60):
             self.go(1, 0.0, CONSUMERS_W)
-        self.start_s = self.at_s
         self.planner_step(RouteArrived(Mission('trip', tuple(
             replace(each, start_ns=each.start_ns + self.at_s * NS_PER_S) for each in legs or (leg(),)))))
 

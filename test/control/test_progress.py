@@ -38,11 +38,10 @@ class Drive:
         self.supervisor.run(START_NS)
         self.supervisor.accept_mission(mission or Mission('home', (a_leg(start_ns=START_NS),)))
 
-    def tell(self, at_s, distance_m, **fields):
-        """Take in a position; return the output."""
-        self.supervisor.run(START_NS + ns(at_s), ProgressArrived(Progress(**{
-            'distance_m': distance_m, 'stamp_ns': START_NS + ns(at_s), 'route_id': 'home', **fields})))
-        return self.supervisor.output
+    def tell(self, at_s, distance_m):
+        """Take in a position."""
+        now_ns = START_NS + ns(at_s)
+        self.supervisor.run(now_ns, ProgressArrived(Progress(distance_m, now_ns, 'home')))
 
     def feed(self, at_s, temperature_c=-7.0):
         """Take in a battery state; return (command [W], reason) and how long the plan still lasts [s]."""

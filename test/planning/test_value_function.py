@@ -137,8 +137,8 @@ def test_heating_never_leads_beyond_the_highest_temperature(number, start_c, tar
 START = BatteryState(-12.0, 0.8)
 
 
-def plan_of(route, target_c=10.0, state=START, **goal):
-    return plan_preheating(VEHICLE, route, state, Goal(target_c, **goal))
+def plan_of(route, target_c, state=START):
+    return plan_preheating(VEHICLE, route, state, Goal(target_c))
 
 
 def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where():
