@@ -21,10 +21,6 @@ ATTO3 = DataSheet('atto 3', 'lfp', charging_power_kw=88.0, usable_energy_kwh=60.
 CURVE = ChargingCurve((0.0, 0.3, 0.7, 1.0), (135.0, 135.0, 70.0, 20.0), 30.0)
 
 
-def car_of(sheet):
-    return vehicle_of_text(vehicle_text(sheet.name, describe_timed_car(sheet), 'preheat vehicle new'), sheet.name)
-
-
 def test_a_warm_session_in_closed_form():
     vehicle = plain_car(limit=constant(-60e3))
     expected_s = 3600.0 * 0.7 * VOLTAGE_V * CAPACITY_AH / 60e3
@@ -39,7 +35,8 @@ def test_a_warm_session_in_closed_form():
     replace(ID4, charging_time_10_80_min=34.0, charging_curves=(CURVE,))],
     ids=['full', 'steep', 'LFP', 'LFP, full', 'curve, less', 'curve, more'])
 def test_a_session_takes_the_published_time(sheet):
-    vehicle, published_s = car_of(sheet), 60.0 * sheet.charging_time_10_80_min
+    text = vehicle_text(sheet.name, describe_timed_car(sheet), 'preheat vehicle new')
+    vehicle, published_s = vehicle_of_text(text, sheet.name), 60.0 * sheet.charging_time_10_80_min
     assert warm_session(vehicle).charging_time_s == pytest.approx(published_s, abs=0.5)
     # At a charger that never limits, in air of 20 degC.
     stop = ChargingStop(1e6, 0.8, 20.0, 0.0, vehicle.defaults.auxiliary_power_w)

@@ -244,15 +244,9 @@ def test_bounds_are_none_if_heating_never_or_always_pays():
     assert always.unheated_in_words() == ''
 
 
-def stairs(low_kw, high_kw):
-    """Return a car that hardly warms while charging, with a step of its charging power from 20 to 22 degC."""
-    table = Table((0.0, 1.0), (-20.0, 20.0, 22.0, 50.0), ((
-        -1e3 * low_kw, -1e3 * low_kw, -1e3 * high_kw, -1e3 * high_kw),) * 2)
-    return plain_car(limit=table)
-
-
 def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
-    car = stairs(40.0, 160.0)
+    # It hardly warms while charging, and its power has a step from 20 to 22 degC.
+    car = plain_car(limit=Table((0.0, 1.0), (-20.0, 20.0, 22.0, 50.0), ((-40e3, -40e3, -160e3, -160e3),) * 2))
     worth = worth_of(car, state=WARM)
     from_c, to_c, saved_s = worth.step
     assert 20.0 <= from_c + 0.05 and to_c <= 22.05 and to_c - from_c <= 2.05

@@ -82,12 +82,6 @@ def seen(temperature_c, before_s):
     return LastSeen(temperature_c, 0.8, NOW_NS - round(before_s * NS_PER_S))
 
 
-def cooled_c(warmer_k, stood_s):
-    """Return the battery temperature [deg C] by Newton's law of cooling, with the leakage at rest."""
-    battery = VEHICLE.battery
-    return -7.0 + warmer_k * exp(-battery.leakage.gamma_0_w_per_k * stood_s / battery.heat_capacity_j_per_k)
-
-
 def test_the_stand_starts_from_the_last_temperature_before_a_silence():
     # The battery wakes before the route arrives.
     watch = StandWatch()
@@ -95,4 +89,7 @@ def test_the_stand_starts_from_the_last_temperature_before_a_silence():
     for each in (*driven, seen(-5.1, 2.0), seen(-5.0, 1.0)):
         watch = watch.noted(each)
     _, (standing,) = compared(FIRST, watch=watch)
-    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
+    # Newton's law of cooling from 36 degC on, with the leakage at rest.
+    battery = VEHICLE.battery
+    cooled_c = -7.0 + 43.0 * exp(-battery.leakage.gamma_0_w_per_k * NIGHT_S / battery.heat_capacity_j_per_k)
+    assert standing.temperature_c == pytest.approx(cooled_c, abs=0.01)

@@ -381,26 +381,25 @@ def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence)
     assert car.plan.heating_start_s == plan.heating_start_s
 
 
-@pytest.mark.parametrize('event, sentence', [
-    (PreheatingSwitched(False), 'switched off through ~/enable'),
-    (RivalsChanged('/other'), 'also commanded by /other'),
-    (BatteryStateUnreadable(InvalidInput('temperature: nan')), 'battery_state refused')])
-def test_what_keeps_the_heater_off_refuses_goals(event, sentence):
+@pytest.mark.parametrize('events, now_s, sentence', [
+    ([PreheatingSwitched(False)], 0.0, 'switched off through ~/enable'),
+    ([RivalsChanged('/other')], 0.0, 'also commanded by /other'),
+    ([BatteryStateUnreadable(InvalidInput('temperature: nan'))], 0.0, 'battery_state refused'),
+    ([], 6.0, 'battery_state is 6.000 s old')])
+def test_what_keeps_the_heater_off_refuses_goals(events, now_s, sentence):
     car = Car()
-    car.step(event)
+    car.now_s = now_s
+    car.step(*events)
     preparation_goal = car.want()
     car.expect_end(preparation_goal, PreparationEnding.REFUSED, sentence)
     assert car.command[0] == 0.0
 
 
-def test_without_a_fresh_battery_state_goals_are_refused():
+def test_before_the_first_battery_state_goals_are_refused():
     supervisor = Supervisor(VEHICLE, MEASURED)
     preparation_goal = PreparationGoal(ambient_c=AMBIENT_C)
     last = supervisor.step(NOW_NS, PreparationWanted(preparation_goal))
     assert 'No valid battery state' in last.outcomes[0].explanation and isnan(last.outcomes[0].temperature_c)
-    car = Car()
-    car.now_s = 6.0
-    car.expect_end(car.want(), PreparationEnding.REFUSED, 'battery_state is 6.000 s old')
 
 
 # Endings of goals

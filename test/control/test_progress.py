@@ -194,13 +194,9 @@ def test_who_drives_on_is_heated_again_at_once():
     assert drive.feed(2001.0)[0] == HEATS
 
 
-def two_legs():
-    return Mission('home', with_stops(
-        (a_leg(start_ns=START_NS), a_leg(departure=BatteryState(24.0, 0.7))), (300.0,)))
-
-
 def test_a_late_stop_ends_later():
-    drive = Drive(two_legs())
+    drive = Drive(Mission('home', with_stops(
+        (a_leg(start_ns=START_NS), a_leg(departure=BatteryState(24.0, 0.7))), (300.0,))))
     drive.tell(700.0, LENGTH_M - 1010.0)
     assert drive.feed(700.0) == (HEATS, COLD, 50.0)
     drive.tell(750.0, LENGTH_M)

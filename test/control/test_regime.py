@@ -71,11 +71,14 @@ def test_charging_is_recognised_once_it_is_steady_also_on_a_descent(powers_w, pl
 BRAKING_W = [-1500.0 * speed for speed in range(35, 0, -2)]
 
 
-@pytest.mark.parametrize('powers_w, planned', [
-    (([17400.0] * 20 + BRAKING_W) * 5, ROAD), *(
-        ([power_w] * 600, DESCENT) for power_w in (-12000.0, -20000.0, -40000.0))])
-def test_braking_and_a_descent_of_the_route_are_no_charging(powers_w, planned):
-    assert first_at(watch(powers_w, planned), Regime.CHARGING) is None
+@pytest.mark.parametrize('powers_w, planned, regime', [
+    (([17400.0] * 20 + BRAKING_W) * 5, ROAD, Regime.CHARGING),
+    *(([power_w] * 600, DESCENT, Regime.CHARGING) for power_w in (-12000.0, -20000.0, -40000.0)),
+    (([17400.0] * 30 + [2200.0] * 50) * 5, ROAD, Regime.STANDING),
+    (([2200.0] * 25 + [6000.0] * 5) * 30, ROAD, Regime.STANDING)],
+    ids=['braking', 'gentle descent', 'descent', 'steep descent', 'red light', 'stop and go'])
+def test_braking_and_a_descent_are_no_charging_and_short_stops_no_standing(powers_w, planned, regime):
+    assert first_at(watch(powers_w, planned), regime) is None
 
 
 def test_a_drive_is_no_charging_and_no_standing():
@@ -170,12 +173,6 @@ def test_standing_is_recognised_after_a_minute():
     report = reports[-1][1]
     assert report.since_ns == pytest.approx((START_S + 100) * NS_PER_S, abs=2 * NS_PER_S)
     assert not report.is_parked and 'the route plans 17400 W' in report.evidence
-
-
-@pytest.mark.parametrize('powers_w', [
-    ([17400.0] * 30 + [2200.0] * 50) * 5, ([2200.0] * 25 + [6000.0] * 5) * 30], ids=['red light', 'stop and go'])
-def test_red_lights_and_stop_and_go_are_no_standing(powers_w):
-    assert first_at(watch(powers_w), Regime.STANDING) is None
 
 
 def test_where_the_route_plans_little_power_a_stand_takes_longer():

@@ -17,30 +17,20 @@ def beating(until_s, stamp_s=None):
     return pulse
 
 
-def text_of(around, command, battery, now_s):
+@pytest.mark.parametrize('around, command, battery, now_s, told', [
+    (THERE, beating(60), beating(60), 65.0, 'error: The planner is silent: no message for 5 s'),
+    (Surroundings(is_simulated=True, has_clock=True), beating(60), beating(60), 65.0,
+     'error: The clock stands: /clock does not advance'),
+    (Surroundings(is_simulated=True), beating(60), beating(60), 65.0,
+     'error: The clock stands: nothing publishes /clock'),
+    (Surroundings(is_there=False), beating(60), beating(60), 65.0, 'error: The planner has disappeared'),
+    # It still answers.
+    (THERE, beating(60, stamp_s=5.0), beating(60), 60.5, "error: The planner's clock has been standing for 60 s"),
+    (THERE, beating(60), beating(50), 60.4, 'warning: No battery state for 10 s'),
+    (THERE, beating(60), beating(60, stamp_s=7.0), 60.4, 'warning: The battery state repeats one stamp')])
+def test_silence_standing_clocks_and_old_battery_states_are_told(around, command, battery, now_s, told):
     banner = banner_of(around, command, battery, now_s)
-    return '' if banner is None else f'{banner.level}: {banner.text}'
-
-
-@pytest.mark.parametrize('around, told', [
-    (THERE, 'error: The planner is silent: no message for 5 s'),
-    (Surroundings(is_simulated=True, has_clock=True), 'error: The clock stands: /clock does not advance'),
-    (Surroundings(is_simulated=True), 'error: The clock stands: nothing publishes /clock'),
-    (Surroundings(is_there=False), 'error: The planner has disappeared')])
-def test_silence_is_told_with_its_cause(around, told):
-    assert text_of(around, beating(60), beating(60), 65.0).startswith(told)
-
-
-def test_a_planner_in_a_standing_clock_that_still_answers_is_told():
-    told = text_of(THERE, beating(60, stamp_s=5.0), beating(60), 60.5)
-    assert told.startswith("error: The planner's clock has been standing for 60 s")
-
-
-@pytest.mark.parametrize('battery, told', [
-    (beating(50), 'warning: No battery state for 10 s'),
-    (beating(60, stamp_s=7.0), 'warning: The battery state repeats one stamp')])
-def test_an_old_battery_state_is_told(battery, told):
-    assert text_of(THERE, beating(60), battery, 60.4).startswith(told)
+    assert f'{banner.level}: {banner.text}'.startswith(told)
 
 
 def test_entries_are_read():

@@ -47,13 +47,6 @@ def span_c(segments, state):
     return arrival_c(segments, state, np.zeros(len(segments))), arrival_c(segments, state)
 
 
-def drawn_target(segments, state, share):
-    """A target that partial heating reaches, unless the cabin leaves the heater next to no power."""
-    idle_c, full_c = span_c(segments, state)
-    assume(full_c - idle_c > 0.01)
-    return idle_c + share * (full_c - idle_c)
-
-
 def route_of(segments):
     return make_route(drives.columns_of(segments), FORMULA_CAR.defaults)
 
@@ -67,7 +60,10 @@ def plan_of(segments, state, target_c):
 def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one_instant_on(
         segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
-    target_c = drawn_target(segments, state, share)
+    idle_c, full_c = span_c(segments, state)
+    # Unless the cabin leaves the heater next to no power.
+    assume(full_c - idle_c > 0.01)
+    target_c = idle_c + share * (full_c - idle_c)
     plan = plan_of(segments, state, target_c)
     # A hundred times better than measurable; the search ends at half of this.
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-5)

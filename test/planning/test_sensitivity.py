@@ -43,11 +43,6 @@ def steady_car(leakage_w_per_k):
                    Defaults(CABIN_W, 300.0, TARGET_C))
 
 
-def steady_drive(minutes):
-    """Return a drive that rolls: the drivetrain gives no heat."""
-    return route_of((minutes, 0.0), step_s=60.0, speed_mps=SPEED_MPS, ambient_c=AMBIENT_C, cabin_w=CABIN_W)
-
-
 def kept(minutes, leakage_w_per_k):
     """Return the share of a difference at the start that is left on arrival."""
     return math.exp(-leakage_w_per_k * 60.0 * minutes / HEAT_CAPACITY_J_PER_K)
@@ -68,7 +63,9 @@ def found(car, route, state, goal):
 @pytest.mark.parametrize('minutes, leakage_w_per_k, start_c', [
     (60, 20.0, -10.0), (60, 20.0, 10.0), (90, 60.0, 0.0), (240, 5.0, -5.0), (480, 60.0, 10.0)])
 def test_figures_of_a_steady_drive_are_those_of_the_closed_form(minutes, leakage_w_per_k, start_c):
-    car, route = steady_car(leakage_w_per_k), steady_drive(minutes)
+    car = steady_car(leakage_w_per_k)
+    # It rolls: the drivetrain gives no heat.
+    route = route_of((minutes, 0.0), step_s=60.0, speed_mps=SPEED_MPS, ambient_c=AMBIENT_C, cabin_w=CABIN_W)
     it = found(car, route, BatteryState(start_c, 0.9), Goal(TARGET_C))
     now_wh = heater_wh(start_c, minutes, leakage_w_per_k)
     assert it.kelvin_saves_wh == pytest.approx(
@@ -136,10 +133,6 @@ def test_unknown_energies_are_neither_told_nor_written():
     assert 'nan' not in it.in_words() and 'kelvin' not in it.in_words()
 
 
-def sentence(**changes):
-    return replace(USUAL, **changes).in_words()
-
-
 @pytest.mark.parametrize('changes, expected', [
     ({}, 'One more kelvin in the battery now would save 96.8 Wh until arrival. Heating is needed if the battery '
          'is below 22.0 degC now; below -34.1 degC the target is out of reach. Without heating the battery would '
@@ -156,4 +149,4 @@ def sentence(**changes):
      'The target is reached only from 22.0 degC in the battery now on, without heating.'),
     ({'unheated_saves_wh': -15.0}, 'and the drive would take 15 Wh more.')])
 def test_it_is_put_into_words(changes, expected):
-    assert expected in sentence(**changes)
+    assert expected in replace(USUAL, **changes).in_words()

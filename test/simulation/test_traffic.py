@@ -38,11 +38,6 @@ def test_a_slower_pace_takes_longer_with_less_power():
     assert driven.speed_mps[driven.segment_at(500.0)] == 20.0
 
 
-def test_a_slower_pace_to_the_very_end():
-    driven, _ = drive_with_events(ROUTE, (Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),))
-    assert driven.total_duration_s == pytest.approx(660.0)
-
-
 def test_a_detour_is_another_route_from_there_on():
     driven, (news,) = drive_with_events(ROUTE, (Event(Kind.DETOUR, 90.0, 30.0, route=OTHER),))
     assert driven.total_duration_s == pytest.approx(390.0)
@@ -75,16 +70,15 @@ def test_a_cancelled_charger_stays_cancelled():
     assert [(item.at_s, item.charging_planned) for item in news] == [(100.0, False), (300.0, False)]
 
 
-def test_what_nobody_says_is_no_news():
-    _, news = drive_with_events(ROUTE, (Event(Kind.STOP, 90.0, None, 200.0),))
-    assert news == []
-
-
-def test_events_after_the_end_do_not_happen():
-    events = (Event(Kind.ARRIVE_EARLY, 200.0), Event(Kind.STOP, 400.0, duration_s=100.0))
+@pytest.mark.parametrize('events, duration_s, reported_s', [
+    ((Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),), 660.0, [540.0]),
+    ((Event(Kind.ARRIVE_EARLY, 200.0), Event(Kind.STOP, 400.0, duration_s=100.0)), 200.0, [200.0]),
+    ((Event(Kind.STOP, 90.0, None, 200.0),), 800.0, [])],
+    ids=['a pace to the very end', 'a stop after the end', 'a stop that nobody reports'])
+def test_events_end_with_the_drive_and_some_are_not_reported(events, duration_s, reported_s):
     driven, news = drive_with_events(ROUTE, events)
-    assert driven.total_duration_s == pytest.approx(200.0)
-    assert len(news) == 1
+    assert driven.total_duration_s == pytest.approx(duration_s)
+    assert [item.at_s for item in news] == reported_s
 
 
 def test_clock_jumps_add_up():
