@@ -50,7 +50,7 @@ def heats_after_pause(supervisor, from_s):
     return powers_w[-1] > 0.0
 
 
-# Which inputs it needs, and what it makes of them
+# Missing inputs, too little charge, failures
 
 @pytest.mark.parametrize('has_route, has_battery, reason', [
     (False, False, Status.NO_ROUTE), (False, True, Status.NO_ROUTE), (True, False, Status.NO_BATTERY_STATE)])

@@ -86,8 +86,10 @@ def test_an_installed_method_is_found_loaded_and_named(install):
 
 def test_an_unknown_name_lists_the_installed_ones(install):
     install({'half': 'own:half'})
-    assert problems_of(plan_preheating, VEHICLE, ROUTE, STATE, GOAL, 'halve') == [
-        "method: 'halve' is not one of value_function, optimal_switch, paper, half"]
+    with pytest.raises(InvalidInput) as refused:
+        plan_preheating(VEHICLE, ROUTE, STATE, GOAL, 'halve')
+    assert str(refused.value) == (
+        "method: 'halve' is not one of value_function, optimal_switch, paper, half")
     assert not is_method('halve')
 
 

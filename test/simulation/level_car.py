@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car with constant voltage and resistance, so that currents and heat have closed forms, and a drive of it."""
+"""A car with constant voltage and resistance, so that currents and heat have closed forms, and its routes."""
 
 from dataclasses import replace
 import math

@@ -74,7 +74,7 @@ def test_a_cancelled_charger_stays_cancelled():
     ((Event(Kind.OTHER_PACE, 540.0, duration_s=999.0, factor=2.0),), 660.0, [540.0]),
     ((Event(Kind.ARRIVE_EARLY, 200.0), Event(Kind.STOP, 400.0, duration_s=100.0)), 200.0, [200.0]),
     ((Event(Kind.STOP, 90.0, None, 200.0),), 800.0, [])],
-    ids=['a pace to the very end', 'a stop after the end', 'a stop that nobody reports'])
+    ids=['a pace to the very end', 'a stop after the end', 'an unreported stop'])
 def test_events_end_with_the_drive_and_some_are_not_reported(events, duration_s, reported_s):
     driven, news = drive_with_events(ROUTE, events)
     assert driven.total_duration_s == pytest.approx(duration_s)
