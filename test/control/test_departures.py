@@ -226,6 +226,7 @@ def test_what_is_wrong_with_departures_is_named(file, old, new, problem):
 
 
 @pytest.mark.parametrize('old, new, problem', [
+    (PRICES, 'time_zone: UTC', 'daily: is missing, and so is dated'),
     ("'22:00'", "'6:00'", 'daily: 2 prices from 06:00 on'), ("'22:00'", "'25:00'", r'daily\[0\].from'),
     ('0.24', '.inf', 'price_per_kwh: inf'), ('0.24', 'cheap', r'daily\[0\].price_per_kwh'),
     (", until: '2026-11-26 04:00'", '', r'dated\[1\].until: is missing; the last price needs its end'),
@@ -238,8 +239,3 @@ def test_what_is_wrong_with_prices_is_named(file, old, new, problem):
     with pytest.raises(InvalidInput, match=problem) as refused:
         load_grid_prices(path)
     assert str(refused.value).startswith(f'{path}: ')
-
-
-def test_prices_of_neither_kind_are_refused(file):
-    with pytest.raises(InvalidInput, match='daily: is missing, and so is dated'):
-        load_grid_prices(file('time_zone: UTC\n'))

@@ -45,27 +45,21 @@ def test_json_and_back_is_the_same(target_c):
     assert json.loads(json.dumps(dictionary, allow_nan=False)) == dictionary
 
 
-@pytest.mark.parametrize('cabin_w, told', [
-    (1978.0, 'Further heat would arrive too late: arrival in 4:20 min at '),
-    (7000.0, 'Cabin heating leaves no power for the battery: arrival in 4:20 min at ')])
-def test_a_plan_that_cannot_heat_says_why(cabin_w, told):
-    # Heat arrives later than the car.
-    assert made_plan(40.0, cabin_w=cabin_w, method='value_function', heat_lag_s=300.0).explanation.startswith(told)
+# Heat arrives later than the car.
+LATE = {'method': 'value_function', 'heat_lag_s': 300.0}
 
 
-@pytest.mark.parametrize('cabin_w, told', [
-    ([1978.0] * 7, 'Heating all the way is not enough: '),
-    ([7000.0] * 2 + [0.0] * 5, 'Heating whenever cabin heating and limits allow is not enough: '),
-    ([0.0] * 3 + [7000.0] + [0.0] * 3, 'Heating whenever cabin heating and limits allow is not enough: '),
-    ([0.0] * 6 + [7000.0], 'Heating whenever cabin heating and limits allow is not enough: ')])
-def test_a_plan_that_must_pause_does_not_claim_to_heat_all_the_way(cabin_w, told):
-    # The heater's 5.5 kW are less than the cabin's 7 kW.
-    assert made_plan(40.0, cabin_w=cabin_w).explanation.startswith(told)
-
-
-def test_the_cabin_is_not_blamed_in_a_car_without_a_heater():
-    car = replace(VEHICLE, hvch=replace(VEHICLE.hvch, maximum_power_w=0.0))
-    assert made_plan(40.0, vehicle=car).explanation.startswith('The battery cannot be heated: arrival in ')
+@pytest.mark.parametrize('how, told', [
+    ({'cabin_w': 1978.0, **LATE}, 'Further heat would arrive too late: arrival in 4:20 min at '),
+    ({'cabin_w': 7000.0, **LATE}, 'Cabin heating leaves no power for the battery: arrival in 4:20 min at '),
+    ({'cabin_w': [1978.0] * 7}, 'Heating all the way is not enough: '),
+    # The cabin takes the heater's whole power for a while.
+    *(({'cabin_w': cabin_w}, 'Heating whenever cabin heating and limits allow is not enough: ') for cabin_w in (
+        [7000.0] * 2 + [0.0] * 5, [0.0] * 3 + [7000.0] + [0.0] * 3, [0.0] * 6 + [7000.0])),
+    ({'vehicle': replace(VEHICLE, hvch=replace(VEHICLE.hvch, maximum_power_w=0.0))},
+     'The battery cannot be heated: arrival in ')])
+def test_a_plan_that_misses_its_target_says_why(how, told):
+    assert made_plan(40.0, **how).explanation.startswith(told)
 
 
 def test_dictionary_is_the_plan(plan):
