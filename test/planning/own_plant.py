@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A plant for tests of plans that shares no code with the model: vehicle YAML, Euler steps of 2 s.
+A plant for tests of plans that shares no code with the model: vehicle YAML, Euler steps.
 
 It draws the drive's power even if the battery's limit is lower, and reports the deficit.
 """
@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from bev_preheat.vehicle.description import DIRECT
+
 STEP_S = 2.0
 
 
@@ -21,7 +23,8 @@ class Driven:
     """
     Result of a drive; `empty_at_s` [s] is None if the charge was enough.
 
-    `beyond_w` (N, 2) is the largest excess of P_b over discharge and charge limit in each step [W].
+    `beyond_w` (N, 2) is the largest excess of P_b over discharge and charge limit in each step [W]. A heater with
+    lag draws its last power after arrival: the energies contain that, too.
     """
 
     soc: float
@@ -30,6 +33,9 @@ class Driven:
     deficit_w: float
     empty_at_s: float | None
     beyond_w: np.ndarray
+    coolant_excess_k: float
+    heater_wh: float
+    cells_wh: float
 
 
 def between(axis, x):
@@ -59,6 +65,33 @@ def table(node):
         return (1.0 - share) * low + share * high
 
     return value
+
+
+class HeatOnItsWay:
+    """A heater whose power follows its command with a lag, and the coolant that takes its heat to the battery."""
+
+    def __init__(self, path, state, efficiency):
+        self.path, self.efficiency = path, efficiency
+        self.power_w, self.coolant_c = state.heater_power_w, state.temperature_c + state.coolant_excess_k
+
+    def excess_k(self, battery_c):
+        return self.coolant_c - battery_c if self.path.has_coolant else 0.0
+
+    def drawn_w(self, command_w, step_s):
+        """Return the mean power drawn in a step [W]."""
+        lag_s = self.path.heater_lag_s
+        return self.power_w + 0.5 * step_s * (command_w - self.power_w) / lag_s if lag_s else command_w
+
+    def arriving_w(self, drawn_w, command_w, step_s, battery_c):
+        """Go on by a step; return the heat into the battery [W]."""
+        heat_w = self.efficiency * drawn_w
+        if self.path.heater_lag_s:
+            self.power_w += step_s * (command_w - self.power_w) / self.path.heater_lag_s
+        if not self.path.has_coolant:
+            return heat_w
+        passed_w = self.path.coolant_conductance_w_per_k * self.excess_k(battery_c)
+        self.coolant_c += step_s * (heat_w - passed_w) / self.path.coolant_heat_capacity_j_per_k
+        return passed_w
 
 
 class OwnPlant:
@@ -91,27 +124,29 @@ class OwnPlant:
         self.discharge_w = table(battery['power_limits']['discharge'])
         self.charge_w = table(battery['power_limits']['charge'])
 
-    def drive(self, route, state, heater_w, brake_w=None):
+    def drive(self, route, state, heater_w, brake_w=None, path=DIRECT, longest_s=STEP_S):
         """Return the Driven of a Route from a BatteryState, with heater [W] (N,) and brake as given or needed."""
         soc, temperature_c, lowest_soc = state.soc, state.temperature_c, state.soc
-        deficit_w, now_s, beyond_w = 0.0, 0.0, []
+        deficit_w, now_s, beyond_w, drawn_j, cells_j = 0.0, 0.0, [], 0.0, 0.0
+        heater = HeatOnItsWay(path, state, self._heater_efficiency)
         columns = (route.duration_s, route.speed_mps, route.propulsion_power_w,
                    route.propulsion_power_rms_w, route.propulsion_power_magnitude_w, route.ambient_temperature_c,
                    route.cabin_heating_power_w + route.auxiliary_power_w, heater_w,
                    np.full(len(route), np.nan) if brake_w is None else brake_w)
-        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, heat_w, given_w in zip(
+        for duration_s, speed, drive_w, rms_w, magnitude_w, ambient_c, others_w, command_w, given_w in zip(
                 *(column.tolist() for column in columns)):
             leakage = (self._leakage['gamma_0_w_per_k']
                        + self._leakage['gamma_v_w_per_k_per_mps'] * speed)
             worst_w = (-np.inf, -np.inf)
-            step_s = duration_s / (steps := ceil(duration_s / STEP_S))
+            step_s = duration_s / (steps := ceil(duration_s / longest_s))
             for part in range(steps + 1):
                 u = self.voltage_v(soc, temperature_c)
                 r = self.resistance_ohm(soc, temperature_c)
                 ripple_w = r * max(rms_w**2 - drive_w**2, 0.0) / u**2
                 limits_w = self.discharge_w(soc, temperature_c), self.charge_w(soc, temperature_c)
                 most_a, least_a = ((limit_w - ripple_w) / u for limit_w in limits_w)
-                asked_w = drive_w + others_w + heat_w
+                taken_w = heater.drawn_w(command_w, step_s)
+                asked_w = drive_w + others_w + taken_w
                 braked_w = given_w if given_w == given_w else min(
                     max(0.0, u * least_a - r * least_a**2 - asked_w), max(-drive_w, 0.0))
                 # From the start of a step to its end, where the charge is lowest.
@@ -122,12 +157,16 @@ class OwnPlant:
                 if part == steps:
                     break
                 soc -= (current_a + ripple_w / u) / self._charge_as * step_s
+                arriving_w = heater.arriving_w(taken_w, command_w, step_s, temperature_c)
                 temperature_c += step_s / self._heat_capacity * (
-                    self._heater_efficiency * heat_w + leakage * (ambient_c - temperature_c)
+                    arriving_w + leakage * (ambient_c - temperature_c)
                     + r * current_a**2 + ripple_w + self._heat_share * (magnitude_w - braked_w))
-                now_s += step_s
+                now_s, drawn_j, cells_j = now_s + step_s, drawn_j + step_s * taken_w, cells_j + step_s * power_w
                 lowest_soc = min(lowest_soc, soc)
                 if soc <= 0.0:
-                    return Driven(0.0, temperature_c, 0.0, deficit_w, now_s, np.array([*beyond_w, worst_w]))
+                    return Driven(0.0, temperature_c, 0.0, deficit_w, now_s, np.array([*beyond_w, worst_w]),
+                                  heater.excess_k(temperature_c), drawn_j / 3600.0, cells_j / 3600.0)
             beyond_w.append(worst_w)
-        return Driven(soc, temperature_c, lowest_soc, deficit_w, None, np.array(beyond_w))
+        left_j = path.heater_lag_s * heater.power_w
+        return Driven(soc, temperature_c, lowest_soc, deficit_w, None, np.array(beyond_w),
+                      heater.excess_k(temperature_c), (drawn_j + left_j) / 3600.0, (cells_j + left_j) / 3600.0)

@@ -2,18 +2,18 @@
 """
 Plans and runs of vehicles with a heat path.
 
-Plans are compared with a fine simulation of the equations written here, runs within limits with the model.
+Plans are compared with a plant that shares no code with the model, runs within limits with the model.
 """
 
 from contextlib import nullcontext
-from dataclasses import asdict, replace
-from functools import cache
-from math import sqrt
+from dataclasses import replace
+from functools import cache, reduce
 
 import drives
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
+from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.errors import InvalidInput
@@ -23,7 +23,7 @@ from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.route import load_route
+from bev_preheat.route import load_route, Route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.core_library import without_core
@@ -32,7 +32,7 @@ from bev_preheat.vehicle.heat_path import make_heated_step
 from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-REFERENCE = load_vehicle('reference')
+REFERENCE, PLANT = load_vehicle('reference'), OwnPlant('reference')
 ROUTE = load_route('reference', REFERENCE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0)
 # Python takes a hundred times longer; test/native compares both daily.
@@ -83,55 +83,14 @@ def without_time(plan):
     return {key: value for key, value in plan.as_dictionary().items() if key != 'planning_time_s'}
 
 
-def drive(path, route, state, command_of, step_s=0.5):
-    """
-    Drive the equations by short Euler steps: battery and coolant [deg C], soc, energies [J].
-
-    `command_of(instant_s, segment)` is the command [W].
-    """
-    battery, efficiency = REFERENCE.battery, REFERENCE.hvch.efficiency
-    voltage = battery.open_circuit_voltage.function(FLOATS)
-    soc, battery_c, heater_w = state.soc, state.temperature_c, state.heater_power_w
-    coolant_c = battery_c + state.coolant_excess_k
-    drawn_j = cells_j = instant_s = 0.0
-    columns = {name: values.tolist() for name, values in asdict(route).items()}
-    for k, duration_s in enumerate(columns['duration_s']):
-        idle_w = sum(columns[name][k] for name in (
-            'propulsion_power_w', 'cabin_heating_power_w', 'auxiliary_power_w'))
-        variance_w2 = columns['propulsion_power_rms_w'][k]**2 - columns['propulsion_power_w'][k]**2
-        leakage = battery.leakage.gamma_0_w_per_k + (
-            battery.leakage.gamma_v_w_per_k_per_mps * columns['speed_mps'][k])
-        other_w = REFERENCE.drivetrain.heat_share * columns['propulsion_power_magnitude_w'][k]
-        parts = max(1, round(duration_s / step_s))
-        h = duration_s / parts
-        for part in range(parts):
-            command_w = command_of(instant_s + (part + 0.5) * h, k)
-            before_w = command_w if path.heater_lag_s == 0.0 else heater_w
-            if path.heater_lag_s > 0.0:
-                heater_w += h * (command_w - heater_w) / path.heater_lag_s
-            taken_w = 0.5 * (before_w + (heater_w if path.heater_lag_s > 0.0 else command_w))
-            u = voltage(soc, battery_c)
-            r = battery.resistance.k_ohm_k / (
-                battery_c + battery.resistance.reference_temperature_c)
-            current_a = (u - sqrt(u * u - 4.0 * r * (idle_w + taken_w))) / (2.0 * r)
-            joule_w = r * current_a**2 + r * variance_w2 / u**2
-            flow_w = efficiency * taken_w
-            if path.has_coolant:
-                flow_w = path.coolant_conductance_w_per_k * (coolant_c - battery_c)
-                coolant_c += h * (efficiency * taken_w - flow_w) / path.coolant_heat_capacity_j_per_k
-            battery_c += h * (flow_w + other_w + joule_w + leakage * (
-                columns['ambient_temperature_c'][k] - battery_c)) / battery.heat_capacity_j_per_k
-            soc -= h * (current_a + r * variance_w2 / u**3) / battery.capacity_as
-            drawn_j += h * taken_w
-            cells_j += h * (idle_w + taken_w + joule_w)
-        instant_s += duration_s
-    lost_j = path.heater_lag_s * heater_w
-    return battery_c, coolant_c if path.has_coolant else battery_c, soc, drawn_j + lost_j, cells_j + lost_j
-
-
-def between(on_s, off_s):
-    limit_w = (REFERENCE.hvch.maximum_power_w - ROUTE.cabin_heating_power_w).tolist()
-    return lambda instant_s, segment: limit_w[segment] if on_s <= instant_s < off_s else 0.0
+def driven(path, on_s, off_s, state=STATE, longest_s=0.5):
+    """Return the Driven of ROUTE with full power between two instants [s], at which it is cut."""
+    parts = [ROUTE.before(on_s), ROUTE.after(on_s).before(min(off_s, ROUTE.total_duration_s) - on_s)]
+    parts += [ROUTE.after(off_s)] if off_s < ROUTE.total_duration_s else []
+    route = reduce(Route.followed_by, parts)
+    is_on = np.repeat((0.0, 1.0, 0.0)[:len(parts)], [len(part) for part in parts])
+    limit_w = REFERENCE.hvch.maximum_power_w - route.cabin_heating_power_w
+    return PLANT.drive(route, state, is_on * limit_w, path=path, longest_s=longest_s)
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -150,14 +109,13 @@ def test_a_path_of_zeros_changes_no_bit(method, name):
 @pytest.mark.parametrize('path', SLOW)
 def test_a_fine_drive_of_the_plan_arrives_as_planned(path):
     plan = plan_of(path)
-    battery_c, coolant_c, soc, drawn_j, cells_j = drive(
-        path, ROUTE, STATE, between(plan.heating_start_s, plan.heating_end_s))
+    run = driven(path, plan.heating_start_s, plan.heating_end_s)
     assert plan.arrival_temperature_c == pytest.approx(25.0, abs=1e-5)
-    assert battery_c == pytest.approx(25.0, abs=0.02)
-    assert coolant_c - battery_c == pytest.approx(plan.heat.coolant_excess_k[-1], abs=0.05)
-    assert soc == pytest.approx(plan.arrival_soc, abs=1e-5)
-    assert drawn_j / 3600.0 == pytest.approx(plan.energy_wh.hvch_electric, abs=1.0)
-    assert cells_j / 3600.0 == pytest.approx(plan.energy_wh.battery_total, abs=1.5)
+    assert run.temperature_c == pytest.approx(25.0, abs=0.02)
+    assert run.coolant_excess_k == pytest.approx(plan.heat.coolant_excess_k[-1], abs=0.05)
+    assert run.soc == pytest.approx(plan.arrival_soc, abs=1e-5)
+    assert run.heater_wh == pytest.approx(plan.energy_wh.hvch_electric, abs=1.0)
+    assert run.cells_wh == pytest.approx(plan.energy_wh.battery_total, abs=1.5)
 
 
 @pytest.mark.parametrize('path', SLOW)
@@ -168,12 +126,11 @@ def test_switched_off_sooner_or_later_it_costs_more(path):
 
     def cells_wh(off_s):
         def above_k(on_s):
-            return drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)[0] - 25.0
+            return driven(path, on_s, off_s, longest_s=5.0).temperature_c - 25.0
 
-        on_s = brentq(above_k, 600.0, off_s, xtol=0.2)
         # Steps of 5 s meet the target to a few mK, each worth about 0.1 Wh.
-        run = drive(path, ROUTE, STATE, between(on_s, off_s), 5.0)
-        return run[4] / 3600.0 - (run[0] - 25.0) * 1.15 * REFERENCE.battery.heat_capacity_j_per_k / 3600.0
+        run = driven(path, brentq(above_k, 600.0, off_s - 1.0, xtol=0.2), off_s, longest_s=5.0)
+        return run.cells_wh - (run.temperature_c - 25.0) * 1.15 * REFERENCE.battery.heat_capacity_j_per_k / 3600.0
 
     best_wh = cells_wh(plan.heating_end_s)
     for sooner_s in (-240.0, 85.0 if path is BOTH else 60.0):
@@ -224,8 +181,8 @@ def test_heat_under_way_at_the_start_is_heat_that_need_not_be_made():
     cold = plan_of(BOTH, 'value_function')
     assert plan.heat.heater_power_w[0] == 5e3 and plan.heat.coolant_excess_k[0] == 12.0
     assert plan.heating_start_s > cold.heating_start_s + 10.0
-    battery_c = drive(BOTH, ROUTE, warm, between(plan.heating_start_s, plan.heating_end_s))[0]
-    assert battery_c == pytest.approx(25.0, abs=0.02)
+    run = driven(BOTH, plan.heating_start_s, plan.heating_end_s, warm)
+    assert run.temperature_c == pytest.approx(25.0, abs=0.02)
 
 
 def test_the_method_of_the_paper_knows_no_path_and_arrives_colder():
@@ -233,7 +190,7 @@ def test_the_method_of_the_paper_knows_no_path_and_arrives_colder():
     plan = plan_preheating(slow(COOLANT), ROUTE, STATE, GOAL, 'paper')
     assert plan.heating_start_s == plain.heating_start_s
     assert (plan.hvch_battery_power_w == plain.hvch_battery_power_w).all()
-    assert drive(COOLANT, ROUTE, STATE, between(plan.heating_start_s, 1e9))[0] == pytest.approx(
+    assert driven(COOLANT, plan.heating_start_s, 1e9).temperature_c == pytest.approx(
         plan.arrival_temperature_c, abs=0.02)
     assert plan.arrival_temperature_c < plain.arrival_temperature_c - 1.0
 
