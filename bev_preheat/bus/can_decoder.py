@@ -14,7 +14,7 @@ from bev_preheat.bus.live_map import CHARGING, LiveMap
 from bev_preheat.bus.source import by_channel, live_channels, LiveChannel, Readings
 from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import unit_named
-from bev_preheat.logs.can_frames import identifying_bits, J1939_GROUP, last_values, load_dbc, values_of_nothing
+from bev_preheat.logs.dbc import identifying_bits, J1939_GROUP, last_values, load_dbc, NoReading, part_of
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
@@ -83,8 +83,9 @@ class CanDecoder:
             raise InvalidInput(problems)
         self._wanted = by_channel(self.channels)
         # A full share may have all bits set; other quantities do not.
-        last = {name: dict.fromkeys(last_values(signals[name]), 'no reading: the last value of its bits')
-                for name in self._wanted if units[name] not in SHARES}
+        last: dict[str, dict[float, str]] = {
+            name: dict.fromkeys(last_values(signals[name]), 'no reading: the last value of its bits')
+            for name in self._wanted if units[name] not in SHARES}
         for signal, name, key, channel in wanted_of:
             self._want(signal, name, channel, units[channel], f'{where}: {key}',
                        None if signal == FOLLOWED else frames[name].full_power_w)
@@ -116,7 +117,13 @@ class CanDecoder:
         self._senders: dict[str, int] = {}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
-        self._nothing = {name: {**last.get(name, {}), **values_of_nothing(signals[name])} for name in self._wanted}
+        self._nothing = {name: NoReading(messages[name.partition('.')[0]], signals[name], last.get(name))
+                         for name in self._wanted}
+        with located(where):
+            self._parts = {check.message.name: part_of(check.message, [
+                signal.name for signal in check.message.signals if signal is check.counter
+                or f'{check.message.name}.{signal.name}' in {*self._wanted, *self._plain.values()}])
+                for check in self.checks}
         self.identifiers = tuple(
             tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
             for number in range(len(live_map.can)))
@@ -153,7 +160,7 @@ class CanDecoder:
                                    'identifier of the sender into the DBC')
             checks.check_data(data, instant_s)
             try:
-                values = checks.message.decode(data, decode_choices=False, scaling=False)
+                values = self._parts[name].decode(data, decode_choices=False, scaling=False)
             except Exception as error:
                 # cantools raises errors of several packages, such as for a multiplexer that the DBC does not know.
                 raise InvalidInput(f'{name}: does not fit the DBC ({quoted(str(error))})') from error
@@ -182,8 +189,8 @@ class CanDecoder:
 
     def _check(self, name: str, raw: float, number: float) -> None:
         """Raise InvalidInput if the DBC calls a raw value no reading, or has it outside its limits."""
-        if raw in self._nothing[name]:
-            raise InvalidInput(f'{name}: {figure(raw)} means {quoted(self._nothing[name][raw])}')
+        if word := self._nothing[name].word(raw):
+            raise InvalidInput(f'{name}: {figure(raw)} means {quoted(word)}')
         low, high = self._limits[name]
         rounding = 1e-9 * max(abs(low), abs(high))
         if number < low - rounding or number > high + rounding:

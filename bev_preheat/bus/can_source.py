@@ -16,7 +16,8 @@ from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import CanSettings, LiveMap, REPLAY
 from bev_preheat.bus.source import age_of_stamp, LiveSource
 from bev_preheat.errors import InvalidInput, located, LONGEST_PROBLEM, quoted, shortened
-from bev_preheat.logs.can_frames import identifying_bits, recorded_frames
+from bev_preheat.logs.can_frames import recorded_frames
+from bev_preheat.logs.dbc import identifying_bits
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle.description import HVCH
 

@@ -11,7 +11,7 @@ from bev_preheat.bus.frame_checks import Checksum, counter_of, counts_of, signal
 from bev_preheat.bus.live_map import HeaterFrameRule
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
-from bev_preheat.logs.can_frames import values_of_nothing
+from bev_preheat.logs.dbc import NoReading
 
 USUAL_PERIOD_S, SHORTEST_PERIOD_S, SLOWEST_PERIOD_S = 0.1, 0.01, 1.0
 # Shares of full power by the unit of a signal.
@@ -47,7 +47,7 @@ class HeaterFrame:
                                'its own')
         self._rule, self._message = rule, message
         self._power = power = signal_of(message, rule.power, f'{where}.power')
-        self._name = f'{rule.message}.{rule.power}'
+        self._name, self._nothing = f'{rule.message}.{rule.power}', NoReading(message, power)
         self._counter = counter_of(message, rule.counter, where)
         self._enable = None if rule.enable is None else signal_of(message, rule.enable, f'{where}.enable')
         self._checksum = None if rule.checksum is None else Checksum(
@@ -182,8 +182,8 @@ class HeaterFrame:
                                    'and limits no power')
             return limit_w
         power = self._power
-        largest_raw, nothing = 2**(power.length - (1 if power.is_signed else 0)) - 1, values_of_nothing(power)
-        while largest_raw in nothing:
+        largest_raw = int(min(2**(power.length - (1 if power.is_signed else 0)) - 1, self._nothing.highest_raw))
+        while self._nothing.word(largest_raw):
             largest_raw -= 1
         highest = largest_raw * power.scale + power.offset
         if power.maximum is not None and (power.minimum or 0.0) < power.maximum:
@@ -198,7 +198,7 @@ class HeaterFrame:
         power, law, (factor, offset) = self._power, self._rule.coolant, self._to_celsius or (1.0, 0.0)
         low, high = law.range_c if self._to_celsius and law else (0.5 * power.scale, math.inf)
         if (off := self._rule.off_value) is not None:
-            is_named = round((off - power.offset) / power.scale) in values_of_nothing(power)
+            is_named = self._nothing.word(round((off - power.offset) / power.scale))
             if self._enable is None and not is_named and low <= off * factor + offset <= high:
                 raise InvalidInput(f'{self._where}.off_value: {off:g} is a value at which the heater heats; write '
                                    'one at which it is off, or name a signal that enables it (enable)')

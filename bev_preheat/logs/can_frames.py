@@ -15,11 +15,11 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.files.input_files import check_input
+from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.table import encoding_of, line_blocks, read_head
 from bev_preheat.files.times import COUNTER, EARLIEST_S, iso_seconds, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
+from bev_preheat.logs.dbc import identifying_bits, J1939_GROUP, last_values, load_dbc, NoReading, part_of, scaled
 from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
 from bev_preheat.optional_packages import require
 
@@ -90,71 +90,8 @@ def _frame(path: str | Path, number: int, parts: dict[str, str | None], scale: f
                        data=data)
 
 
-# Values that the DBC gives such a name are no readings.
-NO_READING = re.compile(
-    r'(?<![a-z])(sna|n\W?a|nan|init\w*|err|nicht ?\w*|(no|keine?) ?(signal|data|value|sensor|daten|wert)\w*)'
-    r'(?![a-z])|not ?(av|def|val|used|supp|ready|conn|init)|invalid|fault|error|fehler|defe[ck]t|fail|unavail|'
-    r'lost|(im|un)plausib|unknown|unbekannt|undef|ung(ü|ue)ltig|reserved|missing|timeout|circuit|out ?of ?range',
-    re.IGNORECASE)
-# Of an identifier of J1939: all but priority and sender; a DBC has this one for any sender.
-J1939_GROUP, ANY_SENDER = 0x03FFFF00, 0xFE
 # Identifiers in a message.
 MOST_SHOWN = 5
-
-
-def identifying_bits(identifier: int, is_extended: bool) -> int:
-    """Return the bits of the identifier of a message of a DBC that each of its frames has."""
-    if not is_extended:
-        return 0x7FF
-    return J1939_GROUP if identifier & 0xFF == ANY_SENDER else 0x1FFFFFFF
-
-
-# Fewer bits are counts or states, all values of which are used.
-LEAST_BITS = 8
-
-
-def load_dbc(file: str | Path) -> Any:
-    """Return the cantools Database of a DBC file; raises InvalidInput if it cannot be read."""
-    require('cantools')
-    import cantools
-    check_input(file)
-    try:
-        data = Path(file).read_bytes()
-        text = data.decode('utf-8-sig' if encoding_of(data) == 'utf-8-sig' else 'cp1252', 'replace')
-        return cantools.database.load_string(_with_nodes(text), 'dbc', strict=False)
-    except Exception as error:
-        # cantools raises errors of its parser, of files and of encodings.
-        raise InvalidInput(f'{file}: cannot be read as a DBC: {quoted(" ".join(str(error).split()))}') from error
-
-
-def _with_nodes(text: str) -> str:
-    """Return a DBC with the sections BS_ and BU_, which some tools leave out."""
-    missing = [key for key in ('BS_:', 'BU_:') if not re.search(rf'^\s*{key[:-1]}\s*:', text, re.MULTILINE)]
-    first = re.search(r'^\s*BO_\s', text, re.MULTILINE)
-    if not missing or first is None:
-        return text
-    return f'{text[:first.start()]}\n{" ".join(missing)}\n{text[first.start():]}'
-
-
-def values_of_nothing(signal: Any) -> dict[float, str]:
-    """Return the raw values of a cantools Signal whose names say that there is no reading, with these names."""
-    return {value: str(name) for value, name in (signal.choices or {}).items()
-            if NO_READING.search(str(name).replace('_', ' '))}
-
-
-def scaled(signal: Any, raw: float) -> float:
-    """Return a raw value of a cantools Signal in its unit."""
-    return float(signal.conversion.raw_to_scaled(raw, decode_choices=False))
-
-
-def last_values(signal: Any) -> tuple[int, ...]:
-    """Return raw values of a cantools Signal that often mean no reading: all bits set, both ends if signed."""
-    if signal.is_float or signal.length < LEAST_BITS:
-        return ()
-    count = 1 << signal.length - int(signal.is_signed)
-    return (-count, count - 1) if signal.is_signed else (count - 1,)
-
-
 # A trace of PCAN-View without a version names its columns first.
 PCAN = re.compile(r';\s*Message Number|;-+\s*$|;\s*Start time:', re.IGNORECASE)
 ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$',
@@ -184,8 +121,7 @@ class CanFrames(RawLog):
         self.channels = tuple(Channel(name, unit_named(signal.unit or ''),
                                       tuple(scaled(signal, raw) for raw in last_values(signal)))
                               for name, signal in signals.items())
-        self._nothing = {name: {scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}
-                         for name, signal in signals.items()}
+        self._signals = signals
 
     def use(self, signal_map: SignalMap) -> None:
         """Tell by the first frame whether the times are those of a clock."""
@@ -201,6 +137,12 @@ class CanFrames(RawLog):
                  if any(f'{message.name}.{signal.name}' in wanted for signal in message.signals)}
         groups = {identifier & J1939_GROUP: message for identifier, message in names.items()
                   if identifying_bits(identifier, message.is_extended_frame) == J1939_GROUP}
+        with located(self._path):
+            parts = {message.name: part_of(message, [signal.name for signal in message.signals
+                                                     if f'{message.name}.{signal.name}' in wanted])
+                     for message in names.values()}
+        nothing = {f'{message.name}.{signal.name}': NoReading(message, signal)
+                   for message in names.values() for signal in message.signals}
         # The identifier and the bus of the first frame of each message.
         senders: dict[str, tuple[int, Any]] = {}
         number, others = 0, set()
@@ -219,22 +161,23 @@ class CanFrames(RawLog):
                             noun='frame')
                 continue
             try:
-                values = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
+                values = parts[message.name].decode(bytes(frame.data), decode_choices=False, scaling=False,
+                                                    allow_truncated=True)
             except Exception as error:
                 # cantools raises errors of several packages for frames that do not fit the DBC.
                 remarks.add(f'decode {message.name}', f'{self._path}, frame {number}: {message.name}: does not '
                             f'fit the DBC ({quoted(str(error))}); it is dropped', noun='frame')
                 continue
-            for signal, value in values.items():
+            for signal, raw in values.items():
                 name = f'{message.name}.{signal}'
-                if name not in wanted or not isinstance(value, int | float):
+                if name not in wanted or not isinstance(raw, int | float):
                     continue
-                if value in self._nothing[name]:
-                    word = self._nothing[name][value]
+                value = scaled(self._signals[name], raw)
+                if word := nothing[name].word(raw):
                     remarks.add(f'{name} {word}', f'{self._path}, frame {number}: {name}: {figure(value)} means '
                                 f'{quoted(word)}; it is dropped')
                 else:
-                    yield name, float(frame.timestamp), float(value), number
+                    yield name, float(frame.timestamp), value, number
         if not senders:
             remarks.add('ids', f'{self._path}: none of its {number} frames has an identifier of the DBC '
                         f'({_hex(names)}); they have {_hex(others)}')

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 import logging
+import math
 import multiprocessing
 from pathlib import Path
 import re
@@ -13,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.errors import figure, InvalidInput, located, quoted
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.can_frames import dbc_files, needs_dbc
+from bev_preheat.logs.dbc import load_dbc, NoReading, part_of
 from bev_preheat.logs.raw_log import Channel, Piece, RawLog, Remarks
 from bev_preheat.optional_packages import require
 
@@ -108,21 +110,43 @@ class Mdf(RawLog):
         if channels and all(FRAMES.search(channel.name) for channel in channels):
             raise needs_dbc(path, 'MDF')
         self.channels = tuple(channels)
+        self._messages = [message for file in self._databases for message in load_dbc(file).messages]
         self._start_s = start_s
         self.absolute = start_s > 0.0
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted channels; each group of channels has its own time."""
         places = {name: self._at[name] for name in wanted}
+        nothing = {}
+        for message in self._messages:
+            with located(self._path):
+                part = part_of(message, [signal.name for signal in message.signals if signal.name in places])
+            nothing.update({signal.name: (signal, NoReading(message, signal)) for signal in part.signals})
         try:
             for name, first, time_s, values, problem in in_child(_readings, self._path, self._databases, places):
                 if problem:
                     remarks.add(f'mdf {name}', f'{self._path}: {name}: cannot be read from record {first} on '
                                 f'({quoted(problem)})')
-                else:
-                    yield Piece(name, time_s + self._start_s, values, first + np.arange(1, len(values) + 1))
+                    continue
+                at = first + np.arange(1, len(values) + 1)
+                if name in nothing:
+                    values = _without_nothing(*nothing[name], values, f'{self._path}, record', at, remarks)
+                yield Piece(name, time_s + self._start_s, values, at)
         except ReaderLost as error:
             remarks.add('mdf', f'{self._path}: is damaged ({error}); the records before are used')
+
+
+def _without_nothing(signal: Any, nothing: NoReading, values: Any, where: str, at: Any, remarks: Remarks) -> Any:
+    """Return the numbers of a signal of the DBC, with NaN for those above the highest of J1939."""
+    if nothing.highest_raw == math.inf or not isinstance(values, np.ndarray):
+        return values
+    raws = np.round((values - signal.offset) / signal.scale)
+    wrong = raws > nothing.highest_raw
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        remarks.add(f'{signal.name} j1939', f'{where} {at[first]}: {signal.name}: {figure(values[first])} means '
+                    f'{quoted(nothing.word(raws[first]))}; it is dropped', int(wrong.sum()))
+    return np.where(wrong, np.nan, values)
 
 
 def _open(path: str | Path, databases: Collection[str]) -> Any:

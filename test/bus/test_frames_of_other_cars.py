@@ -385,6 +385,20 @@ def test_all_bits_set_is_no_reading_but_of_a_share(tmp_path):
         assert source.value('current_a', 0.0) == pytest.approx(-0.05)
 
 
+def test_values_beyond_those_of_j1939_are_no_readings_and_are_never_commanded(tmp_path):
+    # 0x98FF50FE and 0x98FF51FE are J1939 from any sender; shares, too, have at most 0xFA there.
+    dbc = (BATTERY.replace('BO_ 256', f'BO_ {0x98FF50FE}').replace('[0|100] "%"', '[0|0] "%"') + HEATER.replace(
+        'BO_ 512', f'BO_ {0x98FF51FE}').replace('(50,0) [0|7000] ""', '(50,0) [0|0] "W"'))
+    path = written_map(tmp_path, dbc=dbc)
+    source = CanSource(load_live_map(path), lambda: 0.0)
+    for raw, soc in ((0xFE, None), (0xFF, None), (0xC8, 1.0)):
+        source.on_frame(0, 0x18FF50F3, True, bytes([0, 1, raw, 0, 0, 0, 0, 0]), 0.0)
+        assert source.value('soc', 0.0) == (None if soc is None else pytest.approx(soc))
+        assert source.doubts()['BMS.Soc'].endswith("means 'error or not available (J1939)'")
+    frame = heater_frame(tmp_path, 'power: Plain', dbc=dbc)
+    assert (frame.highest_w, frame.next(99999.0)[3]) == (12500.0, 0xFA)
+
+
 def test_message_of_j1939_is_that_of_its_first_sender(tmp_path):
     import can
     # 2566869246 is 0x98FF50FE: the group FF50, from any sender (FE).
@@ -432,7 +446,7 @@ MISFITS = {
         'live.heater_command.enable: Count is the signal of counter already']),
     'checksum of the power': (COMMAND.format('power: Power, checksum: {signal: Power, method: crc8}'), {}, [
         'live.heater_command.checksum.signal: Power is the signal of power already']),
-    'power over another signal': (COMMAND.format('power: Power'), {'car.dbc': 'overlapping.dbc'}, [
+    'power over another signal': (COMMAND.format('power: Power'), {'car.dbc': 'overlapping_power.dbc'}, [
         'live.heater_command: Heater cannot be made', 'Power and Share are overlapping']),
     'a message of two sources': (
         COMMAND.format('power: Power') + '\n  heat_sources: {a: {command: {message: Heater, power: Share}}}', {}, [
@@ -486,6 +500,8 @@ MISFITS = {
             'live.heater_status.valid_for_s: 1 s is too short for HeaterState.Share, which comes every 1 s']),
     'two messages of one identifier': ('', {'BMS.Soc': 'Twin.Soc', 'car.dbc': '[car.dbc, twin.dbc]'}, [
         'BMS and Twin have the same identifier, 100; use a single message']),
+    'signals that overlap': ('', {'car.dbc': 'overlapping.dbc'}, [
+        'BMS: Temp and Soc overlap in the DBC (bits 12, 13, 14, 15)']),
     'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
@@ -494,7 +510,8 @@ MISFITS = {
 def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, texts):
     path = written_map(tmp_path, live)
     (tmp_path / 'twin.dbc').write_text(NS + 'BO_ 256 Twin: 8 CAR\n SG_ Soc : 0|8@1+ (0.5,0) [0|100] "%" GW\n')
-    (tmp_path / 'overlapping.dbc').write_text((BATTERY + HEATER).replace('Power : 8|8', 'Power : 6|8'))
+    (tmp_path / 'overlapping.dbc').write_text((BATTERY + HEATER).replace('Soc : 16|8', 'Soc : 12|8'))
+    (tmp_path / 'overlapping_power.dbc').write_text((BATTERY + HEATER).replace('Power : 8|8', 'Power : 6|8'))
     text = path.read_text()
     for before, after in changes.items():
         assert before in text

@@ -11,7 +11,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files import input_files
 from bev_preheat.files.input_files import find_configuration, read_text
 from bev_preheat.files.table import read_head
-from bev_preheat.logs.can_frames import load_dbc
+from bev_preheat.logs.dbc import load_dbc
 from bev_preheat.recording.comparison import load_expectation
 from bev_preheat.vehicle.charging_curve import read_charging_curve
 

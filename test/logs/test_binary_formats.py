@@ -80,6 +80,34 @@ def test_frames_in_mdf_are_decoded_by_the_dbc_beside(tmp_path):
     assert_same(read_recording(path), log, SIGNALS, rtol=1e-4, atol=0.006)
 
 
+@pytest.mark.needs('asammdf', 'can', 'cantools')
+def test_frames_in_mdf_have_no_readings_beyond_those_of_j1939_nor_of_overlapping_signals(tmp_path):
+    import can
+    path = tmp_path / 'a.mf4'
+    # 2566869235 is 0x98FF50F3.
+    dbc = """VERSION ""
+BU_: BMS
+BO_ 2566869235 BMS: 8 BMS
+ SG_ BattTemp : 0|8@1+ (0.5,-40) [0|0] "degC" BMS
+ SG_ SOC : 8|8@1+ (0.4,0) [0|0] "%" BMS
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "J1939PG";
+"""
+    path.with_suffix('.dbc').write_text(dbc)
+    writer = can.MF4Writer(path)
+    for at in range(20):
+        writer(can.Message(1.7e9 + at, 0x18FF50F3, True, data=[254 if at == 4 else 100 + at, 200, *[0] * 6]))
+    writer.stop()
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value,
+                               [10.0 + 0.5 * at for at in range(20) if at != 4])
+    said = "record 5: BattTemp: 87 means 'error or not available (J1939)'; it is dropped"
+    assert f'{path}, {said}' in recording.remarks
+    path.with_suffix('.dbc').write_text(dbc.replace('8|8@1', '4|8@1'))
+    with pytest.raises(InvalidInput, match=r'BMS: BattTemp and SOC overlap in the DBC \(bits 4, 5, 6, 7\)'):
+        read_recording(path)
+
+
 @pytest.mark.needs('asammdf')
 def test_mdf(tmp_path):
     from asammdf import MDF, Signal

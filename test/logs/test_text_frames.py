@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.can_frames import values_of_nothing
+from bev_preheat.logs.dbc import values_of_nothing
 from bev_preheat.logs.reading import read_recording
 
 DBC = """VERSION ""
@@ -102,6 +102,73 @@ def test_frames_of_j1939_are_those_of_the_first_sender(tmp_path):
     # Without that address an identifier is of one sender.
     path.with_suffix('.dbc').write_text(J1939.replace('2365542654', '2365542645'))
     with pytest.raises(InvalidInput, match=r'none of its 40 .*DBC \(CFF50F5\); they have 18FF50F3, 18FF50F4'):
+        read_recording(path)
+
+
+J1939_PAYLOADS = {
+    # Bits of the signal, the highest raw value that is a measurement, an error and not available.
+    8: (0xFA, 0xFE, 0xFF), 10: (0x3FA, 0x3FE, 0x3FF), 12: (0xFAF, 0xFE3, 0xFF0), 16: (0xFAFF, 0xFE00, 0xFF12),
+    32: (0xFAFFFFFF, 0xFE000000, 0xFF345678)}
+
+
+@pytest.mark.parametrize('bits', J1939_PAYLOADS)
+@pytest.mark.parametrize('mark', ['any sender', 'message', 'file', 'none'])
+@pytest.mark.needs('can', 'cantools')
+def test_errors_and_missing_values_of_j1939_are_no_readings(tmp_path, bits, mark):
+    path = tmp_path / 'frames.log'
+    # 0x98FF50FE is from any sender, 0x98FF50F3 from one.
+    identifier = 0x98FF50FE if mark == 'any sender' else 0x98FF50F3
+    highest, *nothing = J1939_PAYLOADS[bits]
+    path.with_suffix('.dbc').write_text(
+        f'VERSION ""\nBU_: BMS\nBO_ {identifier} BMS: 4 BMS\n'
+        f' SG_ BattTemp : 0|{bits}@1+ ({80 / 2**bits},-20) [0|0] "degC" BMS\n'
+        + 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+          f'BA_ "VFrameFormat" BO_ {identifier} 3;\n' * (mark == 'message')
+        + 'BA_DEF_ "ProtocolType" STRING;\nBA_ "ProtocolType" "J1939";\n' * (mark == 'file'))
+    raws = [highest - at % 3 for at in range(18)] + nothing
+    path.write_text(''.join(f'({at}.0) can0 18FF50F3#{raw.to_bytes(4, "little").hex()}\n'
+                            for at, raw in enumerate(raws)))
+    recording = read_recording(path)
+    values = recording.signals['battery_temperature_c'].value
+    expected = raws if mark == 'none' else raws[:18]
+    np.testing.assert_allclose(values[:18], -20.0 + np.array(expected[:18]) * 80 / 2**bits)
+    said = [remark for remark in recording.remarks if 'error or not available (J1939)' in remark]
+    if mark == 'none':
+        assert said == [] and len(values) >= 19
+    else:
+        assert len(values) == 18
+        assert 'frame 19: BMS.BattTemp: ' in said[0] and said[0].endswith('it is dropped (and 1 more sample)')
+
+
+OVERLAPPING = """VERSION ""
+BU_: BMS
+BO_ 341 BMS: 8 BMS
+ SG_ Page M : 56|8@1+ (1,0) [0|0] "" BMS
+ SG_ BattTemp {temperature} (0.01,-40) [0|0] "degC" BMS
+ SG_ SOC {soc} (0.5,0) [0|0] "%" BMS
+ SG_ PackVoltage : 32|16@1+ (0.01,0) [0|0] "V" BMS
+ SG_ Unused : 28|16@1+ (1,0) [0|0] "" BMS
+"""
+
+
+@pytest.mark.parametrize('temperature, soc, bits', [
+    (': 0|16@1+', ': 15|8@1+', '15'), (': 0|16@1+', ': 15|8@0+', '8, 9, 10, 11, 12, 13, 14, 15'),
+    (': 7|16@0+', ': 15|8@0+', '8, 9, 10, 11, 12, 13, 14, 15'), (': 7|12@0+', ': 14|8@1+', '14, 15'),
+    ('m1 : 0|16@1+', ': 8|8@1+', '8, 9, 10, 11, 12, 13, 14, 15'),
+    ('m1 : 0|16@1+', 'm1 : 8|8@1+', '8, 9, 10, 11, 12, 13, 14, 15'),
+    # Frames of different pages; bits side by side.
+    ('m1 : 0|16@1+', 'm2 : 8|8@1+', ''), (': 0|16@1+', ': 16|8@1+', ''), (': 7|12@0+', ': 8|4@1+', '')])
+@pytest.mark.needs('can', 'cantools')
+def test_signals_that_share_bits_are_refused_if_both_are_used(tmp_path, temperature, soc, bits):
+    path = tmp_path / 'frames.log'
+    path.with_suffix('.dbc').write_text(OVERLAPPING.format(temperature=temperature, soc=soc))
+    # An overlap of a signal that is not used does no harm.
+    path.write_text(''.join(f'({at}.0) can0 155#A0 0F A0 10 A0 8C 00 {1 + at % 2:02X}\n'.replace(' ', '').replace(
+        'can0', ' can0 ') for at in range(20)))
+    if not bits:
+        assert set(read_recording(path).signals['voltage_v'].value) == {360.0}
+        return
+    with pytest.raises(InvalidInput, match=rf'frames.log: BMS: .* overlap in the DBC \(bits {bits}\): correct'):
         read_recording(path)
 
 
