@@ -36,6 +36,12 @@ def first_true(which: BoolArray) -> int | None:
     return at if len(which) and which[at] else None
 
 
+def no_position(latitude_deg: FloatArray, longitude_deg: FloatArray) -> BoolArray:
+    """Return which positions receivers write without a fix: latitude 0 and longitude 0, in the Gulf of Guinea."""
+    missing: BoolArray = (latitude_deg == 0.0) & (longitude_deg == 0.0)
+    return missing
+
+
 def present_cells(cells_c: FloatArray, battery_c: float = math.nan) -> FloatArray:
     """Return temperatures (N,) [deg C] with NaN for modules that are not there: a code far from all others."""
     is_code = np.isin(np.round(cells_c, 3), MISSING_CELL_C)

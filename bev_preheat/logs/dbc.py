@@ -51,7 +51,7 @@ def load_dbc(file: str | Path) -> Any:
     try:
         data = Path(file).read_bytes()
         text = data.decode('utf-8-sig' if encoding_of(data) == 'utf-8-sig' else 'cp1252', 'replace')
-        # Overlapping signals are refused where they are used; see `part_of`.
+        # Signals that overlap are refused only if they are used; see `part_of`.
         return cantools.database.load_string(_with_frame_format(_with_nodes(text)), 'dbc', strict=False)
     except Exception as error:
         # cantools raises errors of its parser, of files and of encodings.
@@ -104,7 +104,7 @@ class NoReading:
         self.highest_raw = (1 << signal.length) - 1 - missing if has_limit else math.inf
 
     def word(self, raw: float) -> str:
-        """Return what a raw value means if it is no reading, else ''."""
+        """Return the meaning of a raw value that is no reading, else ''."""
         if (named := self._named.get(raw)) is not None:
             return named
         return 'error or not available (J1939)' if raw > self.highest_raw else ''
@@ -114,7 +114,7 @@ def part_of(message: Any, names: Collection[str]) -> Any:
     """
     Return a cantools Message with only the named signals and their multiplexers, to decode them.
 
-    Raises InvalidInput if two of them that one frame can carry have bits in common.
+    Raises InvalidInput if two signals of the same frame have bits in common.
     """
     from cantools.database import Message
     signals = {signal.name: signal for signal in message.signals}

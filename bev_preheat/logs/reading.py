@@ -25,6 +25,7 @@ from bev_preheat.logs.raw_log import RawLog, Remarks
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.ros_bag import is_bag_folder, open_ros_bag, RosBag
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
+from bev_preheat.numerics import no_position
 
 # Each takes a path, the file's first bytes and the DBC files, and returns the open log, None for another format.
 FORMATS: tuple[Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None], ...] = (
@@ -120,6 +121,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)
                for signal, channels in used.items()}
     _refuse_to_and_fro(path, series)
+    _drop_no_position(path, series, remarks)
     _judge(path, series, remarks, repair)
     _drop_too_fast(path, series, remarks)
     _add_power(series, sources)
@@ -174,6 +176,21 @@ def _refuse_to_and_fro(path: str | Path, series: dict[str, Series]) -> None:
         if int((np.diff(np.sign(steps[large])) != 0.0).sum()) >= LEAST_TURNS:
             raise InvalidInput(f'{path}: {signal} jumps to and fro between {figure(values[large[0]])} and '
                                f'{figure(values[large[0] + 1])}; a log must be of one car: split it')
+
+
+def _drop_no_position(path: str | Path, series: dict[str, Series], remarks: Remarks) -> None:
+    """Drop the positions that receivers write without a fix."""
+    if not {'latitude_deg', 'longitude_deg'} <= series.keys():
+        return
+    latitude, longitude = series['latitude_deg'], series['longitude_deg']
+    for signal, each in (('latitude_deg', latitude), ('longitude_deg', longitude)):
+        missing = no_position(latitude.at(each.time_s), longitude.at(each.time_s))
+        if missing.any():
+            remarks.add_shared('position', f'{path}: latitude_deg and longitude_deg: 0, 0 means no position; it '
+                               'is dropped', int(missing.sum()), 'sample')
+            del series[signal]
+            if not missing.all():
+                series[signal] = each.part(~missing)
 
 
 def _unused(log: RawLog, used: dict[str, tuple[str, ...]], found: dict[str, Candidates]) -> tuple[str, ...]:

@@ -34,6 +34,8 @@ def fix_from_message(message: NavSatFix, now_ns: int, oldest_s: float, ahead_s: 
         value = getattr(message, name)
         if not abs(value) <= limit:
             problems.append(f'{name}: {value:g} is not allowed; it must be {-limit:g} ... {limit:g} deg')
+    if message.latitude == message.longitude == 0.0:
+        problems.append('latitude, longitude: 0, 0 means no position')
     if problems:
         raise InvalidInput(problems)
     return Fix(nanoseconds(message.header.stamp), message.latitude, message.longitude, _deviation_m(message))

@@ -166,3 +166,14 @@ def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, v
         read_recording(written(is_second))
     # Wild readings are not another car.
     assert len(read_recording(written(is_wild)).signals[column].value) == count
+
+
+def test_positions_of_a_receiver_without_a_fix_are_dropped(tmp_path):
+    # On the equator or the meridian of Greenwich a single 0 is a position.
+    places = [(0, 0), (0, 0), *((5.5 - 0.5 * at, -3.0 + 0.5 * at) for at in range(12))]
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,speed_kmh,latitude,longitude', [
+        (at, 50, *place) for at, place in enumerate(places)]))
+    assert [recording.signals[f'{name}_deg'].value.tolist() for name in ('latitude', 'longitude')] == [
+        [place[axis] for place in places[2:]] for axis in (0, 1)]
+    assert [remark for remark in recording.remarks if remark.endswith('0, 0 means no position; it is dropped '
+                                                                      '(and 1 more sample)')]

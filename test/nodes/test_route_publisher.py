@@ -60,6 +60,7 @@ def test_its_deviation_is_that_of_the_worst_horizontal_direction(kind, covarianc
     (lambda m: setattr(m, 'latitude', math.nan), 'latitude: nan is not allowed; it must be -90 ... 90 deg'),
     (lambda m: setattr(m, 'longitude', 181.0), 'longitude: 181 is not allowed'),
     (lambda m: setattr(m, 'longitude', math.inf), 'longitude: inf is not allowed'),
+    (lambda m: (setattr(m, 'latitude', 0.0), setattr(m, 'longitude', 0.0)), 'latitude, longitude: 0, 0 means no'),
     (lambda m: setattr(m.status, 'status', -1), 'status.status: -1 means no fix'),
     (lambda m: setattr(m.status, 'status', -2), 'status.status: -2 means not known'),
     (lambda m: setattr(m.header, 'stamp', Time()), 'header.stamp: is 0'),

@@ -166,6 +166,22 @@ def test_a_wrong_point_is_left_out_and_counted(tmp_path, old, new, remark):
     assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
 
 
+@pytest.mark.parametrize('text', [examples.gpx, examples.positions_csv])
+@pytest.mark.parametrize('times', [True, False])
+@pytest.mark.parametrize('missing', [range(0, 3), range(100, 102), range(399, 400)])
+def test_positions_of_a_receiver_without_a_fix_are_left_out_and_counted(tmp_path, text, times, missing):
+    changed = whole = text(times)
+    for at in missing:
+        for degrees in (examples.LATITUDE[at], examples.LONGITUDE[at]):
+            changed = changed.replace(f'{degrees:.7f}', '0.0000000')
+    options = COLD if times else replace(COLD, free_speed_kmh=60.0)
+    found, expected = (loaded(tmp_path, each, options) for each in (changed, whole))
+    assert [remark for remark in found.remarks if remark.startswith(f'{len(missing)} ')
+            and f' {missing[0] + 1} on: latitude 0 and longitude 0 mean' in remark]
+    assert found.route.distance_m == pytest.approx(expected.route.distance_m, rel=0.01)
+    assert found.route.total_duration_s == pytest.approx(expected.route.total_duration_s, rel=0.02)
+
+
 def test_an_hour_without_points_is_named(tmp_path):
     head, *points = examples.gpx().split('<trkpt')
     late = [point.replace('T07:', 'T08:') for point in points[200:]]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray
+from bev_preheat.numerics import BoolArray, EARTH_RADIUS_M, FloatArray, no_position
 from bev_preheat.route.legs import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import gaussian
@@ -55,7 +55,16 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     Raises InvalidInput naming the point and the remedy.
     """
     check_coordinates(latitude_deg, longitude_deg, element)
-    remarks = list(remarks)
+    remarks, missing = list(remarks), no_position(latitude_deg, longitude_deg)
+    if missing.any():
+        remarks.append(f'{missing.sum()} {element}s dropped, from {element} {int(np.argmax(missing)) + 1} on: '
+                       'latitude 0 and longitude 0 mean that the receiver had no position')
+        latitude_deg, longitude_deg, elevation_m = (
+            values[~missing] for values in (latitude_deg, longitude_deg, elevation_m))
+        time_s = None if time_s is None else time_s[~missing]
+        if len(latitude_deg) < 2:
+            raise InvalidInput([f'has {len(latitude_deg)} {element}s with a position; a route needs at least 2',
+                                *remarks])
     if time_s is None:
         return _free(kind, latitude_deg, longitude_deg, elevation_m, options, remarks)
     if options.free_speed_kmh is not None:
