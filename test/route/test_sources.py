@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import json
+import re
 
 import numpy as np
 import pytest
@@ -236,12 +237,24 @@ def test_a_jitter_of_positions_is_not_driven(tmp_path):
     lambda: examples.gpx(times=False, element='rtept'),
     lambda: examples.geojson('LineString', times=False)])
 def test_a_line_without_times_is_driven_at_the_free_speed(tmp_path, text):
-    assert 'no times; give the speed on free road [km/h], such as: --free-speed 90' in refusal(tmp_path, text())
+    refused = refusal(tmp_path, text())
+    assert 'no usable times; give the speed on free road [km/h], such as: --free-speed 90' in refused
     route = loaded(tmp_path, text(), replace(COLD, free_speed_kmh=72.0)).route
     assert route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
     # 20 m/s, and 1 m/s^2 at both ends.
     assert route.total_duration_s == pytest.approx(examples.LENGTH_M / 20.0 + 20.0, rel=0.01)
     assert route.speed_mps.max() <= 20.0 + 1e-6
+
+
+@pytest.mark.parametrize('kept, reason', [
+    (lambda at: at % 5 < 2, 'only 160 of 400 points have a time: times are not used'),
+    (lambda at: at == 0, 'only 1 of 400 points have a time: times are not used')])
+def test_a_refused_line_says_why_the_times_of_some_points_are_not_used(tmp_path, kept, reason):
+    head, *points = examples.gpx().split('<trkpt')
+    text = '<trkpt'.join([head, *(point if kept(at) else re.sub('<time>.*</time>', '', point)
+                                  for at, point in enumerate(points))])
+    assert refusal(tmp_path, text).endswith(f'--free-speed 90; {reason}')
+    assert reason in loaded(tmp_path, text, replace(COLD, free_speed_kmh=60.0)).remarks
 
 
 def test_a_curve_is_driven_at_its_speed(tmp_path):

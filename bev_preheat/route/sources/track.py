@@ -193,8 +193,8 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
           options: RouteOptions, remarks: list[str]) -> Journey:
     """Return the Journey of a line without times, driven at the free speed and slower in curves."""
     if options.free_speed_kmh is None:
-        raise InvalidInput(f'the {kind} has no times; '
-                           + options.advice('free_speed_kmh', 'give the speed on free road'))
+        raise InvalidInput([f'the {kind} has no usable times; '
+                            + options.advice('free_speed_kmh', 'give the speed on free road'), *remarks])
     low, high = SPEED_RANGE_KMH
     if not low <= options.free_speed_kmh <= high:
         raise InvalidInput(f'{options.name("free_speed_kmh")}: {options.free_speed_kmh:g} km/h is not allowed; it '
