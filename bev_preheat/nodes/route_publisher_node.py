@@ -15,7 +15,14 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.messages.fields import LAST_TIME_S
 from bev_preheat.messages.fix import fix_from_message
-from bev_preheat.messages.route_offer import in_words, load_offer, NO_AMBIENT_C, RouteOffer, WITH_AUXILIARIES
+from bev_preheat.messages.route_offer import (
+    in_words,
+    KMH_PER_MPS,
+    load_offer,
+    NO_AMBIENT_C,
+    RouteOffer,
+    WITH_AUXILIARIES,
+)
 from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.nodes.node import guarded, ProgramNode, Values, without_figures
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
@@ -26,6 +33,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
 from bev_preheat.route.odometer import OdometerPlace
+from bev_preheat.route.sources.track import SPEED_RANGE_KMH
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress
 
 # A change of these publishes the route again.
@@ -42,7 +50,8 @@ ROUTE_PARAMETERS = (
     Parameter('consumption', 'unknown', 'Whether a consumption in the file includes heating and auxiliaries',
               choices=tuple(WITH_AUXILIARIES)),
     *GOAL_PARAMETERS,
-    Parameter('free_speed', 0.0, 'Speed on free road, for a line on the map without times', 'm/s', (1.0, 100.0),
+    Parameter('free_speed', 0.0, 'Speed on free road, for a line on the map without times', 'm/s',
+              (round(SPEED_RANGE_KMH[0] / KMH_PER_MPS, 4), round(SPEED_RANGE_KMH[1] / KMH_PER_MPS, 4)),
               unset_means='not given'),
     Parameter('stop_duration', 0.0, 'Duration of the charging stops at waypoints of navigation',
               's', (1.0, 86400.0), unset_means='waypoints are passed'),

@@ -2,6 +2,7 @@
 """`route_publisher`: a route file as route_plan, fixes as route_progress, and the planner that follows."""
 
 import math
+import re
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -99,6 +100,17 @@ def test_the_route_plan_carries_what_the_parameters_say(file):
 def test_a_route_that_cannot_be_published_is_refused(file, changed, problem):
     with pytest.raises(InvalidInput, match=problem):
         load_offer(values(route=str(file), **changed))
+
+
+def test_the_range_of_the_free_speed_is_that_of_its_parameter_in_its_unit(refusal, file, tmp_path):
+    line = tmp_path / 'line.gpx'
+    line.write_text(re.sub('<time>[^<]*</time>', '', file.read_text()))
+    low_mps, high_mps = next(parameter.limits for parameter in PARAMETERS if parameter.name == 'free_speed')
+    for speed_mps in (low_mps, high_mps):
+        assert load_offer(values(route=str(line), ambient_temperature=0.0, free_speed=speed_mps)).length_m > 0.0
+    said = refusal('route_publisher', '--ros-args', '-p', f'route:={line}', '-p', 'free_speed:=70.0', *AMBIENT)
+    # 5 ... 250 km/h.
+    assert said.startswith('route_publisher: error: free_speed: 70 m/s is not allowed; it must be 1.3889 ... 69.4')
 
 
 def test_a_file_that_is_no_route_is_one_line_and_2(refusal, tmp_path):
