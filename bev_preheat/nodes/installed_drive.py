@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
+from functools import partial
 import math
 import os
 from pathlib import Path
@@ -22,6 +24,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.decision import Command
 from bev_preheat.files.output_files import AnyPath, existing_file
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
@@ -33,9 +36,10 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario import Scenario
-from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, SIGNALS
+from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, HEALTHY, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+from bev_preheat.vehicle.description import HVCH
+from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan
 
 # Domains whose UDP ports lie below Linux's ephemeral ports; 0 is the default domain.
 DOMAIN_IDS = range(1, 101)
@@ -149,7 +153,7 @@ class NodeProcess:
 
 
 START_S = START_NS / NS_PER_S
-HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
+HEATER_ENTRY, SOURCE_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: heat source ', 'planner: signals'
 # Real time for discovery, and between two messages of the simulator [s].
 START_LIMIT_S = 180.0
 SILENCE_LIMIT_S = 120.0
@@ -174,7 +178,8 @@ class ObservedDrive:
     target [deg C], `report` the simulator's latest, `recording` the path of the flight recording (None: without).
     """
 
-    def __init__(self, node: Node, target_c: float) -> None:
+    def __init__(self, node: Node, target_c: float, sources: Iterable[str]) -> None:
+        """Listen on a Node to a drive to a target [deg C]; `sources` are the heat sources beside the HVCH."""
         self.record = DriveRecord(target_c)
         self.states: list[tuple[float, float, float]] = []
         self.predictions: list[tuple[float, float]] = []
@@ -189,9 +194,15 @@ class ObservedDrive:
         every_plan = QoSProfile(depth=MOST_UNREAD, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._node, self._listens_to_states = node, False
         self._subscriptions = [
-            node.create_subscription(HvchCommand, 'hvch_command', self._on_command, MOST_UNREAD),
+            node.create_subscription(HvchCommand, 'hvch_command', partial(self._on_command, HVCH), MOST_UNREAD),
             node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, every_plan),
             node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, MOST_UNREAD)]
+        # Commands of each heat source, until those of all sources with the same stamp are there.
+        self._parts: dict[str, deque[Any]] = {name: deque() for name in (HVCH, *sources)}
+        if len(self._parts) > 1:
+            self._subscriptions.append(node.create_subscription(
+                HeatSourceCommand, 'heat_source_command',
+                lambda message: self._on_command(message.name, message), MOST_UNREAD))
 
     def let_start(self) -> None:
         """Subscribe to battery states, as the second listener, once the planner publishes."""
@@ -208,11 +219,22 @@ class ObservedDrive:
     def _on_state(self, message: BatteryState) -> None:
         self.states.append((_instant_s(message), message.temperature, message.percentage))
 
-    def _on_command(self, message: HvchCommand) -> None:
-        reason = Status(message.reason).name
-        if _instant_s(message) > 0.0:
-            self.record.note_command(_instant_s(message), message.battery_heating_power, reason,
-                                     self.states[-1][1] if self.states else -math.inf)
+    def _on_command(self, name: str, message: HvchCommand | HeatSourceCommand) -> None:
+        self._parts[name].append(message)
+        while all(self._parts.values()):
+            latest_s = max(_instant_s(parts[0]) for parts in self._parts.values())
+            if incomplete := [parts for parts in self._parts.values() if _instant_s(parts[0]) < latest_s]:
+                # From before the subscription to the others.
+                for parts in incomplete:
+                    parts.popleft()
+                continue
+            heads = {source: parts.popleft() for source, parts in self._parts.items()}
+            hvch = heads.pop(HVCH)
+            if latest_s > 0.0:
+                self.record.note_command(latest_s, Command(
+                    hvch.battery_heating_power, nanoseconds(hvch.valid_until), Status(hvch.reason), tuple(
+                        (source, part.battery_heating_power) for source, part in heads.items())),
+                    self.states[-1][1] if self.states else -math.inf)
 
     def _on_plan(self, message: PreheatPlan) -> None:
         instant_s = _instant_s(message)
@@ -234,11 +256,14 @@ class ObservedDrive:
             message.heating_start) <= nanoseconds(message.header.stamp)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        said = {status.name: values_of(status)['heater'] for status in message.status
+                if status.name == HEATER_ENTRY or status.name.startswith(SOURCE_ENTRY)}
+        if said and not self.has_arrived:
+            self.record.note_heaters(_instant_s(message), said.pop(HEATER_ENTRY, HEALTHY), {
+                name.removeprefix(SOURCE_ENTRY): verdict for name, verdict in said.items()})
         for status in message.status:
             values = values_of(status)
-            if status.name == HEATER_ENTRY and not self.has_arrived:
-                self.record.note_heater(_instant_s(message), values['heater'])
-            elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
+            if status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
                 self.record.regimes.append((_instant_s(message), values['regime']))
                 self.record.note_signals(_instant_s(message), [
                     name for name in SIGNALS if any(key.startswith(f'{name} in doubt') for key in values)])
@@ -276,7 +301,8 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath 
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         with _environment(environment), listening('scenario', domain_id) as listener:
-            drive = ObservedDrive(listener.node, scenario.first.wanted_c)
+            drive = ObservedDrive(listener.node, scenario.first.wanted_c,
+                                  [source.name for source in scenario.vehicle.heat_sources])
             recorded = {} if kept is None else kept.parameters(stack)
             of_planner = {
                 'use_sim_time': True, 'vehicle': scenario.vehicle_name, **scenario.planner, **recorded}

@@ -11,9 +11,10 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.supervised_drive import moments, Wire
 from bev_preheat.simulation.traffic import clock_offset_s
+from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.state import State
@@ -40,12 +41,12 @@ class DriveRecord:
     """
     Observations of a drive, or of one phase of a chain; instants are seconds of the clock since the start.
 
-    `commands` holds (instant, power [W], reason's name) in order, `by_source` the Commands; `statuses` the names
-    of all statuses of plans and commands. `arrival_c` is the true temperature at the end of the drive, NaN without
-    an arrival. `heater_verdicts` holds (instant, verdict of the diagnostics on the heater and on other faulty heat
-    sources) at each change, `regimes` (instant, name), `signals` (instant, name) at each new doubt.
-    `hottest_heated_c` is the highest temperature [deg C] at which more than 0 W was commanded, -inf without such a
-    command. `phases` are the records of all phases, whose instants count from their start.
+    `commands` holds (instant, power of all heat sources [W], reason's name) in order, `by_source` the Command of
+    each; `statuses` the names of all statuses of plans and commands. `arrival_c` is the true temperature at the
+    end of the drive, NaN without an arrival. `heater_verdicts` holds (instant, verdict of the diagnostics on the
+    heater and on other faulty heat sources) at each change, `regimes` (instant, name), `signals` (instant, name)
+    at each new doubt. `hottest_heated_c` is the highest temperature [deg C] at which more than 0 W was commanded,
+    -inf without such a command. `phases` are the records of all phases, whose instants count from their start.
     """
 
     target_c: float
@@ -65,15 +66,22 @@ class DriveRecord:
         """The last verdict on the heater, '' without any."""
         return self.heater_verdicts[-1][1] if self.heater_verdicts else ''
 
-    def note_command(self, instant_s: float, power_w: float, reason: str, battery_c: float) -> None:
-        """Record a command to a battery of a temperature [deg C]."""
-        self.commands.append((instant_s, power_w, reason))
-        self.statuses.add(reason)
-        if power_w > 0.0:
+    def note_command(self, instant_s: float, command: Command, battery_c: float) -> None:
+        """Record a Command to a battery of a temperature [deg C]."""
+        self.commands.append((instant_s, command.total_w, command.reason.name))
+        self.by_source.append(command)
+        self.statuses.add(command.reason.name)
+        if command.total_w > 0.0:
             self.hottest_heated_c = max(self.hottest_heated_c, battery_c)
 
+    def note_heaters(self, instant_s: float, hvch: str, others: Mapping[str, str]) -> None:
+        """Record the verdicts on the HVCH and on other heat sources by name at an instant [s]."""
+        faulty = [each for each in (hvch, *(f'{name} {verdict}' for name, verdict in others.items()))
+                  if not each.endswith(HEALTHY)]
+        self.note_heater(instant_s, ', '.join(faulty) or HEALTHY)
+
     def note_heater(self, instant_s: float, said: str) -> None:
-        """Record the verdict on the heater at an instant [s]."""
+        """Record the verdict on the heater, or on several, at an instant [s]."""
         if said != self.heater:
             self.heater_verdicts.append((instant_s, said))
 
@@ -84,14 +92,15 @@ class DriveRecord:
 
     @property
     def switched_on_s(self) -> list[float]:
-        """The instants [s] at which the command rose from 0 W."""
-        powers_w = [0.0, *(power_w for _, power_w, _ in self.commands)]
-        return [instant_s for (instant_s, power_w, _), before_w in zip(self.commands, powers_w)
-                if power_w > 0.0 == before_w]
+        """The instants [s] at which the command of a heat source rose from 0 W, once for each source."""
+        names = {HVCH, *(name for command in self.by_source for name, _ in command.sources_w)}
+        return [instant_s for (instant_s, *_), command, before in zip(
+            self.commands, self.by_source, [None, *self.by_source]) for name in names
+            if command.power_w(name) > 0.0 and (before is None or before.power_w(name) == 0.0)]
 
     @property
     def switch_ons(self) -> int:
-        """Number of times that the command rose from 0 W."""
+        """Number of times that a heat source was switched on."""
         return len(self.switched_on_s)
 
     def during(self, from_s: float, until_s: float, target_c: float, arrival_c: float) -> DriveRecord:
@@ -100,11 +109,13 @@ class DriveRecord:
             return [(record[0] - from_s, *record[1:]) for record in records if from_s <= record[0] < until_s]
 
         commands = shifted(self.commands)
+        by_source = [command for (instant_s, *_), command in zip(self.commands, self.by_source)
+                     if from_s <= instant_s < until_s]
         before = [(0.0, said) for instant_s, said in self.heater_verdicts if instant_s < from_s][-1:]
         return DriveRecord(
             target_c, commands, {reason for _, _, reason in commands}, arrival_c,
             before + shifted(self.heater_verdicts), shifted(self.regimes), shifted(self.signals),
-            self.hottest_heated_c)
+            self.hottest_heated_c, by_source=by_source)
 
 
 @dataclass(frozen=True)
@@ -236,13 +247,9 @@ def _note(record: DriveRecord, moment: Moment, state: State, car: ImperfectCar) 
     if output.decision is not None:
         record.statuses.add(output.decision.status.name)
     if output.command is not None:
-        record.note_command(moment.clock_s, output.command.total_w, output.command.reason.name,
-                            car.plant.temperature_c)
-        record.by_source.append(output.command)
+        record.note_command(moment.clock_s, output.command, car.plant.temperature_c)
     if state.estimate is not None and not car.is_over:
-        said = [state.estimate.heater.heater.value, *(
-            f'{name} {report.heater.value}' for name, report in state.source_reports.items())]
-        faulty = [each for each in said if not each.endswith(HEALTHY)]
-        record.note_heater(moment.clock_s, ', '.join(faulty) or HEALTHY)
+        record.note_heaters(moment.clock_s, state.estimate.heater.heater.value, {
+            name: report.heater.value for name, report in state.source_reports.items()})
     record.regimes.append((moment.clock_s, state.regime.regime.value))
     record.note_signals(moment.clock_s, {verdict.signal for verdict in state.signal_verdicts})

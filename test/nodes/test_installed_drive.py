@@ -20,6 +20,7 @@ from bev_preheat.nodes import installed_drive
 from bev_preheat.nodes.installed_drive import drive_with_nodes, reserved_domain_id
 from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulation.scenario_drive import drive_scenario, evaluate
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 BUSY_LOOPS = 2
@@ -73,6 +74,22 @@ def test_a_drive_is_the_same_over_dds_and_without_ros(dds, tmp_path, load):
     assert len(states) > 25
     # NaN fields: not reported.
     assert repr(states) == repr(recorded_states(without_ros)[:len(states)])
+
+
+def test_the_commands_of_all_heat_sources_are_those_of_the_drive(dds, tmp_path):
+    file = tmp_path / 'sources.yaml'
+    file.write_text(yaml.safe_dump({
+        'name': 'sources', 'description': 'The heat pump is on before the heater.',
+        'drive': {'vehicle': 'heat_pump_car', 'route': 'reference', 'ends_after_s': 20,
+                  'initial_battery_temperature_c': 5, 'initial_soc': 0.8}, 'expect': {'heats_during': [[5, 20]]}}))
+    scenario = load_scenario(str(file))
+    over_dds, without_ros = drive_with_nodes(scenario, str(file)).record, drive_scenario(scenario)
+    named = {name for command in over_dds.by_source for name, power_w in command.sources_w if power_w > 0.0}
+    assert 'heat_pump' in named
+    assert over_dds.switch_ons == without_ros.switch_ons == len({'hvch', *named})
+    assert max(power_w for _, power_w, _ in over_dds.commands) == pytest.approx(
+        max(power_w for _, power_w, _ in without_ros.commands))
+    assert [finding for finding in evaluate(scenario.expectations, over_dds) if not finding.good] == []
 
 
 def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench):

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import bev_preheat as bp
+from bev_preheat.control.decision import Command
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
 from bev_preheat.route import make_route
 from bev_preheat.simulation.scenario import Expectations, load_scenario
 from bev_preheat.simulation.scenario_drive import DriveRecord, evaluate, evaluate_chain, fill_phases, PhaseEnd
@@ -19,7 +21,8 @@ COMMANDS = [(0.0, 0.0, 'WAITING'), (10.0, 5000.0, 'HEATING'), (20.0, 5000.0, 'HE
 
 def a_record(arrival_c=25.3, seen_heater='answers'):
     record = DriveRecord(25.0, list(COMMANDS), {'WAITING', 'HEATING', 'STALE_INPUT', 'ARRIVED'},
-                         arrival_c=arrival_c, hottest_heated_c=31.0)
+                         arrival_c=arrival_c, hottest_heated_c=31.0,
+                         by_source=[Command(power_w, 0, Status[reason]) for _, power_w, reason in COMMANDS])
     for instant_s, regime, verdict, doubted in (
             (0.0, 'driving', 'answers', ()), (20.0, 'driving', 'answers', ('current',)),
             (30.0, 'standing', 'derated', ('current', 'source')), (40.0, 'driving', seen_heater, ()),
@@ -59,6 +62,19 @@ def found(arrival_c=25.3, seen_heater='answers', **expected):
     ({'signals': ('source',)}, True), ({'signals': ('feed',)}, False), ({'no_signals': True}, False)])
 def test_each_expectation_is_held_against_the_drive(expected, good):
     assert found(**expected).good is good
+
+
+def test_each_heat_source_counts_its_own_switch_ons():
+    record = DriveRecord(25.0)
+    powers_w = (0.0, 0.0), (0.0, 800.0), (5000.0, 800.0), (5000.0, 0.0), (0.0, 700.0)
+    for at, (hvch_w, pump_w) in enumerate(powers_w):
+        record.note_command(10.0 * at, Command(hvch_w, 0, Status.HEATING, (('heat_pump', pump_w),)), 5.0)
+    # The heater once; the heat pump twice, once while the heater ran.
+    assert record.switched_on_s == [10.0, 20.0, 40.0]
+    assert [power_w for _, power_w, _ in record.commands] == [0.0, 800.0, 5800.0, 5000.0, 700.0]
+    assert record.during(20.0, 60.0, 25.0, nan).switched_on_s == [0.0, 0.0, 20.0]
+    [finding] = evaluate(Expectations(most_switch_ons=2), record)
+    assert (finding.seen, finding.good) == ('3', False)
 
 
 def test_what_is_seen_is_said():
