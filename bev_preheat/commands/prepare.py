@@ -244,9 +244,10 @@ def run_week(arguments: Namespace) -> int:
         console, title, ('departure', 'energy from', 'battery [degC]', 'heating', 'heater [kWh]', f'cost{unit}',
                          f'latest{unit}'), [_row(one, departures.zone) for one in prepared],
         ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
-    missed = {one.occurrence.departure.name: one.plan for one in reversed(prepared)
-              if one.plan.shortfall_k > SHORTFALL_TOLERANCE_K}
-    console.say(*(f'{name}: {plan.sentence(plan, words=OF_DEPARTURE)}' for name, plan in sorted(missed.items())))
+    # The table has no column for cooling.
+    told = {one.occurrence.departure.name: one.plan for one in reversed(prepared)
+                 if one.plan.shortfall_k > SHORTFALL_TOLERANCE_K or one.plan.cooling_start_s is not None}
+    console.say(*(f'{name}: {plan.sentence(plan, words=OF_DEPARTURE)}' for name, plan in sorted(told.items())))
     without = sum(one.occurrence.departure.is_plugged_in and one.cost is None for one in prepared)
     if prices is not None and without:
         console.say(f'note: {arguments.prices}: has no prices for {without} of {len(prepared)} preparations')

@@ -342,7 +342,8 @@ def _prepared(vehicle: Vehicle, occurrence: Occurrence, prices: GridPrices | Non
     route = terms.in_price_steps(in_planning_steps(steady_drive(
         (ready_ns - start_ns) / NS_PER_S, ambient_c, vehicle.defaults), PLANNING_STEP_S))
     target_c = vehicle.defaults.target_battery_temperature_c if departure.target_c is None else departure.target_c
-    situation = vehicle, route, state, Goal(target_c), DEFAULT_METHOD
+    goal = Goal(target_c, maximum_arrival_temperature_c=math.inf if departure.most_c is None else departure.most_c)
+    situation = vehicle, route, state, goal, DEFAULT_METHOD
     with located(f'departure {departure.name}'):
         plan, step_prices = terms.plan(*situation), terms.step_prices(route)
         if step_prices is None:

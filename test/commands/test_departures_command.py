@@ -63,6 +63,19 @@ def test_a_departure_that_stays_cold_says_why(said, tmp_path):
         assert len(told) == 1 and told[0].endswith('The vehicle does not heat from 5 degC on.')
 
 
+def test_a_warm_battery_is_cooled_to_the_highest_temperature_of_the_departure(said, tmp_path):
+    (tmp_path / 'week.yaml').write_text(WEEK.replace('e_c: -5', 'e_c: 35').replace(
+        'plugged_in: true', 'plugged_in: true, maximum_arrival_temperature_c: 28'))
+    lines = said(*OFFLINE, '--vehicle', 'heat_pump_car', '--json', 'week.json')[1].splitlines()
+    work, sports = json.loads((tmp_path / 'week.json').read_text())['departures']
+    assert work['temperature_c'] == pytest.approx(28.0, abs=0.01) and work['heating_s'] == []
+    assert sports['temperature_c'] > 34.0
+    [told] = [line for line in lines if line.startswith('work: ')]
+    assert 'cooling' in told.lower() and 'leaves at 28.0 degC' in told
+    # A car that cannot cool says so.
+    assert 'The battery cannot be cooled: the battery leaves at 35.0 degC, 7.0 K above' in said(*OFFLINE)[1]
+
+
 def test_both_hours_of_a_clock_change_and_prices_of_other_days_are_named(said, tmp_path):
     (tmp_path / 'week.yaml').write_text(WEEK.replace('friday', 'sunday').replace('07:30', '04:30'))
     (tmp_path / 'dated.yaml').write_text("""
