@@ -91,7 +91,18 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
               target_temperature_c=target_c if is_set else None, minimum_arrival_soc=values['minimum_arrival_soc'],
               maximum_arrival_temperature_c=known(values['maximum_arrival_temperature']) or math.inf,
               charger=charger_of(values['charger_power'], values['charging_departure_soc']))
-    return offer_of(vehicle, loaded, leg, values['route_id'], values['standing_time'])
+    offer = offer_of(vehicle, loaded, leg, values['route_id'], values['standing_time'])
+    return replace(offer, warnings=(*offer.warnings, *unused_in_goal(values)))
+
+
+def unused_in_goal(values: Mapping[str, Any]) -> list[str]:
+    """Return a sentence on each parameter of the goal that is given and has no effect beside the others."""
+    of_charging = 'target_battery_temperature', 'maximum_arrival_temperature', 'charger_power'
+    unused = dict.fromkeys(() if values['charging_planned'] else of_charging, 'charging_planned is false')
+    if 'charger_power' in unused or known(values['charger_power']) is None:
+        unused['charging_departure_soc'] = unused.get('charger_power', 'charger_power is not given')
+    return [f'{name}: {figure(values[name])} is not used, because {reason}' for name, reason in unused.items()
+            if known(values[name]) is not None]
 
 
 def offer_of(vehicle: Vehicle, loaded: RouteForVehicle, leg: Leg, route_id: str = '',

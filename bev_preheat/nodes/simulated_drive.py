@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, values_of, WARN
 from bev_preheat.messages.fields import known
+from bev_preheat.messages.route_offer import unused_in_goal
 from bev_preheat.messages.route_plan import charger_of
 from bev_preheat.nodes.node import Values
 from bev_preheat.nodes.parameters import GOAL_PARAMETERS, Parameter, StartParameter
@@ -86,7 +87,7 @@ def departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     return ImperfectCar(
         vehicle, DrivePhase(route, goal, charger=charger), state,
         Imperfections(sensors=Sensors(period_s=values['battery_state_period'])), route_id=name
-    ), name, filter(None, [loaded.warning])
+    ), name, [*filter(None, [loaded.warning]), *unused_in_goal(values)]
 
 
 TRIP = 'trip'

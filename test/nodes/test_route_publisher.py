@@ -18,6 +18,8 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fix import fix_from_message
 from bev_preheat.messages.route_offer import load_offer
 from bev_preheat.nodes.route_publisher_node import PARAMETERS
+from bev_preheat.nodes.simulated_drive import departure
+from bev_preheat.nodes.simulated_drive import PARAMETERS as SIMULATOR_PARAMETERS
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan, RouteProgress
 
 START_S, SPEED_MPS = 1_700_000_000, 15.0
@@ -90,6 +92,23 @@ def test_the_route_plan_carries_what_the_parameters_say(file):
     assert set(plan.ambient_temperature) == {-6.5}
     assert np.dot(plan.segment_duration, plan.speed) == pytest.approx(ROAD.length_m, rel=0.01)
     assert offer.on_route_m(offer.line.length_m) == pytest.approx(offer.length_m)
+
+
+@pytest.mark.parametrize('changed, unused', [
+    ({'charger_power': 150e3, 'charging_departure_soc': 0.8, 'target_battery_temperature': 20.0}, []),
+    ({'charging_planned': False, 'target_battery_temperature': 0.0}, []),
+    ({'charging_departure_soc': 0.8}, [
+        'charging_departure_soc: 0.8 is not used, because charger_power is not given']),
+    ({'charging_planned': False, 'charger_power': 150e3, 'charging_departure_soc': 0.8,
+      'target_battery_temperature': 20.0, 'maximum_arrival_temperature': 30.0}, [
+          f'{given} is not used, because charging_planned is false' for given in (
+              'target_battery_temperature: 20', 'maximum_arrival_temperature: 30', 'charger_power: 150000',
+              'charging_departure_soc: 0.8')])])
+def test_a_parameter_of_the_goal_without_effect_is_named(file, changed, unused):
+    given = values(route=str(file), ambient_temperature=0.0, **changed)
+    assert [warning for warning in load_offer(given).warnings if 'not used' in warning] == unused
+    simulated = {parameter.name: parameter.default for parameter in SIMULATOR_PARAMETERS}
+    assert list(departure({**simulated, **changed})[2]) == unused
 
 
 @pytest.mark.parametrize('changed, problem', [
