@@ -15,7 +15,15 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
-from bev_preheat.recording.changes import ALIASES, Changes, keys_of_text, signal_change, SIGNALS, UNITS
+from bev_preheat.recording.changes import (
+    ALIASES,
+    Changes,
+    keys_of_text,
+    signal_change,
+    SignalChange,
+    SIGNALS,
+    UNITS,
+)
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -200,31 +208,33 @@ def planner_of(arguments: Namespace) -> Changes:
         if not sign or name not in FIELD_OF_PARAMETER:
             raise InvalidInput(f'--set: {quoted(text)} is not allowed{_meant(name)}; it must be PARAMETER=VALUE, '
                                f'with a parameter of {", ".join(FIELD_OF_PARAMETER)}')
-        parameters[name] = _value('--set', name, value)
+        _add(parameters, name, _value('--set', name, value), '--set')
     if arguments.method is not None:
-        parameters['method'] = _value('--method', 'method', arguments.method)
+        _add(parameters, 'method', _value('--method', 'method', arguments.method), '--method')
     return Changes(arguments.vehicle, parameters=parameters)
 
 
 def changes_of(arguments: Namespace, planner: Changes) -> Changes:
     """Return the Changes of `--change`, on top of those of the planner; raises InvalidInput, naming the change."""
     vehicle, parameters = planner.vehicle, dict(planner.parameters)
-    signals, keys = [], dict[str, Any]()
+    signals, keys = list[SignalChange](), dict[str, Any]()
     for text in arguments.changes:
         name, sign, value = text.partition('=')
         name = ALIASES.get(name, name)
         if sign and name == VEHICLE:
-            vehicle = value
+            vehicle = _add({} if vehicle is None else {VEHICLE: vehicle}, VEHICLE, value, '--change')
         elif sign and name in FIELD_OF_PARAMETER:
-            parameters[name] = _value('--change', name, value)
+            _add(parameters, name, _value('--change', name, value), '--change')
         elif sign and name in SIGNALS:
             with located('--change'):
-                signals.append(signal_change(name, value))
+                change = signal_change(name, value)
+            before = [each for each in signals if each.signal == name and each != change]
+            if before and change.replaces:
+                raise InvalidInput(f'--change: {change.in_words()} contradicts {before[-1].in_words()}, which is '
+                                   'given as well; leave one out')
+            signals.append(change)
         elif sign and '.' in name:
-            try:
-                keys[name] = json.loads(value)
-            except ValueError:
-                keys[name] = value
+            _add(keys, name, _number_or_text(value), '--change')
         else:
             signals_in_words = ', '.join(f'{signal} [{unit or "0 ... 1"}]' for signal, (unit, *_) in UNITS.items())
             raise InvalidInput(f'--change: {quoted(text)} is not allowed{_meant(name)}; it must be SIGNAL=VALUE, '
@@ -234,6 +244,21 @@ def changes_of(arguments: Namespace, planner: Changes) -> Changes:
     for name in UNREAD.keys() & parameters:
         raise InvalidInput(f'{name}: is not allowed as a change, because it changes nothing: {UNREAD[name]}')
     return Changes(vehicle, keys, parameters, tuple(signals))
+
+
+def _number_or_text(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _add(values: dict[str, Any], name: str, value: Any, option: str) -> Any:
+    """Add a value, and return it; raises InvalidInput if another option has given a different one."""
+    if (before := values.setdefault(name, value)) != value:
+        raise InvalidInput(f'{option}: {name}: {value} contradicts {before}, which is given as well; leave one '
+                           'out')
+    return value
 
 
 def _meant(name: str) -> str:

@@ -46,6 +46,11 @@ class SignalChange(NamedTuple):
         """Return the changed value."""
         return value * self.factor + self.offset
 
+    @property
+    def replaces(self) -> bool:
+        """Whether the recorded value does not count."""
+        return self.factor == 0.0 or math.isnan(self.factor)
+
     def in_words(self) -> str:
         """Return it as text."""
         if math.isnan(self.factor):

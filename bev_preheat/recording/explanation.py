@@ -13,7 +13,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.flight import Flight
+from bev_preheat.recording.flight import Flight, no_step_words
 from bev_preheat.recording.replay import Player
 
 Rows = list[tuple[str, str]]
@@ -31,9 +31,7 @@ def explain(flight: Flight, at_ns: int) -> Why:
     """Return Why the planner gave its command at an instant [ns]; raises InvalidInput beyond the recording."""
     first_ns, last_ns = flight.start_ns, flight.given[-1].step.now_ns
     if not first_ns <= at_ns <= last_ns:
-        raise InvalidInput(f'the instant is {duration_text(abs(at_ns - first_ns) / NS_PER_S)} '
-                           f'{"before" if at_ns < first_ns else "after"} the start of the recording, which is '
-                           f'{duration_text((last_ns - first_ns) / NS_PER_S)} long')
+        raise InvalidInput(f'--explain: {no_step_words(flight, at_ns)}')
     flight = flight.from_instant(at_ns)
     player, latest = Player(flight), flight.given[0]
     for given in flight.given:

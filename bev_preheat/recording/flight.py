@@ -230,11 +230,17 @@ def period_of(flight: Flight, begin: str | None, end: str | None) -> Period:
     if period.from_ns > period.to_ns:
         raise InvalidInput(f'--to: {quoted(str(end))} is before --from, {quoted(str(begin))}')
     if not any(period.has(now_ns) for now_ns in instants):
-        option = '--to' if period.to_ns < min(instants) else '--from'
-        raise InvalidInput(f'{option}: the recording has no step there; it is '
-                           f'{duration_text((max(instants) - start_ns) / NS_PER_S)} long, from '
-                           f'{moment(start_ns)} on')
+        option, at_ns = ('--to', period.to_ns) if period.to_ns < min(instants) else ('--from', period.from_ns)
+        raise InvalidInput(f'{option}: {no_step_words(flight, at_ns)}')
     return period
+
+
+def no_step_words(flight: Flight, at_ns: int) -> str:
+    """Return the sentence on an instant [ns] without a step, with the allowed ones."""
+    longest_s = (max(given.step.now_ns for given in flight.given) - flight.start_ns) / NS_PER_S
+    return (f'the recording has no step at {moment(at_ns)}; it is {duration_text(longest_s)} long, from '
+            f'{moment(flight.start_ns)} on: give seconds from its start, 0 ... {longest_s:.0f}, or a time of day '
+            '(UTC)')
 
 
 def driven_ns(flight: Flight, period: Period = WHOLE) -> int:

@@ -31,8 +31,19 @@ pytestmark = [pytest.mark.needs('mcap', 'rclpy')]
     (['--set', 'arrival_soc_margin=much'], 'a number'), (['--set', 'estimation=1'], 'true or false'),
     (['--method', 'magic'], "'magic'"), (['--explain', 'nan'], 'seconds from the start'),
     (['--explain', '25:00'], 'such as 1500, or a time of day (UTC), 00:00:00 ... 23:59:59'),
-    (['--explain', '9999'], 'long'), (['--explain', '60', '--to', '90'], '--to: not allowed'),
-    (['--from', '9999'], '--from: the recording has no step there'), (['--to', '-5'], '--to: the recording'),
+    (['--explain', '9999'], '--explain: the recording has no step at 2'),
+    # A time of day, as which 12:30 min of the outputs would be read.
+    (['--explain', '23:30'], ' 23:30:00 UTC; it is '),
+    (['--explain', '23:30'], 'give seconds from its start, 0 ... '),
+    (['--method', 'paper', '--set', 'method=optimal_switch'],
+     '--method: method: paper contradicts optimal_switch, which is given as well; leave one out'),
+    (['--set', 'energy_price=0.3', '--set', 'energy_price=0.4'], '--set: energy_price: 0.4 contradicts 0.3'),
+    (['--set', 'energy_price=0.3', '--change', 'energy_price=0.4'], '--change: energy_price: 0.4 contradicts 0.3'),
+    (['--vehicle', 'reference', '--change', 'vehicle=small_car'], 'vehicle: small_car contradicts reference'),
+    (['--change', 'hvch.efficiency=0.8', '--change', 'hvch.efficiency=0.9'], 'efficiency: 0.9 contradicts 0.8'),
+    (['--change', 'temperature=+2', '--change', 'temperature==20'], '20 degC contradicts temperature + 2'),
+    (['--explain', '60', '--to', '90'], '--to: not allowed'),
+    (['--from', '9999'], '--from: the recording has no step at 2'), (['--to', '-5'], '--to: the recording'),
     (['--from', '300', '--to', '10'], 'is before --from'), (['--from', 'noon'], 'seconds from the start'),
     (['--route', 'reference'], '--route')])
 def test_an_option_that_is_not_understood_is_one_line_with_unit_range_or_the_name_meant(
