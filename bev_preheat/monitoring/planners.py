@@ -48,6 +48,8 @@ PLANNERS_PERIOD_S = 1.0
 MOST_PLANNERS = 24
 # A planner that has been gone for this time is forgotten [s].
 FORGOTTEN_AFTER_S = 900.0
+# A planner that was killed stays in the graph for up to 20 s beside the one that replaces it [s].
+RIVALS_AFTER_S = 25.0
 
 
 class Planners:
@@ -66,6 +68,8 @@ class Planners:
         self._found: dict[str, Topics] = {}
         self._subscriptions: dict[str, list[Any]] = {}
         self._gone_s: dict[str, float] = {}
+        # When each was the only publisher of its plan [s].
+        self._alone_s: dict[str, float] = {}
         node.create_subscription(
             DiagnosticArray, '/diagnostics', self.guarded('/diagnostics', self._on_diagnostics), QoSProfile(
                 depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT))
@@ -83,15 +87,26 @@ class Planners:
                      if name not in there and now_s - self._gone_s.setdefault(name, now_s) > FORGOTTEN_AFTER_S]
         for name in forgotten:
             self._unsubscribe(name)
-            del self._found[name], self._gone_s[name]
+            del self._found[name], self._gone_s[name], self._alone_s[name]
             with self.lock:
                 del self.boards[name]
         for name, board in self.boards.items():
             followers = {endpoint_name(endpoint) for endpoint in self._node.get_subscriptions_info_by_topic(CLOCK)}
-            around = Surroundings(name in there, name in followers, self._node.count_publishers(CLOCK) > 0)
+            around = Surroundings(name in there, name in followers, self._node.count_publishers(CLOCK) > 0,
+                                  self._rivals(name, now_s))
             with self.lock:
                 board.around = around
         return back, forgotten
+
+    def _rivals(self, name: str, now_s: float) -> str:
+        """Return the sentence on several publishers of a planner's plan that are there for RIVALS_AFTER_S."""
+        topic = self._found[name][PLAN]
+        publishers = sorted(endpoint_name(endpoint) for endpoint in self._node.get_publishers_info_by_topic(topic)
+                            if endpoint.topic_type == PLAN)
+        if len(publishers) < 2:
+            self._alone_s[name] = now_s
+        return '' if now_s - self._alone_s.setdefault(name, now_s) < RIVALS_AFTER_S else (
+            f'{topic} has {len(publishers)} publishers, {", ".join(publishers)}; it must have one')
 
     def _follow(self, name: str, topics: Topics) -> None:
         if name in self._subscriptions:
@@ -123,6 +138,8 @@ class Planners:
         """Fill a Board with a message of its planner, or of the planner's inputs; a route comes as bytes."""
         now_s = time.monotonic()
         with self.lock:
+            if board.around.rivals and isinstance(message, HvchCommand | HeatSourceCommand | PreheatPlan):
+                return
             match message:
                 case HvchCommand():
                     board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
@@ -146,7 +163,7 @@ class Planners:
         at_s, now_s = seconds(message.header.stamp), time.monotonic()
         for name, board in self.boards.items():
             entries = entries_seen(message, name)
-            if entries:
+            if entries and not board.around.rivals:
                 with self.lock:
                     board.see_diagnostics(at_s, entries, now_s)
 

@@ -20,11 +20,16 @@ INTERVAL_WEIGHT = 0.2
 
 
 class Surroundings(NamedTuple):
-    """Whether a planner is there, whether it follows /clock, and whether /clock has a publisher."""
+    """
+    Whether a planner is there, whether it follows /clock, and whether /clock has a publisher.
+
+    `rivals` says that other nodes publish its plan's topic, too; '' if it is alone.
+    """
 
     is_there: bool = True
     is_simulated: bool = False
     has_clock: bool = False
+    rivals: str = ''
 
 
 class Banner(NamedTuple):
@@ -76,6 +81,9 @@ def banner_of(around: Surroundings, command: Pulse, battery: Pulse, now_s: float
         return Banner('error', 'The planner has disappeared. Its heater command has expired, so the heater is '
                       'off. The values below are its last ones.'
                       if age_s is not None else 'The planner has disappeared.', 'gone')
+    if around.rivals:
+        return Banner('error', f'{around.rivals}. Their plans are not mixed: the values below are from before.',
+                      'not alone')
     if age_s is None:
         return Banner('warning', 'The planner is there; its first message has not arrived yet.', 'no message yet')
     if command.is_late(now_s):

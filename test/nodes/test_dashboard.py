@@ -14,12 +14,14 @@ from node_bench import repeating
 from planner_car import LATCHED, PlannerCar
 import pytest
 from sensor_msgs.msg import BatteryState
+from spinning import spun_node
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 from waiting import poll_until
 
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.messages.route_plan import route_plan_message
+from bev_preheat.monitoring import planners
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan, RoutePlan
@@ -163,6 +165,41 @@ def test_whatever_a_publisher_sends_is_no_end(bench):
     assert view['status'] == 'STATUS_250' and view['power'] is view['predicted'] is view['temperature'] is None
     assert tab.plan['planTime'] == [] and len(view['sentence']) < 2100
     assert dashboard.exit_status is None and 'ERROR' not in dashboard.output()
+
+
+def test_plans_of_two_planners_on_one_topic_are_not_mixed(domain_id, monkeypatch):
+    monkeypatch.setattr(planners, 'RIVALS_AFTER_S', 0.5)
+    with spun_node('page', domain_id) as page, spun_node('planner', domain_id) as first:
+        followed, ready = planners.Planners(page), []
+
+        def publisher_of(node):
+            node.create_subscription(BatteryState, 'battery_state', ready.append, 1)
+            return node.create_publisher(PreheatPlan, 'preheat_plan', LATCHED), node.create_publisher(
+                HvchCommand, 'hvch_command', 1)
+
+        def shown(publishers, route_id):
+            followed.look()
+            for publisher, message in zip(publishers, (PreheatPlan(route_id=route_id), HvchCommand())):
+                message.header.stamp = page.get_clock().now().to_msg()
+                publisher.publish(message)
+            return followed.boards.get('/planner')
+
+        own = publisher_of(first)
+        board = poll_until(lambda: (found := shown(own, 'own')) and found.plan and found, 'the first plan')
+        assert board.plan.route_id == 'own' and not board.around.rivals
+        with spun_node('planner', domain_id) as second:
+            others = publisher_of(second)
+            poll_until(lambda: shown(own, 'own').around.rivals, 'the second planner')
+            board.plan = None
+            # A reliable publisher has delivered once the third of its messages is due.
+            for _ in range(3):
+                shown(own, 'own'), shown(others, 'other')
+                time.sleep(0.2)
+            assert board.plan is None
+            banner = board.banner(time.monotonic())
+            assert banner.text.startswith('/preheat_plan has 2 publishers, /planner, /planner; it must have one')
+        poll_until(lambda: shown(own, 'own').plan is not None, 'the planner that is left')
+        assert not board.around.rivals and board.plan.route_id == 'own'
 
 
 def test_topics_that_are_discovered_later_than_the_planner_are_followed(bench):
