@@ -21,8 +21,10 @@ EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
 EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
 # A log that begins earlier, at about 0, may count hours.
 EARLIEST_DAYS = 0.02
-# Without a unit, relative times with such steps count milliseconds, or whole minutes up to a quarter of an hour.
+# Without a unit, relative times with such steps count milliseconds, or whole minutes up to a quarter of an hour;
+# finer units if the steps would be longer.
 LEAST_STEP_MS, LARGEST_STEP_S = 100.0, 900.0
+FINER = ((1e-3, 'milliseconds'), (1e-6, 'microseconds'), (1e-9, 'nanoseconds'))
 DAY_S = 86400.0
 # Years of logs whose samples are minutes apart, and the values of a counter of 32 bits.
 RECENT_S, COUNTER = (1.0e9, 2.2e9), 2.0**32
@@ -88,9 +90,10 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
     if scale is None:
         scale = 1.0
         if step >= LEAST_STEP_MS:
-            is_in_ms = step > LARGEST_STEP_S or bool((steps % 60.0).any())
-            scale = 1e-3 if is_in_ms else 1.0
-            remark = f'times have no unit; steps of {step:g} are taken as {"milli" if is_in_ms else ""}seconds'
+            is_finer = step > LARGEST_STEP_S or bool((steps % 60.0).any())
+            scale, word = next((each for each in FINER if step * each[0] <= LARGEST_STEP_S), FINER[-1]) if (
+                is_finer) else (1.0, 'seconds')
+            remark = f'times have no unit; steps of {step:.0f} are taken as {word}'
     period_s = 0.0 if absolute else DAY_S if scale in (1.0, DAY_S) else COUNTER * scale
     rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
 

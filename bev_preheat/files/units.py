@@ -137,7 +137,8 @@ NOTHING = frozenset(('', 'none', 'null', 'nan', 'na', 'n/a', '-', '--', '---', '
 SWITCHES = {'true': 1.0, 'false': 0.0, 'on': 1.0, 'off': 0.0}
 # Plain numbers, which need no further check.
 PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
-NUMBER = re.compile(r'([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s].*)?')
+# A minus behind a number is its sign, as some ledgers write it, or a range; it is refused.
+NUMBER = re.compile(r'([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s-].*)?')
 # 51 30.1234, as LeafSpy writes a latitude: degrees and minutes.
 DEGREES_MINUTES = re.compile(r'([NSEW]?)\s*([+-]?)([0-9]{1,3})[ °]+([0-9]{1,2}(?:\.[0-9]*)?)\'?\s*([NSEW]?)')
 WITH_COMMA = re.compile(r'[+-]?[0-9]+,[0-9]+([eE].*)?')

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.decoding import Decoder
@@ -100,6 +101,8 @@ MOST_BESIDE_ZERO_K = 2.0
 # than a car makes, and does not return as soon.
 LONGEST_BEGIN_S = 60.0
 LARGEST_STEPS = {'battery_temperature_c': JUMP_K, 'ambient_c': JUMP_K, 'soc': 0.05}
+# A reading is compared with the median of as many around it, if they are within this time [s].
+LONE_OF, LONGEST_LONE_S, MOST_LONE = 5, 120.0, 0.05
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -181,7 +184,7 @@ class Assembly:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
                               f'is not taken for {signal}')
             return Series(np.empty(0), np.empty(0))
-        return part
+        return self._without_lone(signal, channel, part)
 
     def _begun(self, signal: str, channel: str, part: Series) -> Series:
         """Return a part without the value that a logger writes before the first reading."""
@@ -195,6 +198,24 @@ class Assembly:
                                   'before the first reading; it is dropped', int(last) + 1)
                 return part.part(np.arange(len(value)) > last)
         return part
+
+    def _without_lone(self, signal: str, channel: str, part: Series) -> Series:
+        """Return a part without single readings far from those before and after, such as a 0 for none."""
+        if signal not in LARGEST_STEPS or len(part.value) < LONE_OF:
+            return part
+        value, time_s = (sliding_window_view(np.pad(each, LONE_OF // 2, 'edge'), LONE_OF)
+                         for each in (part.value, part.time_s))
+        lone = (np.abs(part.value - np.median(value, axis=1)) > LARGEST_STEPS[signal]) & (
+            np.ptp(time_s, axis=1) <= LONGEST_LONE_S)
+        # More are no exceptions: the channel itself is in doubt.
+        if not 0.0 < np.mean(lone) <= MOST_LONE:
+            return part
+        at = int(np.argmax(lone))
+        after_s = part.time_s[at] - part.time_s[0]
+        self._remarks.add(f'lone {channel} {signal}', f'{self._path}: {channel}: the reading after '
+                          f'{figure(after_s)} s, {figure(part.value[at])} as {signal}, is far from those '
+                          'before and after it; it is dropped', int(lone.sum()))
+        return part.part(~lone)
 
     def _settled(self, signal: str, decoder: Decoder, own: Series, places: IntArray) -> FloatArray:
         """Return the readings of a channel with an open unit in the signal's unit, NaN for implausible ones."""

@@ -48,7 +48,7 @@ PLANNERS_PERIOD_S = 1.0
 MOST_PLANNERS = 24
 # A planner that has been gone for this time is forgotten [s].
 FORGOTTEN_AFTER_S = 900.0
-# A planner that was killed stays in the graph for up to 20 s beside the one that replaces it [s].
+# A killed planner stays in the graph for up to 20 s beside its successor [s].
 RIVALS_AFTER_S = 25.0
 
 

@@ -135,7 +135,7 @@ def test_what_a_logger_writes_before_the_first_reading_is_none(tmp_path, nothing
     # A single wild reading shows nothing about those before it.
     rows = [(at, 60 if at == 4 else 17) for at in range(90)]
     path = write(tmp_path / 'a.csv', 'time_s,battery_temperature_c', rows)
-    assert len(read_recording(path).signals['battery_temperature_c'].value) == 90
+    assert read_recording(path).signals['battery_temperature_c'].value.tolist() == [17.0] * 89
 
 
 def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):
@@ -153,19 +153,41 @@ def test_two_cars_in_one_log_are_refused(tmp_path, header):
         read_recording(path)
 
 
-@pytest.mark.parametrize('column, values, count, is_second, is_wild', [
-    ('soc', (0.5, 0.8), 40, lambda at: at % 2, lambda at: at == 9),
-    ('odometer_m', (1e7, 3e7), 40, lambda at: at % 2, lambda at: at == 9),
-    # In blocks; wrong for one reading in ten.
-    ('soc', (0.5, 0.8), 400, lambda at: at // 50 % 2, lambda at: at % 10 > 0)])
-def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, values, count, is_second, is_wild):
+@pytest.mark.parametrize('column, values, count, is_second, is_wild, kept', [
+    # A single wild state of charge is dropped.
+    ('soc', (0.5, 0.8), 40, lambda at: at % 2, lambda at: at == 9, 39),
+    ('odometer_m', (1e7, 3e7), 40, lambda at: at % 2, lambda at: at == 9, 40),
+    # In blocks; wrong for each tenth reading.
+    ('soc', (0.5, 0.8), 400, lambda at: at // 50 % 2, lambda at: at % 10 > 0, 400)])
+def test_two_cars_without_a_name_are_told_by_what_alternates(
+        tmp_path, column, values, count, is_second, is_wild, kept):
     def written(is_high):
         return write(tmp_path / 'a.csv', f'time_s,{column}', [(at, values[is_high(at)]) for at in range(count)])
 
     with pytest.raises(InvalidInput, match=f'{column} jumps to and fro between .*; a log must be of one car'):
         read_recording(written(is_second))
     # Wild readings are not another car.
-    assert len(read_recording(written(is_wild)).signals[column].value) == count
+    assert len(read_recording(written(is_wild)).signals[column].value) == kept
+
+
+@pytest.mark.parametrize('name, usual, lone, step', [
+    ('battery_temp_c', 15.0, 0.0, 4.0), ('soc_percent', 80.0, 0.0, 4.0), ('soc_percent', 80.0, 100.0, 4.0)])
+def test_a_single_reading_far_from_its_neighbours_is_dropped_and_a_lasting_step_is_not(
+        tmp_path, name, usual, lone, step):
+    values = [usual + 0.01 * at for at in range(100)]
+    expected = [value for at, value in enumerate(values) if at not in (20, 40, 41)]
+    for at in (20, 40, 41):
+        values[at] = lone
+    # A step that stays, and readings too far apart to be compared.
+    rows = [*enumerate(values), *((100 + at, usual + step) for at in range(9)),
+            *((1000 + 100 * at, lone if at == 4 else usual) for at in range(9))]
+    recording = read_recording(write(tmp_path / 'a.csv', f'time_s,speed_kmh,{name}', [
+        (at, 50, value) for at, value in rows]))
+    [signal] = [each for each in recording.signals if each != 'speed_mps']
+    found = recording.signals[signal].value * (100.0 if signal == 'soc' else 1.0)
+    np.testing.assert_allclose(found, [*expected, *[usual + step] * 9, *([usual] * 4), lone, *([usual] * 4)])
+    assert [remark for remark in recording.remarks if ': the reading after 20 s, ' in remark
+            and remark.endswith('it is dropped (and 2 more samples)')]
 
 
 def test_positions_of_a_receiver_without_a_fix_are_dropped(tmp_path):

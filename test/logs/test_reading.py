@@ -259,7 +259,7 @@ def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
 
 @pytest.mark.parametrize('step, seconds, taken', [
     (120, 120.0, 'seconds'), (300, 300.0, 'seconds'), (900, 900.0, 'seconds'), (200, 0.2, 'milliseconds'),
-    (3000, 3.0, 'milliseconds')])
+    (3000, 3.0, 'milliseconds'), (1_000_000, 1.0, 'microseconds'), (2_000_000_000, 2.0, 'nanoseconds')])
 def test_steps_of_whole_minutes_up_to_a_quarter_of_an_hour_are_no_milliseconds(tmp_path, step, seconds, taken):
     rows = [f'{step * at},{12.0 - 0.1 * at:.1f},70,-3' for at in range(20)]
     (tmp_path / 'night.csv').write_text('\n'.join(('time,batt_temp_c,soc_percent,ambient_c', *rows)))
