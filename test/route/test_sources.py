@@ -415,5 +415,13 @@ def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
         loaded(tmp_path, examples.speed_table()).route.distance_m)
 
 
+@pytest.mark.parametrize('name, assumed', [
+    ('time', True), ('t', True), ('time_s', False), ('Time [s]', False), ('time_min', False)])
+def test_seconds_of_a_cycle_that_names_no_unit_are_named_as_assumed(tmp_path, name, assumed):
+    rows = ''.join(f'{at},{50 + at}\n' for at in range(9))
+    remarks = loaded(tmp_path, f'{name},speed_kmh\n{rows}').remarks
+    assert (f'{name}: has no unit; its times are taken as seconds' in remarks) is assumed
+
+
 def test_a_drive_that_never_moves_is_refused(tmp_path):
     assert 'check column and unit of the speed' in refusal(tmp_path, 'time_s,speed_kmh\n0,0\n60,0\n')

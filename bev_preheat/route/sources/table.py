@@ -115,7 +115,9 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
         boundary_mps = column(table, headers['speed'])
         mean_mps = _middle(boundary_mps)
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
-    remarks: list[str] = []
+    time = headers['time'].name
+    is_stated = table.units[table.header.index(time)] or any(':' in text for text in table.texts(time))
+    remarks = [] if is_stated else [f'{time}: has no unit; its times are taken as seconds']
     if 'elevation' in headers:
         distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
         elevation_m, remark = smooth_elevation(distance_m, column(table, headers['elevation']))
