@@ -120,6 +120,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     series, used = assembly.series(chosen)
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)
                for signal, channels in used.items()}
+    _remark_on_topics(path, chosen, used, remarks)
     _refuse_to_and_fro(path, series)
     _drop_no_position(path, series, remarks)
     _judge(path, series, remarks, repair)
@@ -176,6 +177,17 @@ def _refuse_to_and_fro(path: str | Path, series: dict[str, Series]) -> None:
         if int((np.diff(np.sign(steps[large])) != 0.0).sum()) >= LEAST_TURNS:
             raise InvalidInput(f'{path}: {signal} jumps to and fro between {figure(values[large[0]])} and '
                                f'{figure(values[large[0] + 1])}; a log must be of one car: split it')
+
+
+def _remark_on_topics(path: str | Path, chosen: dict[str, tuple[tuple[str, ...], ...]],
+                      used: dict[str, tuple[str, ...]], remarks: Remarks) -> None:
+    """Remark that a topic was chosen among several of one name, such as those of two cars or batteries."""
+    for signal, names in used.items():
+        topic, _, field = names[0].rpartition('/')
+        for other in (name for group in chosen[signal] for name in group if name not in names):
+            if '/' in other and other.rpartition('/')[2] == field:
+                remarks.add(f'topics {topic} {other.rpartition("/")[0]}', f'{path}: {names[0]} counts for '
+                            f'{signal}, {other} does not; to read that, name it in a signal map', noun='signal')
 
 
 def _drop_no_position(path: str | Path, series: dict[str, Series], remarks: Remarks) -> None:

@@ -168,6 +168,30 @@ def test_recorded_topics(tmp_path, storage):
 
 
 @pytest.mark.needs('rosbags', 'mcap')
+def test_of_two_batteries_in_one_recording_the_other_is_named(tmp_path):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import get_typestore, Stores
+    store = get_typestore(Stores.ROS2_JAZZY)
+    state, header, stamp = (store.types[name] for name in (
+        'sensor_msgs/msg/BatteryState', 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))
+    empty = np.zeros(0, np.float32)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as file:
+        topics = [file.add_connection(f'/car_{number}/battery_state', state.__msgtype__, typestore=store)
+                  for number in (7, 8)]
+        for second in range(30):
+            for topic, temperature_c in zip(topics, (5.0, 25.0)):
+                message = state(header(stamp(1000 + second, 0), ''), 360.0, temperature_c, -30.0, 0.0, 0.0, 0.0,
+                                0.8, 0, 0, 0, True, empty, empty, '', '')
+                file.write(topic, second * 10**9, store.serialize_cdr(message, state.__msgtype__))
+    recording = read_recording(tmp_path / 'bag')
+    assert set(recording.signals['battery_temperature_c'].value) == {5.0}
+    [remark] = [each for each in recording.remarks if '/car_8/' in each]
+    assert remark.endswith('/car_7/battery_state.temperature counts for battery_temperature_c, '
+                           '/car_8/battery_state.temperature does not; to read that, name it in a signal map '
+                           '(and 3 more signals)')
+
+
+@pytest.mark.needs('rosbags', 'mcap')
 def test_the_latest_route_tells_what_the_planners_recording_does_not(tmp_path):
     from rosbags.interfaces import Nodetype
     from rosbags.rosbag2 import StoragePlugin, Writer
