@@ -69,6 +69,8 @@ HIGHEST_SPEED_MPS = 100.0
 # cars in a log they turn at least so often. Medians leave out single wrong readings.
 LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
 LEAST_TURNS, MEDIAN_OF = 5, 5
+# Commands to other heat sources in recordings of the planner's topics.
+OTHER_SOURCES = re.compile(r'(.*/)?heat_source_command\.battery_heating_power')
 # Names of channels that identify the car.
 CAR = re.compile(r'(.*\.)?((car|veh(icle)?)( ?(id|no|nr|num(ber)?|name))?|vin)')
 
@@ -112,10 +114,14 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
         for signal, groups in chosen.items() for group in groups for channel in group}
     assembly = Assembly(path, log, decoders, remarks, repair)
     cars: dict[str, set[str]] = {name: set() for name in units if CAR.fullmatch(plain(name))}
-    for piece in log.pieces(dict.fromkeys([*cars, *(channel for _, channel in decoders)]), remarks):
+    commanded_w = {name: 0.0 for name in units if OTHER_SOURCES.fullmatch(name)}
+    for piece in log.pieces(dict.fromkeys([*cars, *commanded_w, *(channel for _, channel in decoders)]), remarks):
         if piece.channel in cars:
             cars[piece.channel].update(str(each) for each in set(piece.values))
             _refuse_several(path, piece.channel, cars[piece.channel])
+        if piece.channel in commanded_w:
+            commanded_w[piece.channel] = float(np.fmax.reduce(
+                np.array(piece.values, dtype=float), initial=commanded_w[piece.channel]))
         assembly.take(piece)
     series, used = assembly.series(chosen)
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)
@@ -127,6 +133,10 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     _drop_too_fast(path, series, remarks)
     _add_power(series, sources)
     _remark_on_heater(path, signal_map, series, sources, remarks)
+    for name, most_w in commanded_w.items():
+        if most_w > 0.0:
+            remarks.add(name, f'{path}: {name}: other heat sources than the HVCH were commanded, up to '
+                        f'{most_w:.0f} W; no signal has their heat or cold, so predictions leave it out')
     if not series:
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     start_s = min(float(each.time_s[0]) for each in series.values())

@@ -191,6 +191,32 @@ def test_of_two_batteries_in_one_recording_the_other_is_named(tmp_path):
                            '(and 3 more signals)')
 
 
+@pytest.mark.parametrize('power_w', [0.0, 1800.0])
+@pytest.mark.needs('rosbags', 'mcap')
+def test_heat_of_other_sources_in_a_recording_is_named(tmp_path, power_w):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    store = known_types()
+    header, stamp, temperature, command = (store.types[name] for name in (
+        'std_msgs/msg/Header', 'builtin_interfaces/msg/Time', 'sensor_msgs/msg/Temperature',
+        'bev_preheat_msgs/msg/HeatSourceCommand'))
+    signals = tmp_path / 'own.yaml'
+    signals.write_text('signals: {battery_temperature_c: /pack.temperature}')
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as file:
+        topics = {kind: file.add_connection(name, kind.__msgtype__, typestore=store) for kind, name in (
+            (temperature, '/pack'), (command, '/car/heat_source_command'))}
+        for second in range(20):
+            head = header(stamp(1000 + second, 0), '')
+            for message in (temperature(head, 5.0 + 0.01 * second, 0.0),
+                            command(head, 'heat_pump', power_w * (second > 9), stamp(1002 + second, 0), 1)):
+                file.write(topics[type(message)], second * 10**9,
+                           store.serialize_cdr(message, message.__msgtype__))
+    remarks = read_recording(tmp_path / 'bag', signals).remarks
+    said = [remark for remark in remarks if 'heat_source_command' in remark]
+    assert len(said) == (power_w > 0.0)
+    assert all('up to 1800 W; no signal has their heat or cold, so predictions leave it out' in each
+               for each in said)
+
+
 @pytest.mark.needs('rosbags', 'mcap')
 def test_the_latest_route_tells_what_the_planners_recording_does_not(tmp_path):
     from rosbags.interfaces import Nodetype
