@@ -246,7 +246,7 @@ def run_week(arguments: Namespace) -> int:
         ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
     # The table has no column for cooling.
     told = {one.occurrence.departure.name: one.plan for one in reversed(prepared)
-                 if one.plan.shortfall_k > SHORTFALL_TOLERANCE_K or one.plan.cooling_start_s is not None}
+            if one.plan.shortfall_k > SHORTFALL_TOLERANCE_K or one.plan.cooling_start_s is not None}
     console.say(*(f'{name}: {plan.sentence(plan, words=OF_DEPARTURE)}' for name, plan in sorted(told.items())))
     without = sum(one.occurrence.departure.is_plugged_in and one.cost is None for one in prepared)
     if prices is not None and without:
