@@ -23,8 +23,8 @@ def beating(until_s, stamp_s=None):
      'error: The clock stands: /clock does not advance'),
     (Surroundings(is_simulated=True), beating(60), beating(60), 65.0,
      'error: The clock stands: nothing publishes /clock'),
-    (Surroundings(rivals='/preheat_plan has 2 publishers, /a, /b; it must have one'), beating(60), beating(60), 65.0,
-     'error: /preheat_plan has 2 publishers, /a, /b; it must have one. Their plans are not mixed'),
+    (Surroundings(rivals='/preheat_plan has 2 publishers, /a, /b; it must have one'), beating(60), beating(60),
+     65.0, 'error: /preheat_plan has 2 publishers, /a, /b; it must have one. Their plans are not mixed'),
     (Surroundings(is_there=False), beating(60), beating(60), 65.0, 'error: The planner has disappeared'),
     # It still answers.
     (THERE, beating(60, stamp_s=5.0), beating(60), 60.5, "error: The planner's clock has been standing for 60 s"),
