@@ -279,16 +279,16 @@ class RegimeWatch(NamedTuple):
             risen_ns = None if says_otherwise else self.course.charged_since_ns(least_charged)
             return ('', 0) if risen_ns is None else ('the state of charge rises', risen_ns)
         powers_w = self._powers_w(window)
+        is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
+        if not is_certain and not _is_steady_charge(powers_w, regeneration_w):
+            # The route may brake as hard, but for less than a minute.
+            window = self._window(STANDING_AFTER_S)
+            powers_w = self._powers_w(window)
+            if not _is_steady_charge(powers_w, max(0.0, -planned.least_in_60_s_w) if planned.is_driving else 0.0):
+                return '', 0
         if not powers_w or max(powers_w) > -CHARGES_W:
             return '', 0
-        mean_w = sum(powers_w) / len(powers_w)
-        is_certain = evidence.has_moved is False or (by_status and regeneration_w == 0.0)
-        if not is_certain and (
-                max(powers_w) - min(powers_w) > max(STEADY_SHARE * -mean_w, STEADY_W)
-                or -mean_w < BEYOND_REGENERATION * regeneration_w + (
-                    BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0)):
-            return '', 0
-        return f'the battery is charged with {-mean_w:.0f} W', since_ns
+        return f'the battery is charged with {-sum(powers_w) / len(powers_w):.0f} W', window[0].stamp_ns
 
     def _is_still_charged(self) -> bool:
         """Whether any of the last samples still shows charging."""
@@ -387,6 +387,16 @@ class RegimeWatch(NamedTuple):
             return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
         consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
         return consumers_w < PARKED_SHARE * others_w * len(powers_w)
+
+
+def _is_steady_charge(powers_w: list[float], regeneration_w: float) -> bool:
+    """Whether powers [W] are as steady as those of a charger, and far beyond the regeneration planned [W]."""
+    if not powers_w or max(powers_w) > -CHARGES_W:
+        return False
+    charge_w = -sum(powers_w) / len(powers_w)
+    return (max(powers_w) - min(powers_w) <= max(STEADY_SHARE * charge_w, STEADY_W)
+            and charge_w >= BEYOND_REGENERATION * regeneration_w + (
+                BEYOND_REGENERATION_W if regeneration_w > 0.0 else 0.0))
 
 
 def _variation_w(window: list[_PowerSample]) -> float:

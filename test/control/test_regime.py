@@ -67,6 +67,14 @@ def test_charging_is_recognised_once_it_is_steady_also_on_a_descent(powers_w, pl
     assert first_at(watch(powers_w, planned), Regime.CHARGING) <= within_s
 
 
+@pytest.mark.parametrize('least_in_60_s_w, within_s', [(100.0, 60 + 61), (-5900.0, None)])
+def test_a_slow_charger_where_the_route_brakes_is_recognised_within_a_minute(least_in_60_s_w, within_s):
+    """Segments give 11 kW, each for some seconds: a charge of 6 kW that lasts is no braking."""
+    town = PlannedPower(2600.0, -11000.0, 12000.0, 2100.0, least_in_60_s_w, 3500.0)
+    at_s = first_at(watch([17400.0] * 60 + [-6000.0] * 90, town), Regime.CHARGING)
+    assert at_s is None if within_s is None else 60 + 60 <= at_s <= within_s
+
+
 # From 35 m/s to rest in 18 s: the power falls with the speed.
 BRAKING_W = [-1500.0 * speed for speed in range(35, 0, -2)]
 
