@@ -78,11 +78,7 @@ class DriveRecord:
         """Record the verdicts on the HVCH and on other heat sources by name at an instant [s]."""
         faulty = [each for each in (hvch, *(f'{name} {verdict}' for name, verdict in others.items()))
                   if not each.endswith(HEALTHY)]
-        self.note_heater(instant_s, ', '.join(faulty) or HEALTHY)
-
-    def note_heater(self, instant_s: float, said: str) -> None:
-        """Record the verdict on the heater, or on several, at an instant [s]."""
-        if said != self.heater:
+        if (said := ', '.join(faulty) or HEALTHY) != self.heater:
             self.heater_verdicts.append((instant_s, said))
 
     def note_signals(self, instant_s: float, names: Collection[str]) -> None:

@@ -28,7 +28,7 @@ def a_record(arrival_c=25.3, seen_heater='answers'):
             (30.0, 'standing', 'derated', ('current', 'source')), (40.0, 'driving', seen_heater, ()),
             (50.0, 'driving', seen_heater, ('current',))):
         record.regimes.append((instant_s, regime))
-        record.note_heater(instant_s, verdict)
+        record.note_heaters(instant_s, verdict, {})
         record.note_signals(instant_s, doubted)
     return record
 
@@ -86,7 +86,7 @@ def test_what_is_seen_is_said():
 
 def test_a_heater_and_signals_of_which_nothing_is_said_are_good():
     record = DriveRecord(25.0)
-    record.note_heater(0.0, 'answers')
+    record.note_heaters(0.0, 'answers', {})
     record.note_signals(0.0, ())
     assert [finding.good for finding in evaluate(
         Expectations(never_heater_verdict=True, no_signals=True), record)] == [True, True]
