@@ -142,10 +142,23 @@ def _k_per_j(car: Vehicle) -> float:
     return car.hvch.efficiency / car.pack_heat_capacity_j_per_k
 
 
-def _unseen_k(trip: DrivenRoute, plan: Plan) -> float:
-    """Return the standard deviation [K] of heat that the sensor may show on arrival before the core has it."""
-    left = array_exp((trip.route.time_s - trip.route.total_duration_s) / UNSEEN_LAG_S)
-    return UNSEEN_SHARE * UNSEEN_LAG_S * _k_per_j(trip.vehicle) * float(plan.command_w @ np.diff(left))
+def _unseen_k(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
+    """
+    Return the standard deviation [K] of heat that is in the battery on arrival, and that no reading tells.
+
+    The sensor may show it before the core has it, or may sit behind a slow shell: then the readings tell by how
+    much the core warms, and what is under way is that times an uncertain lag.
+    """
+    lag_deviation = math.sqrt(max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
+    arriving_k = estimate.under_way_k * math.exp(-trip.route.total_duration_s / estimate.heat_lag_s)
+    return max(UNSEEN_SHARE * _under_way_k(trip, plan, UNSEEN_LAG_S), estimate.share_in_battery * lag_deviation * (
+        arriving_k + _under_way_k(trip, plan, estimate.heat_lag_s)))
+
+
+def _under_way_k(trip: DrivenRoute, plan: Plan, lag_s: float) -> float:
+    """Return the heat of a Plan under way on arrival with a lag [s], as a rise of the temperature [K]."""
+    left = array_exp((trip.route.time_s - trip.route.total_duration_s) / lag_s)
+    return lag_s * _k_per_j(trip.vehicle) * float(plan.command_w @ np.diff(left))
 
 
 def _lag_variance_k2(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
@@ -220,7 +233,7 @@ def replanned_deviation_k(as_planned_k: float, trip: DrivenRoute, plan: Plan, es
     colder_k, warmer_k, end_s = _heat_ahead(trip, plan)
     unmodelled_k = UNMODELLED_K if estimate.path.is_shell else math.hypot(
         UNMODELLED_K, UNDESCRIBED_SHARE * estimate.sensor_excess_k,
-        math.sqrt(_lag_variance_k2(trip, plan, estimate)), _unseen_k(trip, plan))
+        math.sqrt(_lag_variance_k2(trip, plan, estimate)), _unseen_k(trip, plan, estimate))
     if warmer_k <= 0.0:
         return math.hypot(as_planned_k, unmodelled_k)
     arrival_s = trip.route.total_duration_s

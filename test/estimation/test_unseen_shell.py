@@ -60,7 +60,7 @@ def two_masses(conductance_w_per_k, seconds, seed, effect=0.94):
             open_v - resistance * current_a), SHARE * shell_c + (1.0 - SHARE) * core_c
 
 
-@pytest.mark.parametrize('conductance_w_per_k', [130.0, 250.0])
+@pytest.mark.parametrize('conductance_w_per_k', [55.0, 130.0, 250.0])
 @pytest.mark.parametrize('seed', range(2))
 def test_heat_that_a_slow_core_misses_accuses_no_heater_and_is_not_believed_to_come(conductance_w_per_k, seed):
     estimator, errors_k = Estimator.of(VEHICLE), []
