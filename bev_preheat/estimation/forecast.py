@@ -144,10 +144,10 @@ def _k_per_j(car: Vehicle) -> float:
 
 def _unseen_k(trip: DrivenRoute, plan: Plan, estimate: Estimate) -> float:
     """
-    Return the standard deviation [K] of heat that is in the battery on arrival, and that no reading tells.
+    Return the standard deviation [K] of the heat in the battery on arrival that no reading tells.
 
-    The sensor may show it before the core has it, or may sit behind a slow shell: then the readings tell by how
-    much the core warms, and what is under way is that times an uncertain lag.
+    The sensor may show it before the core has it. Behind a slow shell the readings tell how fast the core warms,
+    and the heat under way is that rate times an uncertain lag.
     """
     lag_deviation = math.sqrt(max(estimate.covariance.item(HEAT_LAG, HEAT_LAG), 0.0))
     arriving_k = estimate.under_way_k * math.exp(-trip.route.total_duration_s / estimate.heat_lag_s)

@@ -64,8 +64,8 @@ FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.1
                  PROPULSION: 0.5, SOURCE_HEAT: 0.4}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
-# Shortest and longest lag [s]: heater up to 90 s, coolant up to 200 s, a shell of 65 kJ/K behind 55 W/K up to
-# 1180 s, else what is late is taken for a derated heater's; sensor up to 120 s.
+# Shortest and longest lag [s]: heater up to 90 s, coolant up to 200 s, a shell of 65 kJ/K at 55 W/K up to
+# 1180 s (with 600 s its heater counts as derated); sensor up to 120 s.
 LAG_RANGES_S = {HEAT_LAG: (2.0, 1200.0), SENSOR_LAG: (2.0, 150.0)}
 # Bounds of the lags' logarithms, in the order of LAGS.
 LAG_BOUNDS = np.log(np.array([LAG_RANGES_S[index] for index in LAGS]) / NOMINAL_LAGS_S[:, np.newaxis])
