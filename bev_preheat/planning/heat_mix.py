@@ -11,10 +11,10 @@ Heat below 0 is cooling, by sources whose heat per watt is negative, in the orde
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,34 +27,6 @@ from bev_preheat.vehicle.description import HeatSource, HVCH, STANDING_MPS, step
 KEPT_SEGMENTS = 8
 
 
-class Merit(Protocol):
-    """The sources at one instant; heat and electrical power in watts, floats or arrays of the temperatures."""
-
-    @property
-    def is_alone(self) -> bool:
-        """Whether the HVCH is the only source."""
-
-    @property
-    def ends_w(self) -> Sequence[AnyNumber]:
-        """The heat of the best source, of the two best, and so on."""
-
-    @property
-    def cold_ends_w(self) -> Sequence[AnyNumber]:
-        """The heat of the best cooling source, of the two best, and so on, below 0."""
-
-    def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
-        """Return the least electrical power of a heat; heat beyond that of all sources is left out."""
-
-    def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
-        """Return the most heat of an electrical power."""
-
-    def cold_w(self, electric_w: AnyNumber) -> AnyNumber:
-        """Return the least heat of an electrical power, at most 0."""
-
-    def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
-        """Return the part of a heat that the sources give."""
-
-
 @dataclass(frozen=True)
 class Alone:
     """The HVCH alone, at all instants: its heat is its power, which the trip limits."""
@@ -65,8 +37,8 @@ class Alone:
     cools: ClassVar[bool] = False
     heating: ClassVar[int] = 0
 
-    def at(self, k: int, temperature_c: AnyNumber) -> Merit:
-        """Return the Merit in step k at battery temperatures [deg C]."""
+    def at(self, k: int, temperature_c: AnyNumber) -> Alone:
+        """Return the HVCH, as in any step k and at any battery temperature [deg C]."""
         return self
 
     def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
@@ -92,7 +64,11 @@ ALONE = Alone()
 
 
 class Sources(NamedTuple):
-    """Heat and electrical power [W] of the sources by merit, (S,) or (S, P): `heating` ones, then the others."""
+    """
+    Heat and electrical power [W] of the sources by merit, (S,) or (S, P): `heating` ones, then the others.
+
+    Its heats and electrical powers are floats or arrays (P,) of the temperatures, as those of ALONE.
+    """
 
     heats_w: list[AnyNumber]
     powers_w: list[AnyNumber]
@@ -100,33 +76,33 @@ class Sources(NamedTuple):
 
     @property
     def is_alone(self) -> bool:
-        """See Merit."""
+        """Whether the HVCH is the only source."""
         return False
 
     @property
     def ends_w(self) -> list[AnyNumber]:
-        """See Merit."""
+        """The heat of the best source, of the two best, and so on."""
         return list(np.cumsum(self.heats_w[:self.heating], axis=0))
 
     @property
     def cold_ends_w(self) -> list[AnyNumber]:
-        """See Merit."""
+        """The heat of the best cooling source, of the two best, and so on, below 0."""
         return list(np.cumsum(self.heats_w[self.heating:], axis=0))
 
     def electric_w(self, heat_w: AnyNumber) -> AnyNumber:
-        """See Merit."""
+        """Return the least electrical power of a heat; heat beyond that of all sources is left out."""
         return _along(heat_w, self.heats_w, self.powers_w)
 
     def heat_w(self, electric_w: AnyNumber) -> AnyNumber:
-        """See Merit."""
+        """Return the most heat of an electrical power."""
         return _along(electric_w, self.powers_w[:self.heating], self.heats_w)
 
     def cold_w(self, electric_w: AnyNumber) -> AnyNumber:
-        """See Merit."""
+        """Return the least heat of an electrical power, at most 0."""
         return _along(electric_w, self.powers_w[self.heating:], self.heats_w[self.heating:])
 
     def capped_w(self, heat_w: AnyNumber) -> AnyNumber:
-        """See Merit; a source that would heat or cool with next to nothing is left out."""
+        """Return the part of a heat that the sources give, without a source that would give next to nothing."""
         return sum((part * (abs(part) >= LEAST_SOURCE_W) for part, _ in parts(heat_w, self.heats_w)), 0.0)
 
 
@@ -246,8 +222,8 @@ class HeatMix:
                                 first + np.argsort(-merit[first:], axis=0, kind='stable')])
         return np.take_along_axis(heats_w, order, 0), np.take_along_axis(powers_w, order, 0), order
 
-    def at(self, k: int, temperature_c: AnyNumber) -> Merit:
-        """Return the Merit in step k at battery temperatures [deg C]: a float, or an array (P,)."""
+    def at(self, k: int, temperature_c: AnyNumber) -> Sources:
+        """Return the Sources in step k at battery temperatures [deg C]: a float, or an array (P,)."""
         if not isinstance(temperature_c, np.ndarray):
             heats_w, powers_w, _ = self._ordered(k, np.array([float(temperature_c)]))
             return Sources(heats_w[:, 0].tolist(), powers_w[:, 0].tolist(), self.heating)

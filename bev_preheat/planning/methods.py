@@ -26,12 +26,10 @@ from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.paper import run_paper
-from bev_preheat.planning.recursion import Recursion, ValueTable
 from bev_preheat.planning.schedule import ended_within, HeldBack, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.trip import Trip
 from bev_preheat.tunables import (
-    LACK_PRICE,
     LEAST_HEATING_W,
     MOST_CHANGED_SHARE,
     MOST_DEVIATION_SHARE,
@@ -206,11 +204,3 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
         return None
     gives_way = bool((warmest.heater_power_w < trip.heater_limit_w - ROUNDING_W).any())
     return HeldBack.POWER if gives_way or power_deficit(trip, warmest).worst_w > 0.0 else HeldBack.START
-
-
-def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
-    """Return the ValueTable with the charge of the plan, heater off before; None: the charge does not last."""
-    certain = Uncertainty(0.0, int(state.heater_power_w > LEAST_HEATING_W))
-    recursion = Recursion(trip, initial_states(state), Requirements(
-        goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
-    return None if recursion.plan() is None else recursion.table()

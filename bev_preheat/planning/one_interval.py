@@ -49,19 +49,6 @@ ChargeWarmth = tuple[float, float]
 CHARGE, WARMTH = (1.0, 0.0), (0.0, 1.0)
 
 
-class HeatPrices(NamedTuple):
-    """
-    Effect of a watt of the heater in each step until arrival, two arrays (N,).
-
-    `warmth_k_per_w`: rise of the arrival temperature; `charge_per_w`: loss of charge on arrival, as a share of the
-    whole. Means between no heating and full heating, because a step is heated or not. Both are 0 in steps in which
-    the cabin leaves no power.
-    """
-
-    warmth_k_per_w: FloatArray
-    charge_per_w: FloatArray
-
-
 class _Slopes(NamedTuple):
     """Charge and warmth gained in each step (N pairs) per charge, kelvin and watt; a mean of no and full heat."""
 
@@ -80,10 +67,15 @@ class _Slopes(NamedTuple):
         return per_w
 
 
-def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
-    """Return the HeatPrices along a Schedule's run, ignoring limits: the order in which to heat, not its cost."""
+def find_prices(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the effects on arrival of a watt of the heater in each step (N,): more warmth [K/W], lost charge [1/W].
+
+    Along a Schedule's run, ignoring limits: the order in which to heat, not its cost. Means between no heating and
+    full heating, because a step is heated or not; 0 in steps in which the cabin leaves no power.
+    """
     slopes = _model_slopes(trip, schedule)
-    return HeatPrices(slopes.effect_on_arrival(WARMTH), -slopes.effect_on_arrival(CHARGE))
+    return slopes.effect_on_arrival(WARMTH), -slopes.effect_on_arrival(CHARGE)
 
 
 def is_cheaper_elsewhere(trip: Trip, schedule: Schedule) -> bool:
@@ -93,11 +85,10 @@ def is_cheaper_elsewhere(trip: Trip, schedule: Schedule) -> bool:
     By an upper bound, as far as the prices do not change: each cheaper step is compared with the dearest step that
     is heated after it.
     """
-    prices = find_prices(trip, schedule)
     dearest_per_k, saving = -math.inf, 0.0
-    columns = zip(prices.warmth_k_per_w.tolist(), prices.charge_per_w.tolist(), schedule.heater_power_w.tolist(),
-                  trip.heater_limit_w.tolist())
-    for warmth_k_per_w, charge_per_w, heater_w, limit_w in reversed(list(columns)):
+    columns = zip(*(column.tolist()[::-1] for column in (
+        *find_prices(trip, schedule), schedule.heater_power_w, trip.heater_limit_w)))
+    for warmth_k_per_w, charge_per_w, heater_w, limit_w in columns:
         if warmth_k_per_w > 0.0:
             per_k = charge_per_w / warmth_k_per_w
             if limit_w > heater_w and per_k < dearest_per_k:

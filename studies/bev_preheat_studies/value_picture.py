@@ -29,11 +29,14 @@ from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT
 from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.numerics import FloatArray, W_PER_KW
 from bev_preheat.planning.engine import limits_of_steps_w
-from bev_preheat.planning.methods import value_table
+from bev_preheat.planning.heat_run import initial_states
+from bev_preheat.planning.methods import Requirements
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.recursion import ValueTable
+from bev_preheat.planning.recursion import Recursion, ValueTable
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.tunables import LACK_PRICE, LEAST_HEATING_W
 
 # Range of the colours: a kelvin worth nothing, its cost, and twice its cost or more.
 LEAST_RATIO, EVEN_RATIO, MOST_RATIO = 0.0, 1.0, 2.0
@@ -67,6 +70,14 @@ def run(arguments: Namespace) -> int:
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}\n{plan.status.name}: {plan.explanation}'
     save_figure(make_value_figure(trip, table, plan, plan_unheated(*inputs), title), arguments.plot)
     return 0
+
+
+def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
+    """Return the ValueTable with the charge of the plan, heater off before; None: the charge does not last."""
+    certain = Uncertainty(0.0, int(state.heater_power_w > LEAST_HEATING_W))
+    recursion = Recursion(trip, initial_states(state), Requirements(
+        goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
+    return None if recursion.plan() is None else recursion.table()
 
 
 def make_value_figure(trip: Trip, table: ValueTable, plan: Plan, unheated: Plan, title: str) -> Figure:

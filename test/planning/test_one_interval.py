@@ -110,7 +110,7 @@ def whole_wh(trip, soc):
 @pytest.mark.parametrize('number', range(4))
 def test_prices_are_what_heating_a_step_makes_on_arrival(number):
     trip, state, _, schedule = planned(number)
-    prices = find_prices(trip, schedule)
+    warmth_k_per_w, charge_per_w = find_prices(trip, schedule)
     for k in range(0, len(trip.route), 7):
         ends = []
         for step_w in (0.0, trip.heater_limit_w[k]):
@@ -118,8 +118,8 @@ def test_prices_are_what_heating_a_step_makes_on_arrival(number):
             heater_w[k] = step_w
             ends.append(arrival(trip, state, heater_w))
         (full_soc, cold_c), (less_soc, warm_c) = ends
-        assert prices.warmth_k_per_w[k] * trip.heater_limit_w[k] == pytest.approx(warm_c - cold_c, rel=2e-3)
-        assert prices.charge_per_w[k] * trip.heater_limit_w[k] == pytest.approx(full_soc - less_soc, rel=2e-3)
+        assert warmth_k_per_w[k] * trip.heater_limit_w[k] == pytest.approx(warm_c - cold_c, rel=2e-3)
+        assert charge_per_w[k] * trip.heater_limit_w[k] == pytest.approx(full_soc - less_soc, rel=2e-3)
 
 
 def best_of_all_steps(trip, state, target_c):

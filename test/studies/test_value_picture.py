@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics import JOULES_PER_WH
-from bev_preheat.planning.methods import value_table
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
@@ -13,7 +12,7 @@ from bev_preheat.route import load_route
 from bev_preheat.tunables import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.__main__ import main
-from bev_preheat_studies.value_picture import worth_over_cost
+from bev_preheat_studies.value_picture import value_table, worth_over_cost
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('alpine_pass', VEHICLE.defaults).resampled(120.0)
