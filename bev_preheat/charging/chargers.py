@@ -32,8 +32,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
-from bev_preheat.route.places import Places
-from bev_preheat.route.segments import Route
+from bev_preheat.route.segments import Places, Route
 from bev_preheat.vehicle.description import Vehicle
 
 # Tolerances of the departure's state of charge; the second applies if only the battery's temperature is open.

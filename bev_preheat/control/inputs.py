@@ -22,8 +22,7 @@ from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, Uncertainty
-from bev_preheat.route.places import Places
-from bev_preheat.route.segments import LIMITS, Route
+from bev_preheat.route.segments import LIMITS, Places, Route
 from bev_preheat.tunables import LEAST_HELD_S, MOST_PLANNED_STEPS, WIDEST_CELL_SPREAD_K
 from bev_preheat.vehicle.variants import grid_fed
 

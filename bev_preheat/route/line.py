@@ -83,16 +83,10 @@ MOST_LATITUDE_DEG = 85.0
 
 
 class Nearby(NamedTuple):
-    """
-    Points of a line near a position: their indices and distances [m], and the position relative to them [m].
-
-    `east_m` and `north_m` lead from the point to the position. Each array has shape (K,), K >= 0.
-    """
+    """Points of a line near a position: their indices, and distances from it [m]; shapes (K,), K >= 0."""
 
     at: IntArray
     distance_m: FloatArray
-    east_m: FloatArray
-    north_m: FloatArray
 
 
 class MapLine:
@@ -167,10 +161,10 @@ class MapLine:
     def _of_blocks(self, blocks: IntArray, latitude_deg: float, longitude_deg: float, radius_m: float) -> Nearby:
         at = (self._first[blocks][:, None] + np.arange(BLOCK)).ravel()
         at = at[at < self._count]
-        east_m, north_m = offset_m(latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at])
-        distance_m = np.hypot(east_m, north_m)
+        distance_m = np.hypot(*offset_m(
+            latitude_deg, longitude_deg, self._latitude_deg[at], self._longitude_deg[at]))
         kept = distance_m <= radius_m
-        return Nearby(at[kept], distance_m[kept], -east_m[kept], -north_m[kept])
+        return Nearby(at[kept], distance_m[kept])
 
 
 def unit_vector(latitude_deg: float, longitude_deg: float, to_latitude_deg: float,

@@ -10,8 +10,7 @@ import math
 import numpy as np
 
 from bev_preheat.control.inputs import SupplyStatus
-from bev_preheat.route.places import Places
-from bev_preheat.route.segments import Route
+from bev_preheat.route.segments import Places, Route
 from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.simulation.vehicle_plant import VehiclePlant
 

@@ -45,7 +45,9 @@ def test_the_nearest_point_is_that_of_a_search_over_all(along, aside_m):
     near = LINE.near(latitude_deg, longitude_deg, distance_m + 10.0)
     assert near.distance_m.min() == distance_m
     assert (np.diff(near.at) > 0).all() and near.distance_m.max() <= distance_m + 10.0
-    assert near.distance_m == pytest.approx(np.hypot(near.east_m, near.north_m))
+    for at, near_m in zip(near.at, near.distance_m):
+        assert near_m == pytest.approx(math.hypot(*offset_m(
+            latitude_deg, longitude_deg, *LINE.position(LINE.along_m[at]))))
 
 
 def test_a_line_across_the_date_line_is_in_one_piece():

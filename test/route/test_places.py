@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.route.places import Places
-from bev_preheat.route.segments import make_route
+from bev_preheat.route.segments import make_route, Places
 
 
 def a_route(durations_s, speeds_mps):
