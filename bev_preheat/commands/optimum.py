@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.situation import PlanningArguments
-    from bev_preheat.nonlinear_program.solve import Optimum
+    from bev_preheat.planning.plan import Optimum
 
 
 def add_parser(subparsers: Subparsers) -> None:

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.numerics import Curve, FloatArray
-    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.plan import Optimum, Plan
     from bev_preheat.planning.situation import Goal
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route import Route
@@ -218,7 +217,7 @@ class PlanResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OptimumResult(PlanResult):
-    """The optimum of the nonlinear program; `solved` is the nonlinear_program.solve.Optimum."""
+    """The optimum of the nonlinear program; `solved` is the planning.plan.Optimum."""
 
     solved: Optimum
 

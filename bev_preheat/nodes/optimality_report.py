@@ -174,11 +174,12 @@ def report_message(case: CheckedCase, outcome: SolverAnswer | Failure) -> Optima
     message.header.stamp = time_message(case.start_ns)
     planned, optimal = case.planned, UNKNOWN
     if isinstance(outcome, SolverAnswer):
-        message.solver_status = outcome.solver_status
-        message.optimal = outcome.is_optimal
-        message.infeasible_constraint = '; '.join(outcome.infeasible)
-        message.solve_time = outcome.solve_time_s
-        optimal = _figures_of_plan(outcome.optimal_plan, case.start_ns)
+        optimum = outcome.optimum
+        message.solver_status = optimum.solver_status
+        message.optimal = not optimum.deficit
+        message.infeasible_constraint = '; '.join(optimum.infeasible)
+        message.solve_time = optimum.solve_time_s
+        optimal = _figures_of_plan(optimum.plan, case.start_ns)
         if outcome.method_plan is not None:
             planned = _figures_of_plan(outcome.method_plan, case.start_ns)
     else:

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from bev_preheat.planning.dynamics import is_described
 from bev_preheat.planning.engine import run_without_heating
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
-from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.plan import Optimum, StepDeficit
 from bev_preheat.planning.planner import finish_plan
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
@@ -52,48 +51,6 @@ TOLERANCE_W = 1e-2
 
 class SolverFailure(RuntimeError):
     """The solver ended without a solution; the message carries its status."""
-
-
-@dataclass(frozen=True)
-class StepDeficit:
-    """A constraint that cannot be kept, and by how much; `text` describes it."""
-
-    constraint: str
-    amount: float
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """
-    The optimum, or the best possible result.
-
-    `solver_status` is IPOPT's status for the program itself; only 'Solve_Succeeded' is an optimum.
-    `deficit` holds the constraints that cannot be kept; it is empty if and only if `plan` is the optimum.
-    `solve_time_s` is IPOPT's time, from all starts, without the setup of programs.
-    `marginal_cost_wh_per_k` is the multiplier of the target: the cost of one more kelvin on arrival
-    (NaN if the target does not bind or cannot be met).
-    """
-
-    plan: Plan
-    solver_status: str
-    iterations: int
-    solve_time_s: float
-    deficit: tuple[StepDeficit, ...]
-    marginal_cost_wh_per_k: float
-
-    @property
-    def infeasible(self) -> tuple[str, ...]:
-        """Sentences on the constraints that cannot be kept, with figures."""
-        return tuple(item.text for item in self.deficit)
-
-    def as_dictionary(self) -> dict[str, Any]:
-        """Return the optimum as `preheat optimum --json` writes it."""
-        return {**self.plan.as_dictionary(), 'solver_status': self.solver_status,
-                'solve_time_s': self.solve_time_s, 'iterations': self.iterations,
-                'infeasible': list(self.infeasible),
-                'marginal_cost_wh_per_k': self.marginal_cost_wh_per_k}
 
 
 def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,

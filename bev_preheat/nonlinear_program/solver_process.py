@@ -21,7 +21,7 @@ import sys
 from time import monotonic
 from typing import Any
 
-from bev_preheat.planning.plan import Plan
+from bev_preheat.planning.plan import Optimum, Plan
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import Vehicle
@@ -65,19 +65,9 @@ class Question:
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """
-    The solver's result; the fields are those of `solve.Optimum`.
+    """The Optimum of a question, and the plan of its method; None: none was asked for."""
 
-    `is_optimal`: `optimal_plan` keeps all constraints and is the optimum; otherwise it is the best possible
-    plan, and `infeasible` names the constraints that cannot be kept. `method_plan` is the plan of the
-    question's method.
-    """
-
-    optimal_plan: Plan
-    solver_status: str
-    is_optimal: bool
-    infeasible: tuple[str, ...]
-    solve_time_s: float
+    optimum: Optimum
     method_plan: Plan | None
 
 

@@ -100,7 +100,6 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
         route = route.with_propulsion(propulsion)
     situation = route, question.state, question.goal
     try:
-        from bev_preheat.nonlinear_program.program import SUCCESS
         from bev_preheat.nonlinear_program.solve import solve_optimum
         method_plan = plan_preheating(corrected_vehicle(vehicle, corrections), *situation,
                                       question.method) if question.method else None
@@ -109,10 +108,4 @@ def _answer(vehicle: Vehicle, question: Question) -> SolverAnswer | Failure:
         return Failure(str(error), monotonic() - started_s)
     except Exception as error:
         return Failure(f'{type(error).__name__}: {error}', monotonic() - started_s)
-    return SolverAnswer(
-        optimal_plan=optimum.plan,
-        solver_status=optimum.solver_status,
-        is_optimal=optimum.solver_status == SUCCESS,
-        infeasible=optimum.infeasible,
-        solve_time_s=optimum.solve_time_s,
-        method_plan=method_plan)
+    return SolverAnswer(optimum, method_plan)

@@ -170,6 +170,48 @@ class Plan:
         }
 
 
+@dataclass(frozen=True)
+class StepDeficit:
+    """A constraint that cannot be kept, and by how much; `text` describes it."""
+
+    constraint: str
+    amount: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """
+    The optimum, or the best possible result.
+
+    `solver_status` is IPOPT's status for the program itself; only 'Solve_Succeeded' is an optimum.
+    `deficit` holds the constraints that cannot be kept; it is empty if and only if `plan` is the optimum.
+    `solve_time_s` is IPOPT's time, from all starts, without the setup of programs.
+    `marginal_cost_wh_per_k` is the multiplier of the target: the cost of one more kelvin on arrival
+    (NaN if the target does not bind or cannot be met).
+    """
+
+    plan: Plan
+    solver_status: str
+    iterations: int
+    solve_time_s: float
+    deficit: tuple[StepDeficit, ...]
+    marginal_cost_wh_per_k: float
+
+    @property
+    def infeasible(self) -> tuple[str, ...]:
+        """Sentences on the constraints that cannot be kept, with figures."""
+        return tuple(item.text for item in self.deficit)
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the optimum as `preheat optimum --json` writes it."""
+        return {**self.plan.as_dictionary(), 'solver_status': self.solver_status,
+                'solve_time_s': self.solve_time_s, 'iterations': self.iterations,
+                'infeasible': list(self.infeasible),
+                'marginal_cost_wh_per_k': self.marginal_cost_wh_per_k}
+
+
 class Reached(Protocol):
     """The results of a plan: a Plan, or figures read from one."""
 

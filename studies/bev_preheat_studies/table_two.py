@@ -32,9 +32,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.nonlinear_program.solve import Optimum
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.plan import Optimum, Plan
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

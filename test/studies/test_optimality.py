@@ -9,13 +9,8 @@ import pytest
 from bev_preheat.charging.stop import ChargingProspect
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.nonlinear_program import solve
-from bev_preheat.nonlinear_program.solve import (
-    ARRIVAL_SOC,
-    DISCHARGE_POWER,
-    HIGHEST_TEMPERATURE,
-    StepDeficit,
-    TARGET,
-)
+from bev_preheat.nonlinear_program.solve import ARRIVAL_SOC, DISCHARGE_POWER, HIGHEST_TEMPERATURE, TARGET
+from bev_preheat.planning.plan import StepDeficit
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_PRICE
 from bev_preheat.vehicle import load_vehicle
