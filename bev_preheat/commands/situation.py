@@ -206,26 +206,21 @@ def target_of(arguments: Namespace, vehicle: Vehicle) -> float:
 class MethodNames:
     """The names of all methods for argparse; installed packages are searched only if a name is not built in."""
 
-    def __init__(self, *more: str) -> None:
-        self._more = more
-
     def __contains__(self, name: object) -> bool:
-        return name in self._more or name in METHODS or name in method_names()
+        return name in METHODS or name in method_names()
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self._more, *method_names()))
+        return iter(method_names())
 
     def checked(self, name: str) -> str:
         """Return an allowed name or what took its place; a method of a package is loaded."""
         if name in REPLACED:
             say(f'preheat: {replaced_in_words(name)}')
             return REPLACED[name]
-        if name not in self._more:
-            try:
-                check_method(name)
-            except InvalidInput as error:
-                also = f'; also allowed: {", ".join(self._more)}' if self._more else ''
-                raise ArgumentTypeError(f'{str(error).removeprefix("method: ")}{also}') from None
+        try:
+            check_method(name)
+        except InvalidInput as error:
+            raise ArgumentTypeError(str(error).removeprefix('method: ')) from None
         return name
 
 

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -45,6 +46,23 @@ DRIVEN_S = 1500.0
 LIMITS = {'period': (0.1, 10.0), 'traffic': (0.0, 0.5)}
 
 
+class ComparedNames(MethodNames):
+    """The names of COMPARED, and of all methods."""
+
+    def __contains__(self, name: object) -> bool:
+        return name in COMPARED or super().__contains__(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*COMPARED, *super().__iter__()))
+
+    def checked(self, name: str) -> str:
+        """Return an allowed name or what took its place; a method of a package is loaded."""
+        try:
+            return name if name in COMPARED else super().checked(name)
+        except ArgumentTypeError as error:
+            raise ArgumentTypeError(f'{error}; also allowed: {", ".join(COMPARED)}') from None
+
+
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
@@ -74,7 +92,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='state of charge at the start (default: %(default)s)')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature on arrival [degC] (default: the vehicle's)")
-    compared = MethodNames(*COMPARED)
+    compared = ComparedNames()
     parser.add_argument('--methods', action='extend', nargs='+', choices=compared, type=compared.checked,
                         metavar='METHOD', help='of %(choices)s; a planning method drives as in the planner '
                         f'(default: {", ".join(COMPARED)})')
