@@ -263,18 +263,10 @@ M_PER_KM = 1000.0
 END_S = 1.0
 
 
-@dataclass(frozen=True)
-class Chargers:
-    """The Candidates of a file, and its path."""
-
-    candidates: tuple[Candidate, ...]
-    file: Path
-
-
 def load_chargers(name_or_file: str | Path, route: Route, energy_price_per_kwh: float,
-                  only: Sequence[str] = ()) -> Chargers:
+                  only: Sequence[str] = ()) -> tuple[list[Candidate], Path]:
     """
-    Return the Chargers of a name (a file in config/chargers) or of a YAML file, along a Route.
+    Return the Candidates of a name (a file in config/chargers) or of a YAML file, along a Route; and that file.
 
     `energy_price_per_kwh` is the default price; with `only` (names), all other chargers are left out. Raises
     InvalidInput naming file, key, value and the allowed values.
@@ -294,8 +286,7 @@ def load_chargers(name_or_file: str | Path, route: Route, energy_price_per_kwh: 
                  for name in only if name not in names]
     if problems:
         raise InvalidInput(problems)
-    return Chargers(tuple(candidate for candidate in candidates
-                          if not only or candidate.name in only), path)
+    return [candidate for candidate in candidates if not only or candidate.name in only], path
 
 
 def _problems(node: FileData, route: Route) -> list[str]:

@@ -225,10 +225,6 @@ class TimeDeviation:
     heated_s: float
     saved_s: float
 
-    def as_dictionary(self) -> dict[str, float]:
-        """Return it as JSON-compatible data."""
-        return dict(vars(self))
-
 
 def arrival_of(vehicle: Vehicle, plan: Plan) -> BatteryState:
     """Return the state in which a Plan arrives; a car that cools holds its battery at the highest temperature."""

@@ -51,15 +51,15 @@ def warm_session(vehicle: Vehicle, span: tuple[float, float] = PUBLISHED_SPAN,
     return charge(car, stop, BatteryState(battery_c, start))
 
 
-def curve_fit(sheet: DataSheet) -> float:
+def describe_timed_car(sheet: DataSheet) -> dict[str, Entry]:
     """
-    Return the `curve_fit` of `describe_car` with which a session takes the published time of a DataSheet.
+    Return the entries of a vehicle file as `describe_car`, with the curve fitted to the published time if any.
 
-    1 without a published time. Raises InvalidInput if the data sheet is implausible, or if no fit gives the time.
+    Raises InvalidInput if the data sheet is implausible, or if no fit gives the time.
     """
     entries = describe_car(sheet)
     if sheet.charging_time_10_80_min is None:
-        return 1.0
+        return entries
     chemistry = load_chemistry(sheet.chemistry)
     vehicle = vehicle_of_text(vehicle_text(sheet.name, entries, ''), sheet.name)
     wanted_s = S_PER_MIN * sheet.charging_time_10_80_min
@@ -74,8 +74,8 @@ def curve_fit(sheet: DataSheet) -> float:
     shortest_s, longest_s = time_s(fast), time_s(slow)
     if not shortest_s <= wanted_s <= longest_s:
         raise InvalidInput(_unfit(sheet, time_s(1.0), shortest_s, longest_s))
-    return math.exp(halve(
-        math.log(fast), math.log(slow), lambda fit: time_s(math.exp(fit)) <= wanted_s, TIME_HALVINGS))
+    return describe_car(sheet, math.exp(halve(
+        math.log(fast), math.log(slow), lambda fit: time_s(math.exp(fit)) <= wanted_s, TIME_HALVINGS)))
 
 
 def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float) -> str:
@@ -86,8 +86,3 @@ def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float
                 'min are allowed. Do both belong to one car?')
     return (f'{start} does not fit --charging-power-kw {sheet.charging_power_kw:g} kW; it must be {low} ... '
             f'{high} min. Give the maximum power and the time of one car')
-
-
-def describe_timed_car(sheet: DataSheet) -> dict[str, Entry]:
-    """Return the entries of a vehicle file as `describe_car`, with the curve fitted to the published time."""
-    return describe_car(sheet, curve_fit(sheet))

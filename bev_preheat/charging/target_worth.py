@@ -235,10 +235,6 @@ class Worth:
                 **({} if self.pays_from_probability is None else {
                     'pays_from_probability': self.pays_from_probability})}
 
-    def step_in_words(self) -> str:
-        """Return the sentence on the `step`; '' for none."""
-        return '' if self.step is None else self.step.in_words()
-
     def bounds_in_words(self) -> str:
         """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""
         if self.pays_to_price_per_kwh == 0.0:

@@ -6,9 +6,8 @@ A battery is too warm once more heat lowers its charging power; the sentence giv
 """
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 
@@ -63,10 +62,6 @@ class TooWarm:
     arrival_c: float
     fastest_c: float
     slower_s: float
-
-    def as_dictionary(self) -> dict[str, Any]:
-        """Return it as JSON-compatible data."""
-        return asdict(self)
 
     @property
     def sentence(self) -> str:

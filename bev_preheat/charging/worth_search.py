@@ -197,19 +197,17 @@ class WorthSearch:
         """Return the TargetWorth of heating, or also of cooling, to a target [deg C]; a new one is planned."""
         if target_c <= self.without.target_c and not (cools and self._vehicle.cools):
             return replace(self.without, target_c=target_c)
-        return self._look_at(target_c)
-
-    def _look_at(self, target_c: float) -> TargetWorth:
         if target_c not in self._found:
             self._found[target_c] = self._worth_of(self._plan_to(target_c), target_c)
         return self._found[target_c]
 
     def _at(self, target_c: float) -> TargetWorth:
+        """Return the TargetWorth of `look_at`; a new one counts, and pauses the search after the last plan."""
         if target_c not in self._found:
             if self._plans_left < 1.0:
                 raise _Paused
             self._plans_left -= 1.0
-        return self._look_at(target_c)
+        return self.look_at(target_c, cools=True)
 
     def _colder(self) -> list[float]:
         """Return the whole degrees below the arrival without heating that cooling reaches [deg C], rising."""

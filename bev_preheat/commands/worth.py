@@ -106,12 +106,12 @@ def run(arguments: Namespace) -> int:
             'arrival_deviation_s': prospect.arrival_deviation_s,
             'charging_known_before_s': prospect.known_before_arrival_s}),
         'sensitivity': sensitivity and sensitivity.as_dictionary(),
-        'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
+        'charging_time_deviation_s': {'target_c': shown.target_c, **vars(deviation)},
         **situation.as_dictionary()}, lambda: make_worth_figure(worth, title))
     _print_targets(console, title.replace('\n', ', '), [
         *((target, _names(worth, target)) for target in _shown(worth)),
         *((item, name) for name, item in worth.by_rule.items())])
-    console.say(worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
+    console.say(worth.verdict, worth.bounds_in_words(), worth.step and worth.step.in_words(),
                 None if sensitivity is None else sensitivity.in_words(worth.unheated_in_words()),
                 worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation),
                 outside_in_words(situation.vehicle, {
@@ -239,10 +239,10 @@ def run_chargers(arguments: Namespace) -> int:
     """Rank the chargers of a file, print, and write the requested files; returns the exit status."""
     situation = read_situation(arguments)
     check_prices(Prices(arguments.energy_price, arguments.value_of_time))
-    chargers = load_chargers(arguments.chargers, situation.route, arguments.energy_price,
-                             arguments.only or ())
-    check_output_arguments(arguments, (*situation.files, chargers.file))
-    ranked = rank_chargers(*situation.inputs, chargers.candidates, arguments.end_soc, arguments.value_of_time)
+    candidates, file = load_chargers(arguments.chargers, situation.route, arguments.energy_price,
+                                     arguments.only or ())
+    check_output_arguments(arguments, (*situation.files, file))
+    ranked = rank_chargers(*situation.inputs, candidates, arguments.end_soc, arguments.value_of_time)
     able = [item for item in ranked if item.problem is None]
     verdict = ranking_verdict(ranked)
     title = (f'{situation.title}, {100.0 * arguments.end_soc:g} % at its end\n'

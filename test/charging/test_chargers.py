@@ -126,7 +126,8 @@ def test_the_price_of_waiting_decides():
 def loaded(tmp_path, text, route=drive(60)):
     path = tmp_path / 'chargers.yaml'
     path.write_text(text)
-    return load_chargers(path, route, 0.6).candidates
+    candidates, _ = load_chargers(path, route, 0.6)
+    return candidates
 
 
 def test_what_a_file_says(tmp_path):

@@ -255,7 +255,7 @@ def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
     low, high = (charge(car, stop, BatteryState(at_c, soc[at_c])).charging_time_s for at_c in (from_c, to_c))
     assert saved_s == pytest.approx(low - high, abs=STEP_S) and saved_s > 300.0
     span = f'{to_c - from_c:.1f} K more on arrival, from {from_c:.1f} to {to_c:.1f} degC'
-    assert worth.step_in_words().startswith(f'{span}, are worth ')
+    assert worth.step.in_words().startswith(f'{span}, are worth ')
     assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
 
 
