@@ -59,12 +59,6 @@ class Look:
         return {'color': self.colour, 'linestyle': self.dashes, 'linewidth': self.width,
                 'zorder': LINES_ZORDER - 0.1 * self.width, **changes}
 
-    def dots(self, label: str) -> Style:
-        """Return the arguments of hollow marks without a line, wide ones below."""
-        return {'color': self.colour, 'linestyle': '', 'marker': self.marker,
-                'markersize': 3.0 + 1.2 * self.width, 'markerfacecolor': 'none',
-                'markeredgewidth': 0.9, 'zorder': LINES_ZORDER - 0.1 * self.width, 'label': label}
-
 
 # In drawing order. The planner uses value_function, and replanned_paper is
 # the paper's method in closed loop: they share these colours.

@@ -116,7 +116,6 @@ class DriveSteps:
     `energy` is the battery's, and `heating` that of the heat sources, scaled.
     """
 
-    vehicle: Vehicle
     parameters: casadi.MX
     energy: casadi.MX
     heating: casadi.MX
@@ -162,7 +161,7 @@ def add_drive_steps(vehicle: Vehicle, steps: int, limited: bool, variables: Bloc
         constraints.add(f'room_{power_row(source)}', room[number, :], POWER_SCALE_W)
     heating = casadi.sum2(route[0, :] * sum(map(variables.row, map(power_row, vehicle.heat_sources)),
                                             variables.row('heater'))) * (POWER_SCALE_W / ENERGY_SCALE_J)
-    return DriveSteps(vehicle, casadi.vertcat(casadi.vec(route), corrections), energy, heating)
+    return DriveSteps(casadi.vertcat(casadi.vec(route), corrections), energy, heating)
 
 
 def drive_parameters(trip: Trip, corrections: Corrections) -> FloatArray:

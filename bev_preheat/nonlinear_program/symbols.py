@@ -2,11 +2,9 @@
 """
 The model's equations as CasADi expressions, and maps of a vehicle without corners.
 
-A table is linear between its points. Along a charging session a program meets dozens of its corners, and the
-position of each within a step decides a derivative: IPOPT does not converge. Here each corner is rounded: the kink
-|x - x_i| becomes sqrt((x - x_i)^2 + w^2). Weights of the points still add up to 1. A drive meets few corners, and
-its programs keep them. But during a power deficit of minutes, the smallest deficit may lie at a corner, and IPOPT
-finds it only with slightly rounded corners.
+A table is linear between its points. A drive meets few of its corners, and its programs keep them. But during a
+power deficit of minutes, the smallest deficit may lie at a corner, and IPOPT finds it only with slightly rounded
+corners: the kink |x - x_i| becomes sqrt((x - x_i)^2 + w^2). Weights of the points still add up to 1.
 """
 
 from __future__ import annotations
@@ -76,10 +74,9 @@ def _of_equations(name: str, vehicle: Vehicle, equations: Callable[[Vehicle], Ca
     return casadi.Function(name, [*arguments, *factors], list(equations(corrected)(*arguments)))
 
 
-# Half the width of a rounded corner: state of charge, temperature [K], power [W].
-SOC_WIDTH, TEMPERATURE_WIDTH_K, POWER_WIDTH_W = 0.005, 0.5, 200.0
-# The same on a drive: a limit that bends by 4 kW/K changes by 10 W at most.
-DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K = 1e-4, 0.005
+# Half the width of a rounded corner: state of charge, temperature [K]; a limit that bends by 4 kW/K changes by at
+# most 10 W.
+SOC_WIDTH, TEMPERATURE_WIDTH_K = 1e-4, 0.005
 
 
 @dataclass(frozen=True)
@@ -114,36 +111,18 @@ def smooth_weights(axis: Sequence[float], x: AnyNumber, width: float) -> list[An
     return [before - after for before, after in zip([1.0, *rising], [*rising, 0.0])]
 
 
-def smooth_minimum(one: AnyNumber, other: AnyNumber) -> AnyNumber:
-    """Return the lesser of two powers [W], at most POWER_WIDTH_W / 2 below it."""
-    return 0.5 * (one + other - casadi.sqrt((one - other)**2 + POWER_WIDTH_W**2))
-
-
-# For powers [W] only.
-SMOOTH: Arithmetic[AnyNumber] = replace(
-    SYMBOLS, minimum=smooth_minimum, maximum=lambda one, other: -smooth_minimum(-one, -other))
-
-
-def smoothed(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle with rounded corners in the maps of its charging sessions."""
-    widths, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.charging
-    return replace(
-        vehicle, battery=_smooth(vehicle.battery, ('open_circuit_voltage', 'resistance'), *widths),
-        charging=None if charging is None else _smooth(charging, ('power_limit',), *widths))
-
-
 def smoothed_a_little(vehicle: Vehicle) -> Vehicle:
     """Return the Vehicle with minimally rounded corners in the maps of its drives."""
-    over_weather = DRIVE_TEMPERATURE_WIDTH_K, DRIVE_TEMPERATURE_WIDTH_K
+    over_weather = TEMPERATURE_WIDTH_K, TEMPERATURE_WIDTH_K
     return replace(
-        vehicle, heat_sources=tuple(_smooth(source, ('maximum_power_w', 'hvch_watts'), *over_weather)
+        vehicle, heat_sources=tuple(smooth_tables(source, ('maximum_power_w', 'hvch_watts'), *over_weather)
                                     for source in vehicle.heat_sources),
-        battery=_smooth(vehicle.battery, (
+        battery=smooth_tables(vehicle.battery, (
             'open_circuit_voltage', 'resistance', 'discharge_power_limit', 'charge_power_limit'),
-            DRIVE_SOC_WIDTH, DRIVE_TEMPERATURE_WIDTH_K))
+            SOC_WIDTH, TEMPERATURE_WIDTH_K))
 
 
-def _smooth(part: Any, names: Sequence[str], first_width: float, second_width: float) -> Any:
+def smooth_tables(part: Any, names: Sequence[str], first_width: float, second_width: float) -> Any:
     """Return a part of a vehicle whose tables of these names have corners rounded by half a width each."""
     return replace(part, **{name: SmoothTable(table, first_width, second_width) for name in names
                             if isinstance(table := getattr(part, name), Table)})

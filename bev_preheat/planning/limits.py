@@ -32,14 +32,6 @@ def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
 
 
-def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> bool:
-    """Return whether a limit may act in a run that is at most COLDER_BY_K colder than this one (N + 1 values)."""
-    least_w, most_w = engine.limits_of_steps_w(
-        trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
-    may_overcharge = (trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)
-    return bool(may_overcharge.any() or (trip.idle_power_w + trip.drawing_limit_w > most_w).any())
-
-
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
     """Return least and most terminal power [W] (N,) that keep the limits at both ends of a Schedule's steps."""
     return engine.limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)

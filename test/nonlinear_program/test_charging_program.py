@@ -13,7 +13,6 @@ from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth_search import find_worth
-from bev_preheat.nonlinear_program import symbols
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
@@ -108,7 +107,7 @@ def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
     ids=['coolant', 'direct', 'unheated'])
 def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     # With hardly rounded corners, only the session's own equations remain.
-    monkeypatch.setattr(symbols, 'TEMPERATURE_WIDTH_K', 0.01)
+    monkeypatch.setattr(charging_program, 'TEMPERATURE_WIDTH_K', 0.01)
     monkeypatch.setattr(charging_program, 'SWITCH_K', 0.05)
     stop = ChargingStop(88e3, 0.5, -8.0, 1500.0, 400.0)
     session = charge(vehicle, stop, BatteryState(9.0, 0.2, 0.0, 0.0))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.numerics import FLOATS
-from bev_preheat.planning.limits import drive_as_planned, limit_is_near
+from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.methods import plan_by_values
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
@@ -135,8 +135,10 @@ def test_brake_keeps_a_battery_from_being_overfilled():
 # Whether a limit is near
 
 
+@pytest.mark.needs('casadi')
 @given(segments=SEGMENTS, state=STATES, colder_k=st.floats(0.0, 3.0))
 def test_where_no_limit_is_near_none_acts(segments, state, colder_k):
+    from bev_preheat_studies.optimality.charging_program import limit_is_near
     gentle = [dict(segment, propulsion_power_w=0.2 * segment['propulsion_power_w']) for segment in segments]
     trip, wanted_w, seen = drawn_run(gentle, state)
     assume(not limit_is_near(trip, seen.soc, seen.temperature_c))

@@ -14,7 +14,9 @@ The steps of the session are of equal length in a free total time. The heater's 
 car's own switch: on below the limit, off above. The switch is smoothed, because a program needs smooth functions:
 half the power at the limit, and a tanh within SWITCH_K on both sides, so that the battery is held close to the
 limit. Its input is the mean over both ends of a step of the temperature with the heat under way, which is
-second-order accurate and always stable.
+second-order accurate and always stable. Tables are linear between their points. Along a session a program meets
+dozens of these corners, and the position of each within a step decides a derivative: IPOPT converges only if they
+are rounded.
 """
 
 from __future__ import annotations
@@ -45,17 +47,16 @@ from bev_preheat.nonlinear_program.drive_steps import (
     Blocks,
     drive_parameters,
     drive_states,
-    DriveSteps,
     POWER_SCALE_W,
     RESERVES,
     SOC_SCALE,
     Values,
 )
 from bev_preheat.nonlinear_program.program import ByName, IPOPT_OPTIONS, state_bounds
-from bev_preheat.nonlinear_program.symbols import SMOOTH, smoothed, SYMBOLS
-from bev_preheat.numerics import FloatArray, JOULES_PER_WH, S_PER_H, WH_PER_KWH
-from bev_preheat.planning.engine import run_without_heating
-from bev_preheat.planning.limits import drive_as_planned, limit_is_near
+from bev_preheat.nonlinear_program.symbols import smooth_tables, SYMBOLS
+from bev_preheat.numerics import AnyNumber, Arithmetic, FloatArray, JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.engine import limits_of_steps_w, run_without_heating
+from bev_preheat.planning.limits import colder, drive_as_planned
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
@@ -67,8 +68,9 @@ from bev_preheat.vehicle.heat_path import make_heat_step
 from bev_preheat.vehicle.model import hottest_c, idle_heat_w, make_rates
 from bev_preheat.vehicle.variants import Corrections
 
-# Half the width of the switch [K].
+# Half the width of the switch [K], and of a rounded corner: state of charge, temperature [K], power [W].
 SWITCH_K = 0.5
+SOC_WIDTH, TEMPERATURE_WIDTH_K, POWER_WIDTH_W = 0.005, 0.5, 200.0
 TIME_SCALE_S = 1000.0
 # Name of each state on the drive and at the charger, and its scale.
 STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperature', 1.0),
@@ -76,7 +78,25 @@ STATES = (('soc', 'charging_soc', SOC_SCALE), ('temperature', 'charging_temperat
           ('coolant_excess', 'charging_coolant_excess', 1.0))
 
 
-def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variables: Blocks,
+def smooth_minimum(one: AnyNumber, other: AnyNumber) -> AnyNumber:
+    """Return the lesser of two powers [W], at most POWER_WIDTH_W / 2 below it."""
+    return 0.5 * (one + other - casadi.sqrt((one - other)**2 + POWER_WIDTH_W**2))
+
+
+# For powers [W] only.
+SMOOTH: Arithmetic[AnyNumber] = replace(
+    SYMBOLS, minimum=smooth_minimum, maximum=lambda one, other: -smooth_minimum(-one, -other))
+
+
+def smoothed(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle with rounded corners in the maps of its charging sessions."""
+    widths, charging = (SOC_WIDTH, TEMPERATURE_WIDTH_K), vehicle.charging
+    return replace(
+        vehicle, battery=smooth_tables(vehicle.battery, ('open_circuit_voltage', 'resistance'), *widths),
+        charging=None if charging is None else smooth_tables(charging, ('power_limit',), *widths))
+
+
+def add_charging_steps(vehicle: Vehicle, stop: ChargingStop, steps: int, variables: Blocks,
                        constraints: Blocks) -> tuple[casadi.MX, casadi.MX]:
     """
     Add the steps of the session after a drive to a program; return its duration [s] and the energy bought [J].
@@ -84,7 +104,6 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     Variables: `charging_time` [s], each state of the drive at the ends of the steps, and for a car that can
     heat at the charger `charging_heater`, the highest power of its heater in each step [W].
     """
-    vehicle = drive.vehicle
     duration = variables.variable('charging_time', 1, TIME_SCALE_S)
     duration_s = duration * TIME_SCALE_S
     starts: list[casadi.MX] = []
@@ -203,6 +222,14 @@ class ChargingOptimum:
     attempts: tuple[SessionAttempt, ...]
 
 
+def limit_is_near(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> bool:
+    """Return whether a limit may act in a run that is at most COLDER_BY_K colder than this one (N + 1 values)."""
+    least_w, most_w = limits_of_steps_w(
+        trip.vehicle, soc, colder(trip.vehicle, temperature_c), trip.power_variance_w2)
+    may_overcharge = (trip.route.propulsion_power_w < 0.0) & (trip.idle_power_w < least_w)
+    return bool(may_overcharge.any() or (trip.idle_power_w + trip.drawing_limit_w > most_w).any())
+
+
 class ChargingProgram:
     """The program of one drive and stop; each `attempt` starts from a plan."""
 
@@ -218,7 +245,7 @@ class ChargingProgram:
         self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
         variables, constraints = self._variables, self._constraints = Blocks(), Blocks()
         drive = add_drive_steps(vehicle, len(self._trip.route), self._limited, variables, constraints)
-        duration_s, bought_j = add_charging_steps(drive, stop, charging_steps, variables, constraints)
+        duration_s, bought_j = add_charging_steps(vehicle, stop, charging_steps, variables, constraints)
         cost = (prices.energy_per_kwh * bought_j / (JOULES_PER_WH * WH_PER_KWH)
                 + prices.time_per_h * duration_s / S_PER_H)
         # Scales the cost to about 1 in any currency.

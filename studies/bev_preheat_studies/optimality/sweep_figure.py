@@ -42,7 +42,9 @@ def make_sweep_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
             *_distribution(gaps_wh, len(feasible)), where='post', **look.line(
                 label=f'{method}, not comparable on {missed}' if missed else name_of(method)))
         dots += over_length.plot([duration_min for duration_min, _ in reached], gaps_wh,
-                                 **look.dots(name_of(method)))
+                                 **look.line(linestyle='', marker=look.marker, markersize=3.0 + 1.2 * look.width,
+                                             markerfacecolor='none', markeredgewidth=0.9,
+                                             label=name_of(method)))
     shares.axhline(100.0, color=GRAY, linewidth=0.6)
     shares.set(xscale='log', ylim=(0.0, 104.0), xlabel='energy above the optimum, magnitude [Wh]',
                ylabel='share of trips with this energy or less [%]')
