@@ -6,6 +6,7 @@ Prices, the figures of drive and session, the break-even prices of one target, a
 """
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
 import math
@@ -17,8 +18,6 @@ from bev_preheat.numerics import S_PER_H, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from bev_preheat.charging.heating_choice import HeatingChoice
 
 HEATING, COOLING = 'heating', 'cooling'

@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_results
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
-from bev_preheat.commands.terminal import print_records, progress_bar
+from bev_preheat.commands.terminal import print_records, progress_bar, ResultConsole
 from bev_preheat.drawing.identification_figures import check_figure
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.trips import common_remarks
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-
     from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.check import Check
 
 BEYOND_BOUND = 1

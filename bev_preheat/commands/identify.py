@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Mapping
 from pathlib import Path
 import shlex
 import sys
@@ -10,9 +12,9 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import given_options
+from bev_preheat.commands.parser import given_options, Subparsers
 from bev_preheat.commands.situation import add_log_arguments, add_vehicle_argument, read_trips
-from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console, ResultConsole
 from bev_preheat.drawing.identification_figures import report_pictures
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
@@ -20,17 +22,11 @@ from bev_preheat.files.input_files import check_input
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.identification.trips import LEAST_TRIPS, MOST_TRIPS
 from bev_preheat.optional_packages import require
-from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
+from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.loading import SCHEMA
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Mapping
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.result import Identification
-    from bev_preheat.vehicle import Vehicle
 
 # Stages that `identify` announces beside those of structures and trips, for the bar.
 STAGES = 4

@@ -3,21 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from argparse import ArgumentParser, Namespace
 
 from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_results
+from bev_preheat.commands.parser import Subparsers
 from bev_preheat.commands.program import FAILED, say
-from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
+from bev_preheat.commands.situation import add_situation_arguments, PlanningArguments, read_situation, warn
 from bev_preheat.commands.terminal import progress_console
 from bev_preheat.optional_packages import require
+from bev_preheat.planning.plan import Optimum
 from bev_preheat.planning.planner import DEFAULT_METHOD
-
-if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.situation import PlanningArguments
-    from bev_preheat.planning.plan import Optimum
 
 
 def add_parser(subparsers: Subparsers) -> None:

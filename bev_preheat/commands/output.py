@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+from argparse import _ArgumentGroup as ArgumentGroup
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.commands.program import write_output
-from bev_preheat.commands.terminal import print_figures, result_console
+from bev_preheat.commands.terminal import print_figures, result_console, ResultConsole
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.files.output_files import (
     check_outputs,
@@ -24,14 +27,8 @@ from bev_preheat.numerics import JOULES_PER_WH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from argparse import _ArgumentGroup as ArgumentGroup
-    from argparse import ArgumentParser, Namespace
-    from collections.abc import Callable, Iterable, Sequence
-    from typing import Any
-
     from rich.console import Console
 
-    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.drawing.figure import Figure
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.planning.plan import Plan

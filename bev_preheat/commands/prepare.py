@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from argparse import ArgumentParser, Namespace
+from datetime import datetime, timedelta, tzinfo
 from functools import partial
 import math
 import os
 import re
 import signal
 import time
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, check_output_arguments, write_results
-from bev_preheat.commands.parser import given_options
+from bev_preheat.commands.parser import given_options, Subparsers
 from bev_preheat.commands.program import FAILED, INTERRUPTED, say
 from bev_preheat.commands.situation import load_planned_vehicle
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
@@ -25,7 +27,7 @@ from bev_preheat.control.departures import (
     load_grid_prices,
     local,
 )
-from bev_preheat.control.preparation import prepare_week
+from bev_preheat.control.preparation import prepare_week, PreparedDeparture
 from bev_preheat.drawing.drive_figure import make_week_figure
 from bev_preheat.errors import InvalidInput, located, quoted
 from bev_preheat.numerics import WH_PER_KWH
@@ -34,12 +36,6 @@ from bev_preheat.planning.explanation import OF_GOAL as WORDS_OF_GOAL
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser, Namespace
-    from datetime import tzinfo
-    from types import FrameType
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.control.preparation import PreparedDeparture
     from bev_preheat.monitoring.planner_client import PreparationClient, Wanted
     from bev_preheat_msgs.action import PrepareBattery
 

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from difflib import get_close_matches
 import json
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, option_group
+from bev_preheat.commands.parser import completed_by, option_group, Subparsers
 from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, located, quoted
@@ -26,9 +27,6 @@ from bev_preheat.recording.changes import (
 )
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.replay_output import Result
     from bev_preheat.recording.flight import Flight, Period
     from bev_preheat.recording.history import History

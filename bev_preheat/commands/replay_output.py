@@ -6,20 +6,17 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.commands.terminal import print_figures
+from bev_preheat.commands.terminal import print_figures, ResultConsole
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.comparison import cause_of
-from bev_preheat.recording.course import lapses_in_words, what_if_sentence
-from bev_preheat.recording.flight import FLIGHT_RECORDER, moment
+from bev_preheat.recording.course import Course, lapses_in_words, what_if_sentence
+from bev_preheat.recording.flight import Flight, FLIGHT_RECORDER, moment
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.monitoring.pages import ReportText
     from bev_preheat.recording.changes import Changes
-    from bev_preheat.recording.course import Course
-    from bev_preheat.recording.flight import Flight
     from bev_preheat.recording.history import History
     from bev_preheat.recording.replay import Replayed
 

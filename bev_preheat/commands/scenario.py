@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from collections.abc import Callable, Mapping, Sequence
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,21 +13,16 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
 from bev_preheat.commands.output import add_json_argument, json_output, write_json
-from bev_preheat.commands.parser import completed_by, given_options
+from bev_preheat.commands.parser import completed_by, given_options, Subparsers
 from bev_preheat.commands.program import keeping_what_is_finished
 from bev_preheat.commands.situation import warn
-from bev_preheat.commands.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console, ResultConsole
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import configuration_folder
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
 from bev_preheat.optional_packages import require, require_ros
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-    from collections.abc import Callable, Mapping, Sequence
-
-    from bev_preheat.commands.parser import Subparsers
-    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.simulation.scenario import Scenario
     from bev_preheat.simulation.scenario_drive import DriveRecord, Finding
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from datetime import tzinfo
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,20 +12,16 @@ import numpy as np
 from bev_preheat.drawing import palette
 from bev_preheat.drawing.figure import draw_course, drawn, finish_panel, legend_above, stacked_figure, TimeAxis
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, ORANGE, PREDICTION, TARGET, WITHOUT_PREHEATING
-from bev_preheat.numerics import NS_PER_S, W_PER_KW
+from bev_preheat.numerics import FloatArray, NS_PER_S, W_PER_KW
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from datetime import tzinfo
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from bev_preheat.control.departures import GridPrices
     from bev_preheat.control.preparation import PreparedDeparture
     from bev_preheat.drawing.palette import Style
-    from bev_preheat.numerics import FloatArray
 
     # Instants [s] and values, shape (N,) each.
     Course = tuple[FloatArray, ...]

@@ -3,27 +3,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 import io
 import os
 import textwrap
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 import warnings
 
 import numpy as np
 
-from bev_preheat.files.output_files import write_whole
+from bev_preheat.files.output_files import AnyPath, write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from typing import Any
-
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Figure  # noqa: PLC0414  for the annotations of other rooms
     from matplotlib.lines import Line2D
     from numpy.typing import ArrayLike, NDArray
 
-    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics import BoolArray, FloatArray
 
     # Axes in rows and columns; NumPy does not know the type of objects in an array.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,6 @@ from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VER
 from bev_preheat.identification.uncertainty import QUANTILE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

@@ -16,12 +16,11 @@ from bev_preheat.drawing.figure import (
     TimeAxis,
 )
 from bev_preheat.drawing.palette import BLACK, BLUE, GREEN, ORANGE, POWER, PURPLE, ROUTE, SKY_BLUE, VERMILLION
-from bev_preheat.logs.recording import gaps
+from bev_preheat.logs.recording import gaps, Recording, Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from bev_preheat.logs.recording import Recording, Series
     from bev_preheat.numerics import FloatArray
     from bev_preheat.route import Route
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
@@ -22,29 +23,22 @@ from bev_preheat.drawing.figure import (
     stacked_figure,
     TimeAxis,
 )
-from bev_preheat.drawing.palette import look_of, name_of, WITHOUT_PREHEATING
-from bev_preheat.numerics import ARRAYS, NS_PER_S
+from bev_preheat.drawing.palette import Look, look_of, name_of, Style, WITHOUT_PREHEATING
+from bev_preheat.numerics import ARRAYS, FloatArray, NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.plan import accounts_of, driven_share
+from bev_preheat.planning.plan import accounts_of, driven_share, Plan
 from bev_preheat.planning.planner import plan_unheated
-from bev_preheat.planning.situation import reserve_soc
-from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.situation import Goal, reserve_soc
+from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.tunables import LEAST_SOURCE_W
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.drawing.palette import Look, Style
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.dynamics import Accounts
-    from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.situation import Goal
-    from bev_preheat.planning.trip import Trip
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
-from bev_preheat.numerics import ARRAYS, S_PER_MIN
+from bev_preheat.numerics import ARRAYS, Curve, FloatArray, S_PER_MIN
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C, KMH_100_MPS, warmed_by_k
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.numerics import Curve, FloatArray
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.description import Battery
 

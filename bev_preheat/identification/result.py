@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
@@ -11,19 +12,14 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure
-from bev_preheat.identification.check import rms
-from bev_preheat.identification.structures import graded, misfit_gains
+from bev_preheat.identification.check import Check, rms
+from bev_preheat.identification.structures import graded, LeftOut, misfit_gains, StructureResult
 from bev_preheat.identification.uncertainty import QUANTILE, SYSTEMATIC_DEVIATIONS
-from bev_preheat.numerics import S_PER_H
+from bev_preheat.numerics import FloatArray, S_PER_H
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from bev_preheat.identification.check import Check
     from bev_preheat.identification.electrical import Electrical
-    from bev_preheat.identification.structures import LeftOut, StructureResult
     from bev_preheat.identification.trips import Trip
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Errors on unseen trips [K]: a file with less can be trusted, one with more should not replace START.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
@@ -16,8 +17,6 @@ from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.numerics import FloatArray

@@ -12,6 +12,7 @@ as normal and independent: the fit's correlations only make predictions surer th
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
@@ -22,8 +23,6 @@ from bev_preheat.identification.parameters import NAMES
 from bev_preheat.identification.trips import LEAST_TRIPS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, ResistanceCurve
     from bev_preheat.vehicle.description import Uncertainty

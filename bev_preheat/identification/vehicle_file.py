@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, replace
 import math
@@ -12,7 +13,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.estimation.estimate import nominal_heat_lag_s
-from bev_preheat.estimation.prior import prior_factor_covariance
+from bev_preheat.estimation.prior import Learned, prior_factor_covariance
 from bev_preheat.estimation.state_file import LAG_NAMES, load_state, REMEMBERED
 from bev_preheat.estimation.state_file import NAMES as FACTOR_NAMES
 from bev_preheat.identification.curves import CorrectedVoltage, KNOTS_C, KNOTS_SOC, resistance_table, voltage_table
@@ -20,20 +21,16 @@ from bev_preheat.identification.parameters import NAMES, STRUCTURES
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE, with_deviations
 from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import HeatPath, Leakage
+from bev_preheat.vehicle.description import HeatPath, HeatSource, Leakage, Vehicle
 from bev_preheat.vehicle.variants import corrected_vehicle, Corrections, with_heat, with_shell
 from bev_preheat.vehicle.writing import file_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.identification.fit import Fitter, ThermalFit
     from bev_preheat.identification.result import Estimated, Identification
     from bev_preheat.numerics import Curve
-    from bev_preheat.vehicle.description import HeatSource, Vehicle
 
 # Only the lag of the coolant can be identified. If START has no coolant, it gets a heat capacity with which the
 # heater's full power makes it this much warmer than the battery [K].

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import math
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from bev_preheat.interface.drive_results import (
 from bev_preheat.interface.inputs import checked
 from bev_preheat.interface.results import ComparisonResult, OptimumResult, PlanResult
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.installed_methods import use_function
+from bev_preheat.planning.installed_methods import MethodSituation, use_function
 from bev_preheat.planning.plan import difference, energy_gap_wh
 from bev_preheat.planning.planner import (
     as_driven,
@@ -34,12 +35,9 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.tunables import LONGEST_ROW_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from numpy.typing import ArrayLike
 
     from bev_preheat.logs.recording import Recording
-    from bev_preheat.planning.installed_methods import MethodSituation
     from bev_preheat.route import Route
     from bev_preheat.simulation.heater import HeaterFault
     from bev_preheat.simulation.imperfect_car import Mismatch

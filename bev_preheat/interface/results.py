@@ -9,6 +9,7 @@ Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a 
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from html import escape
 import io
@@ -20,7 +21,6 @@ from bev_preheat.files.output_files import check_outputs, OutputFile, PICTURE_SU
 from bev_preheat.optional_packages import is_installed, require
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from pathlib import Path
 
     from matplotlib.axes import Axes

@@ -20,14 +20,12 @@ from bev_preheat.files.table import encoding_of, line_blocks, read_head
 from bev_preheat.files.times import COUNTER, EARLIEST_S, iso_seconds, LATEST_S, Rounds
 from bev_preheat.files.units import unit_named
 from bev_preheat.logs.dbc import identifying_bits, J1939_GROUP, last_values, load_dbc, NoReading, part_of, scaled
-from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog
+from bev_preheat.logs.raw_log import Channel, Piece, pieces_of, RawLog, Remarks
+from bev_preheat.logs.signal_map import SignalMap
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     import can
-
-    from bev_preheat.logs.raw_log import Remarks
-    from bev_preheat.logs.signal_map import SignalMap
 
 HEX = '[0-9A-Fa-f]'
 BYTES = rf'(?P<data>(?:{HEX}{{1,2}}(?:[\s,]+|$)){{0,64}})'

@@ -11,15 +11,13 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.table import open_table
+from bev_preheat.files.table import open_table, TableFile
 from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.choice import find_time_column, TimeColumn
-from bev_preheat.logs.raw_log import Channel, Piece, RawLog
+from bev_preheat.logs.raw_log import Channel, Piece, RawLog, Remarks
 
 if TYPE_CHECKING:
-    from bev_preheat.files.table import TableFile
     from bev_preheat.logs.json_lines import JsonRows
-    from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
     from bev_preheat.numerics import FloatArray, IntArray
 

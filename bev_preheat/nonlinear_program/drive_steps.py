@@ -7,7 +7,7 @@ Blocks know the places of the rows in the program's vector.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple, TYPE_CHECKING
@@ -20,8 +20,6 @@ from bev_preheat.tunables import ROUNDING_W
 from bev_preheat.vehicle.model import heat_with_brake_w
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle import Vehicle

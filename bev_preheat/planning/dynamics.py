@@ -9,7 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import AnyNumber, ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
+from bev_preheat.numerics import AnyNumber, ARRAYS, FloatArray, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.tunables import LONGEST_STEP_S, TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.model import (
     deliverable_w,
@@ -27,7 +27,6 @@ from bev_preheat.vehicle.model import (
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route

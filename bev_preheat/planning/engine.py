@@ -16,7 +16,7 @@ import numpy as np
 
 from bev_preheat.planning import dynamics, limited_drive, one_interval, recursion
 from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits, stiff_w_per_k, with_shell_accounts
-from bev_preheat.planning.heat_run import initial_states, with_heat
+from bev_preheat.planning.heat_run import initial_states, States, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.one_interval import SwitchPlan
 from bev_preheat.planning.recursion import PlanByValues
@@ -36,19 +36,17 @@ from bev_preheat.vehicle.core_structs import (
     TripTermsStruct,
     ValueGoalStruct,
 )
-from bev_preheat.vehicle.model import make_runge_kutta_4, TRIP_COLUMNS, TripColumns
+from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4, TRIP_COLUMNS, TripColumns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.methods import Requirements
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import Integrator
 
 
 def trip_in_core(trip: Trip) -> NativeTrip:

@@ -10,13 +10,12 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics import JOULES_PER_WH
-from bev_preheat.planning.schedule import HeldBack, Reason
+from bev_preheat.planning.schedule import HeldBack, Reason, Stranding
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import LEAST_HEATING_W, LEAST_TOLD_S, MOST_PHASES
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.schedule import Stranding
 
 # Why a plan does not heat though the battery arrives too cold.
 NO_POWER, NOT_POSSIBLE = 'Cabin heating leaves no power for the battery', 'The battery cannot be heated'

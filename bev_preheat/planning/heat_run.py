@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
+from bev_preheat.numerics import ARRAYS, FloatArray, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import rolled
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
@@ -25,7 +25,6 @@ from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import HeatPath, Vehicle
 

@@ -7,30 +7,27 @@ points are read only if a name is not built in, or if all names are listed: read
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 import math
 import re
 from time import perf_counter
-from typing import ClassVar, NamedTuple, TYPE_CHECKING
+from typing import ClassVar, NamedTuple, Self, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, PlanningFailure, quoted, shortened
-from bev_preheat.numerics import frozen
+from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.two_switches import maximum_between
 from bev_preheat.tunables import PAUSE_FACTOR, ROUNDING_W
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
     from importlib.metadata import EntryPoint
-    from typing import Self
 
     from numpy.typing import ArrayLike
 
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip

@@ -20,7 +20,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import AnyNumber, Arithmetic, FLOATS
+from bev_preheat.numerics import AnyNumber, Arithmetic, FloatArray, FLOATS
 from bev_preheat.planning.bracketing import follow_slope, halve, Trial
 from bev_preheat.planning.heat_run import (
     heat_to_come_k,
@@ -34,7 +34,6 @@ from bev_preheat.tunables import BELOW_HIGHEST_K, END_TOLERANCE_W, HIGHEST_TOLER
 from bev_preheat.vehicle.model import heat_with_brake_w, hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 

@@ -14,17 +14,18 @@ emptier.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import ARRAYS, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
+from bev_preheat.numerics import ARRAYS, FloatArray, FLOATS, JOULES_PER_WH, SATURATING_FLOATS
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import is_described, keeps_limits, limits_of_steps_w, run_forward, run_on
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.paper import find_crossing, run_paper
-from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.planning.schedule import maximum_from, Schedule, ScheduleOutcome
 from bev_preheat.planning.two_switches import find_two_switches
 from bev_preheat.tunables import (
     ARRIVAL_TOLERANCE_K,
@@ -36,10 +37,6 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.model import heat_with_heater_w, make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from bev_preheat.numerics import FloatArray
-    from bev_preheat.planning.schedule import ScheduleOutcome
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 

@@ -12,14 +12,13 @@ from bev_preheat.planning.dynamics import run_forward, run_on, step_of_floats
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.tunables import LOST_ABOVE_TARGET_K
-from bev_preheat.vehicle.model import Integrator, make_euler
+from bev_preheat.vehicle.model import Integrator, make_euler, Step
 from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
     from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.vehicle.model import Step
 
 
 def run_paper(trip: Trip, state: BatteryState, target_c: float, terminal_soc: float | None = None) -> Schedule:

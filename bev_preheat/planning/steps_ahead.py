@@ -13,7 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import ARRAYS
+from bev_preheat.numerics import AnyNumber, ARRAYS, BoolArray, FloatArray, IntArray
 from bev_preheat.planning.heat_run import heat_to_come_k, heated_heat_capacity_j_per_k, mean_share_left
 from bev_preheat.planning.limited_drive import Foresight
 from bev_preheat.tunables import (
@@ -33,7 +33,6 @@ from bev_preheat.tunables import (
 from bev_preheat.vehicle.model import heat_under_w, hottest_c, make_rates, make_runge_kutta_4, make_terminal_limits
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import AnyNumber, BoolArray, FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.numerics import JOULES_PER_WH
+from bev_preheat.numerics import FloatArray, JOULES_PER_WH
 from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.heat_run import along_states, heated_heat_capacity_j_per_k, roll_heated
@@ -30,7 +30,6 @@ from bev_preheat.tunables import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 

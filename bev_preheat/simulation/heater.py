@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.numerics import FLOATS, JOULES_PER_WH, NS_PER_S
 from bev_preheat.tunables import ROUNDING_W
-from bev_preheat.vehicle.description import HVCH
+from bev_preheat.vehicle.description import HVCH, Vehicle
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant, step_below_w
 
 if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
-    from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterCommand, Verdict
 
 

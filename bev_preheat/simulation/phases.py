@@ -7,17 +7,14 @@ from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.equations import make_cooling
-from bev_preheat.charging.stop import CERTAIN, ChargingProspect
+from bev_preheat.charging.equations import CoolingPowers, make_cooling
+from bev_preheat.charging.stop import CERTAIN, Charger, ChargingProspect
 from bev_preheat.numerics import FLOATS
-from bev_preheat.route.segments import make_route
+from bev_preheat.route.segments import make_route, Route
 from bev_preheat.vehicle.charging import vehicle_at_charger
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.equations import CoolingPowers
-    from bev_preheat.charging.stop import Charger
     from bev_preheat.planning.situation import Goal
-    from bev_preheat.route.segments import Route
     from bev_preheat.simulation.sensors import PositionReports
     from bev_preheat.simulation.traffic import Event
     from bev_preheat.vehicle.description import Vehicle

@@ -2,6 +2,7 @@
 """Drives a car, or a scenario's, under the planner's own step, and compares it with expectations; no ROS."""
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -9,18 +10,15 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.settings import settings_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.simulation.phases import DrivePhase
-from bev_preheat.simulation.supervised_drive import moments, Wire
+from bev_preheat.simulation.supervised_drive import Moment, moments, Wire
 from bev_preheat.simulation.traffic import clock_offset_s
 from bev_preheat.vehicle.description import HVCH
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-
     from bev_preheat.control.decision import Command
     from bev_preheat.control.state import State
     from bev_preheat.simulation.imperfect_car import ImperfectCar, PhaseReport
     from bev_preheat.simulation.scenario import Expectations, Scenario
-    from bev_preheat.simulation.supervised_drive import Moment
 
 # Word of the diagnostics for a heater without a fault.
 HEALTHY = 'answers'

@@ -9,6 +9,7 @@ takes no time. While the car's computers sleep the planner takes no step.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 from time import process_time
@@ -20,7 +21,7 @@ from bev_preheat.control.events import (
     ProgressArrived,
     RouteArrived,
 )
-from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
@@ -28,10 +29,7 @@ from bev_preheat.simulation.heater import HeaterSide
 from bev_preheat.vehicle.heater_controller import HeaterCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
     from bev_preheat.control.events import Event
-    from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
