@@ -141,19 +141,13 @@ def temperature_message(decision: Decision, now_ns: int) -> Temperature | None:
     return message
 
 
-def session_texts(plan: PreheatPlan) -> tuple[str, str] | None:
-    """Return the charging session of a PreheatPlan with its target and without heating; None: unknown."""
+def charging_text(plan: PreheatPlan) -> str:
+    """Return the charging sessions of a PreheatPlan, with its target and without heating; '' if unknown."""
     if plan.target_source == PreheatPlan.TARGET_UNKNOWN:
-        return None
+        return ''
     heated = _session_text(plan.charging_time, plan.bought_energy)
     unheated = _session_text(plan.charging_time_unheated, plan.bought_energy_unheated)
-    return (heated, unheated) if heated and unheated else None
-
-
-def charging_text(plan: PreheatPlan) -> str:
-    """Return both sessions as one text, '' if the charger is unknown."""
-    texts = session_texts(plan)
-    return '' if texts is None else f'{texts[0]}; without heating {texts[1]}'
+    return f'{heated}; without heating {unheated}' if heated and unheated else ''
 
 
 def _session_text(time_s: float, energy_wh: float) -> str:

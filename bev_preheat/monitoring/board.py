@@ -4,21 +4,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.heater import HeaterStatus
 from bev_preheat.errors import shortened
-from bev_preheat.monitoring.seen import (
-    diagnose,
-    Diagnosis,
-    EntrySeen,
-    LONGEST_SOURCE,
-    MOST_ENTRIES,
-    PlanSeen,
-    RouteSeen,
-)
+from bev_preheat.monitoring.seen import diagnose, Diagnosis, LONGEST_SOURCE, MOST_ENTRIES, PlanSeen, RouteSeen
 from bev_preheat.monitoring.view import (
     Banner,
     banner_of,
@@ -36,6 +28,9 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.battery_response import Unheated
 from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 from bev_preheat.vehicle.description import HVCH
+
+if TYPE_CHECKING:
+    from diagnostic_msgs.msg import DiagnosticStatus
 
 TRAIL_POINTS = 2000
 # Points older than this are dropped [s].
@@ -249,7 +244,7 @@ class Board:
     def see_plan(self, plan: PlanSeen, now_s: float) -> None:
         """Take a plan."""
         self._advance('plan', plan.at_s, now_s)
-        if self.plan is None or plan.route_id != self.plan.route_id:
+        if self.plan is None or plan.message.route_id != self.plan.message.route_id:
             self.trip_from_s = plan.at_s
         self.plan = plan
         mark = change_of(self._marked, plan)
@@ -261,8 +256,8 @@ class Board:
         """Take a route."""
         self._route = route
 
-    def see_diagnostics(self, at_s: float, entries: Iterable[EntrySeen], now_s: float) -> None:
-        """Take the planner's entries of /diagnostics."""
+    def see_diagnostics(self, at_s: float, entries: Mapping[str, DiagnosticStatus], now_s: float) -> None:
+        """Take the planner's entries of /diagnostics by part."""
         self._advance('diagnostics', at_s, now_s)
         self.diagnosis = diagnose(entries)
         _note(self.regimes, at_s, self.diagnosis.regime)
@@ -292,7 +287,7 @@ class Board:
         """The charge asked for on arrival; None: none, or unknown."""
         if self._route is None or self.plan is None:
             return None
-        return self._route.reserve_of_leg(self.plan.later_legs) or None
+        return self._route.reserve_of_leg(len(self.plan.message.later_arrival)) or None
 
     def plan_curves(self) -> dict[str, Any]:
         """Return the trajectories of the plan, thinned; empty columns without one."""
@@ -355,22 +350,26 @@ def thinned(count: int, most: int) -> list[int]:
 
 def change_of(before: PlanSeen | None, plan: PlanSeen) -> Mark | None:
     """Return the Mark of a plan that differs from an earlier one; None if nothing of note changed."""
-    def mark(text: str, label: str = '') -> Mark:
-        return Mark(plan.at_s, status_name(plan.status), text, label)
+    said = plan.message
 
-    if before is None or before.status != plan.status or before.route_id != plan.route_id:
-        return mark(shortened(plan.sentence, LONGEST_SENTENCE))
-    if abs(plan.target_c - before.target_c) >= TARGET_CHANGE_K:
-        return mark(f'Target {plan.target_c:.1f} instead of {before.target_c:.1f} degC.',
-                    f'target {plan.target_c:.1f} degC')
-    start, earlier = plan.heating_start_s, before.heating_start_s
+    def mark(text: str, label: str = '') -> Mark:
+        return Mark(plan.at_s, status_name(said.status), text, label)
+
+    if before is None or (before.message.status, before.message.route_id) != (said.status, said.route_id):
+        return mark(shortened(said.explanation, LONGEST_SENTENCE))
+    earlier = before.message
+    target_c, before_c = said.target_battery_temperature, earlier.target_battery_temperature
+    if abs(target_c - before_c) >= TARGET_CHANGE_K:
+        return mark(f'Target {target_c:.1f} instead of {before_c:.1f} degC.', f'target {target_c:.1f} degC')
+    start_s, before_s = plan.heating_start_s, before.heating_start_s
     # The start of heating that is under way is the instant of the plan.
-    if start is not None and earlier is not None and start > plan.at_s and abs(start - earlier) >= START_CHANGE_S:
-        shift = f'{duration_text(abs(start - earlier))} {"later" if start > earlier else "earlier"}'
+    if start_s is not None and before_s is not None and start_s > plan.at_s and (
+            abs(start_s - before_s) >= START_CHANGE_S):
+        shift = f'{duration_text(abs(start_s - before_s))} {"later" if start_s > before_s else "earlier"}'
         return mark(f'Heating starts {shift} than planned before.', f'starts {shift}')
-    if abs(plan.predicted_c - before.predicted_c) >= PREDICTION_CHANGE_K:
-        return mark(f'Arrival at {plan.predicted_c:.1f} instead of {before.predicted_c:.1f} degC.',
-                    f'arrival {plan.predicted_c:.1f} degC')
+    arrival_c, before_c = said.predicted_arrival_temperature, earlier.predicted_arrival_temperature
+    if abs(arrival_c - before_c) >= PREDICTION_CHANGE_K:
+        return mark(f'Arrival at {arrival_c:.1f} instead of {before_c:.1f} degC.', f'arrival {arrival_c:.1f} degC')
     return None
 
 

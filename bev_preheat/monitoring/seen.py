@@ -4,19 +4,18 @@
 from __future__ import annotations
 
 from bisect import bisect
-from itertools import accumulate
+from itertools import accumulate, islice
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import shortened
+from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import seconds
-from bev_preheat.messages.preheat_plan import session_texts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
-    from builtin_interfaces.msg import Time
-    from diagnostic_msgs.msg import DiagnosticArray
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
     from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 LONGEST_DRIVE_S = 1e7
 IN_DOUBT = ' in doubt since [s]'
 SHARE = 'share of the command [1]'
+# Entries of `departures` that the page shows, by its names.
+DEPARTURE = {'next_words': 'next departure', 'state': 'state', 'skipped': 'skipped'}
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 # Messages come from any publisher; they must not fill the page.
 LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS, LONGEST_SOURCE = 600, 24, 12, 40
@@ -31,47 +32,21 @@ LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS, LONGEST_SOURCE = 600, 24, 12, 40
 
 class PlanSeen(NamedTuple):
     """
-    A PreheatPlan.
+    A PreheatPlan `message` with its curves.
 
-    `status` is the number of a planning.status.Status. Instants [s] are None if they are unset. Temperatures in
-    deg C, charge 0 ... 1, charging times in s; NaN: unknown. The trajectories `times_s` (N + 1,) are instants,
-    `temperatures_c` and `socs` are at them, `powers_w` (N,) and those of all heat sources by name, `sources_w`,
-    between them; empty without a plan. `later_legs` is the number of legs after this one. `sessions` are the
-    charging sessions with and without heating as text, () if the charger is unknown.
+    Instants [s]: `at_s` is its stamp, `heating_start_s` None without heating. The trajectories `times_s` (N + 1,)
+    are instants, `temperatures_c` [deg C] and `socs` (0 ... 1) are at them, `powers_w` [W] (N,) and those of all
+    heat sources by name, `sources_w`, between them; empty without a plan.
     """
 
+    message: PreheatPlan
     at_s: float
-    route_id: str
-    method: str
-    status: int
-    sentence: str
     heating_start_s: float | None
-    heating_end_s: float | None
-    arrival_s: float | None
-    predicted_c: float
-    deviation_k: float
-    target_c: float
-    most_c: float
-    target_reason: str
-    arrival_soc: float
-    charging_s: float
-    charging_unheated_s: float
-    later_legs: int = 0
     times_s: tuple[float, ...] = ()
     temperatures_c: tuple[float, ...] = ()
     socs: tuple[float, ...] = ()
     powers_w: tuple[float, ...] = ()
     sources_w: Mapping[str, tuple[float, ...]] = {}
-    sessions: tuple[str, ...] = ()
-
-
-class EntrySeen(NamedTuple):
-    """An entry of /diagnostics: name without the planner's, level (0 OK, 1 WARN, 2 ERROR, 3 STALE), values."""
-
-    name: str
-    level: int
-    message: str
-    values: dict[str, str]
 
 
 class RouteSeen(NamedTuple):
@@ -115,23 +90,13 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
             0.0 <= before < after < LONGEST_DRIVE_S for before, after in zip(after_s, after_s[1:]))
     names, steps, powers_w = message.heat_source_name, count - 1, tuple(message.heat_source_power)
     is_divided = is_whole and 0 < len(names) <= MOST_ENTRIES and len(powers_w) == steps * len(names)
-    return PlanSeen(
-        at_s=start_s, route_id=message.route_id, method=message.method, status=message.status,
-        sentence=message.explanation,
-        heating_start_s=_set_instant(message.heating_start) if message.heating_planned else None,
-        heating_end_s=_set_instant(message.heating_end), arrival_s=_set_instant(message.arrival),
-        predicted_c=message.predicted_arrival_temperature,
-        deviation_k=message.predicted_arrival_temperature_deviation,
-        target_c=message.target_battery_temperature, most_c=message.maximum_arrival_temperature,
-        target_reason=message.target_reason,
-        arrival_soc=message.predicted_arrival_soc, charging_s=message.charging_time,
-        charging_unheated_s=message.charging_time_unheated, later_legs=len(message.later_arrival),
-        times_s=tuple(start_s + each for each in after_s) if is_whole else (),
-        temperatures_c=tuple(message.battery_temperature) if is_whole else (),
-        socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else (),
-        sources_w={shortened(name, LONGEST_SOURCE): powers_w[at * steps:(at + 1) * steps]
-                   for at, name in enumerate(names)} if is_divided else {},
-        sessions=session_texts(message) or ())
+    seen = PlanSeen(
+        message, start_s, (seconds(message.heating_start) or None) if message.heating_planned else None)
+    return seen if not is_whole else seen._replace(
+        times_s=tuple(start_s + each for each in after_s), temperatures_c=tuple(message.battery_temperature),
+        socs=tuple(message.soc), powers_w=tuple(message.hvch_power), sources_w={
+            shortened(name, LONGEST_SOURCE): powers_w[at * steps:(at + 1) * steps]
+            for at, name in enumerate(names)} if is_divided else {})
 
 
 def route_seen(message: RoutePlan) -> RouteSeen:
@@ -142,71 +107,50 @@ def route_seen(message: RoutePlan) -> RouteSeen:
                      tuple(message.ambient_temperature))
 
 
-def entries_seen(message: DiagnosticArray, planner: str) -> list[EntrySeen]:
-    """Return the entries of a planner, by the full name of its node; [] if the message has none."""
+def entries_seen(message: DiagnosticArray, planner: str) -> dict[str, DiagnosticStatus]:
+    """Return the first MOST_ENTRIES entries of a planner, by the full name of its node, by part."""
     prefix = f'{planner.lstrip("/")}: '
-    return [EntrySeen(status.name.removeprefix(prefix), status.level[0], status.message,
-                      {item.key: item.value for item in status.values})
-            for status in message.status if status.name.startswith(prefix)]
-
-
-def _set_instant(stamp: Time) -> float | None:
-    return None if (stamp.sec, stamp.nanosec) == (0, 0) else seconds(stamp)
-
-
-class Departure(NamedTuple):
-    """The next departure as text ('' for none), the state of its preparation, and the skipped departures."""
-
-    next_words: str
-    state: str
-    skipped: str
+    own = (status for status in message.status if status.name.startswith(prefix))
+    return {status.name.removeprefix(prefix): status for status in islice(own, MOST_ENTRIES)}
 
 
 class Diagnosis(NamedTuple):
     """
     The planner's entries as the page shows them.
 
-    `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery as text, '' for none; `departure` is
-    None without departures. `heater_share` (0 ... 1) is the share of the command that the heater delivers by
-    the planner's estimate.
+    `entries` are name, level and text of each. `is_enabled` is None if it is unknown, `goal` the goal of
+    prepare_battery as text, '' for none; `departure` has texts on the next and the skipped departures and the
+    state of the preparation, None without departures. `heater_share` (0 ... 1) is the share of the command that
+    the heater delivers by the planner's estimate.
     """
 
-    entries: tuple[EntrySeen, ...] = ()
+    entries: tuple[tuple[str, str, str], ...] = ()
     regime: str = ''
     doubts: tuple[str, ...] = ()
     is_enabled: bool | None = None
     goal: str = ''
-    departure: Departure | None = None
+    departure: dict[str, str] | None = None
     heater_share: float = 1.0
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return plain values for the page."""
-        return {
-            'entries': [[entry.name, level_name(entry.level), shortened(entry.message, LONGEST_TEXT)]
-                        for entry in self.entries],
-            'regime': self.regime, 'doubts': list(self.doubts), 'enabled': self.is_enabled, 'goal': self.goal,
-            'departure': None if self.departure is None else self.departure._asdict()}
+        return {'entries': self.entries, 'regime': self.regime, 'doubts': self.doubts, 'enabled': self.is_enabled,
+                'goal': self.goal, 'departure': self.departure}
 
 
-def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
-    """Return the Diagnosis of a planner's entries."""
-    by_name: dict[str, EntrySeen] = {}
-    for entry in entries:
-        if len(by_name) < MOST_ENTRIES:
-            by_name[entry.name] = entry
-    values = {name: entry.values for name, entry in by_name.items()}
+def diagnose(entries: Mapping[str, DiagnosticStatus]) -> Diagnosis:
+    """Return the Diagnosis of a planner's entries by part."""
+    values = {name: values_of(status) for name, status in entries.items()}
     signals, preheating, departures, heater = (
         values.get(name, {}) for name in ('signals', 'preheating', 'departures', 'heater'))
     doubts = tuple(shortened(key.removesuffix(IN_DOUBT), 60) for key in signals if key.endswith(IN_DOUBT))
-    departure = None
-    if 'departures' in by_name:
-        departure = Departure(*(shortened(departures.get(key, ''), LONGEST_TEXT)
-                                for key in ('next departure', 'state', 'skipped')))
     return Diagnosis(
-        tuple(by_name[name] for name in sorted(by_name)), shortened(signals.get('regime', ''), 60),
+        tuple((name, level_name(status.level[0]), shortened(status.message, LONGEST_TEXT))
+              for name, status in sorted(entries.items())), shortened(signals.get('regime', ''), 60),
         doubts[:MOST_DOUBTS], {'true': True, 'false': False}.get(preheating.get('enabled', '')),
-        shortened(preheating.get('goal of prepare_battery', ''), LONGEST_TEXT), departure,
-        _share(heater.get(SHARE, '')))
+        shortened(preheating.get('goal of prepare_battery', ''), LONGEST_TEXT),
+        {shown: shortened(departures.get(key, ''), LONGEST_TEXT) for shown, key in DEPARTURE.items()}
+        if 'departures' in entries else None, _share(heater.get(SHARE, '')))
 
 
 def _share(text: str) -> float:

@@ -10,6 +10,7 @@ from threading import Lock
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.messages.fields import seconds
 from bev_preheat.monitoring.view import instant, LONGEST_SENTENCE, number, status_name, written
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class LiveSource:
         """Return name, status and problem of each planner; the problem is '' for a running one."""
         with self.lock:
             return [{'name': name, 'problem': '' if (banner := board.banner(now_s)) is None else banner.word,
-                     'status': None if board.plan is None else status_name(board.plan.status)}
+                     'status': None if board.plan is None else status_name(board.plan.message.status)}
                     for name, board in sorted(self.boards.items())]
 
     def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
@@ -165,16 +166,16 @@ def view_values(board: Board, now_s: float) -> dict[str, Any]:
 
 
 def _plan_values(board: Board) -> dict[str, Any]:
-    plan = board.plan
-    if plan is None:
+    if board.plan is None:
         return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
+    plan = board.plan.message
     return {
-        'status': status_name(plan.status), 'sentence': shortened(plan.sentence, LONGEST_SENTENCE),
+        'status': status_name(plan.status), 'sentence': shortened(plan.explanation, LONGEST_SENTENCE),
         'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
-        'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
-        'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
-        'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
-        'most': number(plan.most_c, 2),
+        'heatingStart': instant(board.plan.heating_start_s), 'heatingEnd': instant(seconds(plan.heating_end)),
+        'arrival': instant(seconds(plan.arrival)), 'predicted': number(plan.predicted_arrival_temperature, 2),
+        'deviation': number(plan.predicted_arrival_temperature_deviation, 2),
+        'target': number(plan.target_battery_temperature, 2), 'most': number(plan.maximum_arrival_temperature, 2),
         'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE),
-        'arrivalSoc': number(plan.arrival_soc, 4),
-        'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}
+        'arrivalSoc': number(plan.predicted_arrival_soc, 4), 'charging': number(plan.charging_time, 0),
+        'chargingUnheated': number(plan.charging_time_unheated, 0)}

@@ -19,7 +19,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.target import TargetSource
 from bev_preheat.messages.diagnostics import planner_diagnostics
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts, temperature_message
+from bev_preheat.messages.preheat_plan import charging_text, plan_message, temperature_message
 from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.monitoring.seen import plan_seen
 from bev_preheat.numerics import NS_PER_S
@@ -176,12 +176,12 @@ def test_a_plan_says_where_its_target_comes_from(changed, source):
 
 
 def test_a_message_that_nobody_filled_has_no_session():
-    assert session_texts(PreheatPlan()) is None
+    assert charging_text(PreheatPlan()) == ''
     endless = PreheatPlan(target_source=PreheatPlan.TARGET_CHOSEN, charging_time=60.0, bought_energy=500.0,
                           charging_time_unheated=inf, bought_energy_unheated=inf)
-    assert session_texts(endless) == ('1:00 min, 0.50 kWh', 'never ends')
+    assert charging_text(endless) == '1:00 min, 0.50 kWh; without heating never ends'
     endless.bought_energy = nan
-    assert session_texts(endless) is None
+    assert charging_text(endless) == ''
 
 
 # Enums: the message files are the contract

@@ -4,14 +4,16 @@
 import json
 import math
 
+from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
 from bev_preheat.control.heater import HeaterStatus
+from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.monitoring.board import change_of, Trail
-from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
+from bev_preheat.monitoring.seen import RouteSeen
 from bev_preheat.monitoring.source import Cursor, message, view_values
 from bev_preheat.planning.status import Status
 from bev_preheat.recording.battery_response import Unheated
@@ -30,7 +32,7 @@ def test_the_view_has_the_values_of_the_messages():
     assert {key: view[key] for key in expected} == expected
     assert view['ages']['battery'] == 0.5
     assert view['most'] is None
-    assert view_values(a_board(target_c=22.0, most_c=36.0), 100.5)['most'] == 36.0
+    assert view_values(a_board(maximum_arrival_temperature=36.0), 100.5)['most'] == 36.0
 
 
 @pytest.mark.parametrize('later, reserve', [(0, 0.25), (1, 0.15), (2, 0.1), (5, 0.25)])
@@ -39,8 +41,9 @@ def test_the_reserve_is_that_of_the_current_leg(later, reserve):
 
 
 def test_unknown_values_are_null_and_the_json_is_valid():
-    board = a_board(predicted_c=NAN, deviation_k=math.inf, target_c=-math.inf, arrival_soc=NAN,
-                    charging_s=math.inf, heating_start_s=None, arrival_s=NAN, temperatures_c=(NAN, -5.0, 1e300))
+    board = a_board(predicted_arrival_temperature=NAN, predicted_arrival_temperature_deviation=math.inf,
+                    target_battery_temperature=-math.inf, predicted_arrival_soc=NAN, charging_time=math.inf,
+                    heating_start_s=None, arrival=Time(), temperatures_c=(NAN, -5.0, 1e300))
     text = message('/planner', board, Cursor(), 100.0)
     values = json.loads(text, parse_constant=lambda name: pytest.fail(name))
     assert values['view']['predicted'] is values['view']['charging'] is values['view']['arrival'] is None
@@ -49,7 +52,7 @@ def test_unknown_values_are_null_and_the_json_is_valid():
 
 def test_text_of_any_publisher_cannot_leave_its_place_and_is_short():
     evil = '</script><script>alert(1)</script>'
-    board = a_board(route_id=evil + 'x' * 5000, sentence=evil + 'y' * 100_000)
+    board = a_board(route_id=evil + 'x' * 5000, explanation=evil + 'y' * 100_000)
     text = message('/planner', board, Cursor(), 100.0)
     assert '<' not in text and len(text) < 10_000
     assert json.loads(text)['view']['sentence'].startswith(evil)
@@ -94,19 +97,20 @@ def test_memory_is_bounded_over_a_week():
         board.see_battery(at_s, 20.0 + second % 7, 0.5, at_s)
         board.see_command(at_s, 1000.0 * (second % 3), int(Status.HEATING), at_s)
         if second % 300 == 0:
-            board.see_plan(a_plan(at_s, status=second // 300 % 8, sentence=f'{second}'), at_s)
-            board.see_diagnostics(at_s, [EntrySeen('signals', 0, '', {'regime': f'{second}'})], at_s)
+            board.see_plan(a_plan(at_s, status=second // 300 % 8, explanation=f'{second}'), at_s)
+            board.see_diagnostics(at_s, {'signals': entry('signals', OK, '', {'regime': f'{second}'})}, at_s)
     assert len(message('/planner', board, Cursor(), 1e6)) < 250_000
 
 
 @pytest.mark.parametrize('changed, text', [
-    ({'status': int(Status.HEATING), 'sentence': 'Heats.'}, 'Heats.'),
-    ({'target_c': 20.0}, 'Target 20.0 instead of 25.0 degC.'),
+    ({'status': int(Status.HEATING), 'explanation': 'Heats.'}, 'Heats.'),
+    ({'target_battery_temperature': 20.0}, 'Target 20.0 instead of 25.0 degC.'),
     ({'heating_start_s': START_S + 300.0}, 'Heating starts 5:00 min earlier than planned before.'),
     ({'heating_start_s': START_S + 900.0}, 'Heating starts 5:00 min later than planned before.'),
-    ({'predicted_c': 22.0}, 'Arrival at 22.0 instead of 24.5 degC.'),
-    ({'predicted_c': 24.0, 'heating_start_s': START_S + 630.0, 'target_c': 24.8}, None),
-    ({'target_c': NAN, 'predicted_c': NAN, 'heating_start_s': None}, None)])
+    ({'predicted_arrival_temperature': 22.0}, 'Arrival at 22.0 instead of 24.5 degC.'),
+    ({'predicted_arrival_temperature': 24.0, 'heating_start_s': START_S + 630.0,
+      'target_battery_temperature': 24.8}, None),
+    ({'target_battery_temperature': NAN, 'predicted_arrival_temperature': NAN, 'heating_start_s': None}, None)])
 def test_a_changed_plan_is_marked_with_its_change(changed, text):
     mark = change_of(a_plan(), a_plan(START_S + 1.0, **changed))
     assert (None if mark is None else mark.text) == text
@@ -116,7 +120,8 @@ def test_regimes_and_doubts_are_periods():
     board = a_board()
     for second, regime, doubt in ((0, 'driving', {}), (10, 'driving', {'current in doubt since [s]': '0'}),
                                   (30, 'charging', {})):
-        board.see_diagnostics(START_S + second, [EntrySeen('signals', 1, '', {'regime': regime, **doubt})], 100.0)
+        board.see_diagnostics(
+            START_S + second, {'signals': entry('signals', WARN, '', {'regime': regime, **doubt})}, 100.0)
     events = board.events()
     assert events['regimes'] == [[START_S, START_S + 30, 'driving'], [START_S + 30, None, 'charging']]
     assert events['doubts'] == [[START_S + 10, START_S + 30, 'current']]

@@ -3,7 +3,8 @@
 
 import pytest
 
-from bev_preheat.monitoring.seen import Departure, diagnose, EntrySeen, MOST_ENTRIES
+from bev_preheat.messages.diagnostics import diagnostics, entry, ERROR, OK, WARN
+from bev_preheat.monitoring.seen import diagnose, entries_seen, MOST_ENTRIES
 from bev_preheat.monitoring.view import banner_of, Pulse, Surroundings
 
 THERE = Surroundings()
@@ -35,19 +36,27 @@ def test_silence_standing_clocks_and_old_battery_states_are_told(around, command
     assert f'{banner.level}: {banner.text}'.startswith(told)
 
 
+def diagnosed(*entries, others=0):
+    """Return the Diagnosis of a planner's entries, the last ones of which are of other nodes."""
+    own, foreign = (diagnostics(node, '', 0, part) for node, part in (
+        ('/car/planner', entries[:len(entries) - others]), ('/planner', entries[len(entries) - others:])))
+    own.status = [*own.status, *foreign.status]
+    return diagnose(entries_seen(own, '/car/planner'))
+
+
 def test_entries_are_read():
-    found = diagnose([
-        EntrySeen('preheating', 0, 'WAITING', {
-            'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min'}),
-        EntrySeen('signals', 1, '', {'regime': 'charging', 'current in doubt since [s]': '12'}),
-        EntrySeen('departures', 0, '', {'next departure': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''})])
+    found = diagnosed(
+        entry('preheating', OK, 'WAITING', {'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min'}),
+        entry('signals', WARN, '', {'regime': 'charging', 'current in doubt since [s]': '12'}),
+        entry('departures', OK, '', {'next departure': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''}),
+        entry('preheating', ERROR, 'of another'), others=1)
     assert (found.is_enabled, found.goal, found.regime, found.doubts) == (
         False, 'ready in 5 min', 'charging', ('current',))
-    assert found.departure == Departure('Mon 07:30', 'WAITS', '')
+    assert found.departure == {'next_words': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''}
 
 
 def test_a_flood_of_entries_is_cut():
-    found = diagnose(EntrySeen(f'{number}', 9, 'x' * 10_000, {}) for number in range(1000))
+    found = diagnosed(*(entry(f'{number}', bytes([9]), 'x' * 10_000) for number in range(1000)))
     shown = found.as_dictionary()['entries']
     assert len(shown) == MOST_ENTRIES and {level for _, level, _ in shown} == {'STALE'}
     assert max(len(text) for _, _, text in shown) < 700

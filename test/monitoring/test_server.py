@@ -244,7 +244,7 @@ def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch)
     monkeypatch.setattr(server, 'EVENT_PERIOD_S', 0.02)
     times = tuple(START_S + second for second in range(240))
     big = a_plan(times_s=times, temperatures_c=(1.0,) * 240, socs=(0.5,) * 240, powers_w=(0.0,) * 239,
-                 sentence='x' * 2000)
+                 explanation='x' * 2000)
     with closing(_raw_tab(page)) as silent:
         _send_text(silent, json.dumps({'planner': '/planner'}))
 
