@@ -88,8 +88,8 @@ def _is_free(port: int) -> bool:
     return True
 
 
-class NodeProcess:
-    """A running installed executable, whose output goes to a file; a context manager ends it."""
+class NodeProcess(subprocess.Popen[bytes]):
+    """A running installed executable, whose output goes to a file; as a context manager it is ended."""
 
     def __init__(self, name: str, ros_arguments: Iterable[str], log_file: AnyPath) -> None:
         """
@@ -98,58 +98,41 @@ class NodeProcess:
         It inherits the environment. Raises FileNotFoundError if the package is not built, InvalidInput if the
         log cannot be a file.
         """
-        self.name = name
-        self.log_file = Path(log_file)
+        self.name, self.log_file = name, Path(log_file)
         executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
         # Opening a pipe would wait for a reader; opening a device may have side effects.
         existing_file(self.log_file)
         with open(self.log_file, 'wb') as log:
-            self._process = subprocess.Popen(
+            super().__init__(
                 [str(executable), '--ros-args', *ros_arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                 # Plain text in the file, even if the caller has a terminal.
                 env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
 
-    def __enter__(self) -> NodeProcess:
-        return self
-
     def __exit__(self, *exception: object) -> None:
         self.end()
 
     @property
-    def process_id(self) -> int:
-        """Return the process id."""
-        return self._process.pid
-
-    @property
     def exit_status(self) -> int | None:
         """None while it runs; then 0 ... 255, or -N if signal N ended it."""
-        return self._process.poll()
+        return self.poll()
 
     def output(self) -> str:
         """Return its output so far."""
         return self.log_file.read_text(encoding='utf-8', errors='replace')
 
-    def send_signal(self, number: int) -> None:
-        """Send it a signal."""
-        self._process.send_signal(number)
-
-    def wait(self, timeout_s: float = SECONDS_TO_END) -> int:
-        """Return the exit status; raises subprocess.TimeoutExpired if it is still running."""
-        return self._process.wait(timeout_s)
-
     def end(self) -> int:
         """End it with SIGTERM, if necessary with SIGKILL, and return the exit status."""
-        if self._process.poll() is None:
-            self._process.terminate()
+        if self.poll() is None:
+            self.terminate()
             try:
-                self._process.wait(SECONDS_TO_END)
+                self.wait(SECONDS_TO_END)
             except BaseException as reason:
                 # It took too long, or the caller was interrupted.
-                self._process.kill()
+                self.kill()
                 if not isinstance(reason, subprocess.TimeoutExpired):
                     raise
-        return self._process.wait()
+        return self.wait()
 
 
 START_S = START_NS / NS_PER_S

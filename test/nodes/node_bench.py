@@ -147,9 +147,9 @@ class Sender:
 class PatientProcess(NodeProcess):
     """A NodeProcess whose end has the same time limit as any other wait."""
 
-    def wait(self, timeout_s=TIME_LIMIT_S):
+    def wait(self, timeout=TIME_LIMIT_S):
         """Return the exit status; raises subprocess.TimeoutExpired if the process keeps running."""
-        return super().wait(timeout_s)
+        return super().wait(timeout)
 
 
 class Bench:

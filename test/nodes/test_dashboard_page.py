@@ -68,7 +68,7 @@ def page(chromium):
 
 
 def rss_mb(process):
-    with open(f'/proc/{process.process_id}/statm', encoding='ascii') as file:
+    with open(f'/proc/{process.pid}/statm', encoding='ascii') as file:
         return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 2**20
 
 

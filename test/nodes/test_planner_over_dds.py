@@ -95,7 +95,7 @@ def test_bytes_that_are_no_message_do_no_harm(car):
 
 
 def test_no_solver_and_no_plots_are_in_the_process(car):
-    with open(f'/proc/{car.process.process_id}/maps', encoding='utf-8') as maps:
+    with open(f'/proc/{car.process.pid}/maps', encoding='utf-8') as maps:
         loaded = maps.read()
     assert [name for name in ('casadi', 'matplotlib', 'scipy') if f'/{name}' in loaded] == []
 
@@ -163,14 +163,14 @@ def test_a_planner_that_hangs_misses_its_deadline_and_is_not_alive(bench, liveli
     planner = bench.start('planner', '-p', f'command_lease:={COMMAND_LEASE_S}', '-p', 'command_period:=0.3')
     bench.wait_until(lambda: len(controller.commands) >= 3 and controller.alive, 'commands')
     assert controller.alive[-1] == 1
-    os.kill(planner.process_id, signal.SIGSTOP)
+    os.kill(planner.pid, signal.SIGSTOP)
     try:
         controller.missed.clear()
         bench.wait_until(lambda: controller.missed, 'a missed deadline')
         bench.wait_until(lambda: controller.alive[-1] == 0, 'the loss of liveliness')
         controller.commands.clear()
     finally:
-        os.kill(planner.process_id, signal.SIGCONT)
+        os.kill(planner.pid, signal.SIGCONT)
     bench.wait_until(lambda: controller.commands and controller.alive[-1] == 1, 'its return')
 
 

@@ -111,7 +111,7 @@ def test_a_volatile_route_of_200_000_segments_with_all_arrays_arrives(reliable):
 
 
 def processor_time_s(process):
-    times = psutil.Process(process.process_id).cpu_times()
+    times = psutil.Process(process.pid).cpu_times()
     return times.user + times.system
 
 

@@ -117,7 +117,7 @@ def _watch(listener: Listener, planner: NodeProcess, load: SoakLoad, duration_s:
         if time.monotonic() > limit_s or planner.exit_status is not None:
             raise InvalidInput(f'no planner within {START_LIMIT_S:g} s: {planner.output()[-500:]}')
         listener.listen(0.05)
-    process = psutil.Process(planner.process_id)
+    process = psutil.Process(planner.pid)
     load.start()
     try:
         with progress_bar(TextColumn('{task.description}'), BarColumn(), TimeRemainingColumn()) as progress:
