@@ -131,7 +131,7 @@ def run(arguments: Namespace) -> int:
         # Handle signals from here on, because importing ROS is slow, too.
         with EndSignals() as signals:
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
-            from bev_preheat.nodes.listening import listening
+            from bev_preheat.nodes.process import listening
             prefix = namespace.strip('/')
             planner = f'/{prefix}/{node}' if prefix else f'/{node}'
             with listening(f'prepare_{os.getpid()}', namespace=namespace) as listener:
