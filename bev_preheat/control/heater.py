@@ -132,20 +132,6 @@ class HeaterStatus(NamedTuple):
         return self.confirmed_w > (0.0 if self.measured_w is None else RESTING_W)
 
 
-class HeaterAnswerReport(NamedTuple):
-    """
-    The latest HeaterStatus (None: all were refused), and sentences on it; '' for none.
-
-    On the heater's refusal, on the doubt about the answers, on their silence, and on the latest unreadable one.
-    """
-
-    status: HeaterStatus | None
-    refusal: str = ''
-    doubt: str = ''
-    silence: str = ''
-    problem: str = ''
-
-
 class HeaterAnswers(NamedTuple):
     """
     The latest HeaterStatus of a heat source, by `name`, and its power; a value: each answer makes another one.
@@ -249,15 +235,15 @@ class HeaterAnswers(NamedTuple):
         """Return the answers without the latest one, because the clock was restarted."""
         return self._replace(status=None, refused_until_ns=0)
 
-    def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
-        """Return the HeaterAnswerReport of an instant; None before the first answer."""
-        if self.status is None and not self.problem:
-            return None
-        silence = ''
-        if self.status is not None and not self._is_recent(now_ns, settings):
-            silence = (f'{self._topic} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
-                       'count as served')
-        return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)
+    @property
+    def are_there(self) -> bool:
+        """Whether any answer has arrived, also an unreadable one."""
+        return self.status is not None or self.problem != ''
+
+    def silence(self, now_ns: int, settings: Settings) -> str:
+        """Return the sentence on a latest answer that is too old at an instant; '' if none is."""
+        return '' if self.status is None or self._is_recent(now_ns, settings) else (
+            f'{self._topic} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands count as served')
 
 
 class SourcePower(NamedTuple):
@@ -337,6 +323,11 @@ class Answers(NamedTuple):
         return SourcePowers((SourcePower(None, self.hvch.history, shares.get(HVCH, 1.0)), *(
             SourcePower(source, each.history, shares.get(source.name, 1.0))
             for source, each in zip(vehicle.heat_sources, self.others))), temperature_c)
+
+    @property
+    def of_all(self) -> tuple[HeaterAnswers, ...]:
+        """The HeaterAnswers of all heat sources, the HVCH first."""
+        return self.hvch, *self.others
 
     def each(self, change: Callable[[HeaterAnswers], HeaterAnswers]) -> Answers:
         """Return the answers with a change of each."""

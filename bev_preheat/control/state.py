@@ -8,7 +8,7 @@ from typing import NamedTuple
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, Moment, Unserved, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
-from bev_preheat.control.heater import Answers, FAULTS, HeaterAnswerReport
+from bev_preheat.control.heater import Answers, FAULTS
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.knowledge import Knowledge
@@ -164,14 +164,6 @@ class State(NamedTuple):
             if name not in refused and report.heater in (Heater.DEAD, Heater.DERATED)))
 
     @property
-    def source_answers(self) -> dict[str, HeaterAnswerReport]:
-        """The reports on `heat_source_status` by name; without those before the first answer."""
-        refusals = {each.name: each.sentence for each in self.unserved}
-        answers = {each.name: each.report(self.now_ns, self.settings, refusals.get(each.name, ''))
-                   for each in self.answers.others}
-        return {name: answer for name, answer in answers.items() if answer is not None}
-
-    @property
     def source_reports(self) -> dict[str, HeaterReport]:
         """The reports on heat sources beside the HVCH, by name."""
         return {name: report for name, report in self.learning.reports.items()
@@ -216,8 +208,3 @@ class State(NamedTuple):
     def stand_report(self) -> StandReport | None:
         """The report on the trip's first battery state; None without one."""
         return self.learning.stand_watch.report if self.settings.estimation else None
-
-    @property
-    def heater_answer(self) -> HeaterAnswerReport | None:
-        """The report on `hvch_status`; None before the first."""
-        return self.answers.hvch.report(self.now_ns, self.settings, self.heater_refusal)

@@ -211,7 +211,7 @@ def learn(state: State, measurement: Measurement) -> State:
     if state.estimate is None:
         return state
     learning, reports, judged = state.learning, state.learning.reports, []
-    for answers in (state.answers.hvch, *state.answers.others):
+    for answers in state.answers.of_all:
         report, is_refuted = reports.get(answers.name), False
         if report is not None:
             answers, is_refuted = answers.judged(report, state.now_ns, state.settings)

@@ -21,7 +21,7 @@ from bev_preheat.vehicle.plausibility import assumed_in_words
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from bev_preheat.control.heater import HeaterAnswerReport
+    from bev_preheat.control.heater import HeaterAnswers
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.state import State
     from bev_preheat.estimation.estimate import Estimate
@@ -92,12 +92,14 @@ def planner_diagnostics(state: State, now_ns: int) -> list[DiagnosticStatus]:
     entries = [_preheating(state, now_ns), _signals(state, now_ns)]
     if estimate is not None:
         entries += [heater_entry(estimate.heater), _estimation(state, estimate, now_ns)]
-    if state.heater_answer is not None:
-        entries.append(_heater_status(state.heater_answer))
+    if state.answers.hvch.are_there:
+        entries.append(_heater_status(state, state.answers.hvch, state.heater_refusal, 'heater status'))
     entries += [heater_entry(report, f'heat source {source}',
                              CHILLER_SENTENCES if source in chillers else SOURCE_SENTENCES)
                 for source, report in state.source_reports.items()]
-    entries += [_heater_status(answer, f'status of {source}') for source, answer in state.source_answers.items()]
+    refusals = {each.name: each.sentence for each in state.unserved}
+    entries += [_heater_status(state, each, refusals.get(each.name, ''), f'status of {each.name}')
+                for each in state.answers.others if each.are_there]
     return entries + _progress(state, now_ns)
 
 
@@ -235,18 +237,18 @@ def _estimation(state: State, estimate: Estimate, now_ns: int) -> DiagnosticStat
                   f'+- {estimate.temperature_deviation_k:.2f} degC', values)
 
 
-def _heater_status(report: HeaterAnswerReport, part: str = 'heater status') -> DiagnosticStatus:
+def _heater_status(state: State, answers: HeaterAnswers, refusal: str, part: str) -> DiagnosticStatus:
     """Return the planner's entry on a status of a heat source: ERROR in doubt, WARN for a refusal or silence."""
-    status = report.status
+    status, doubt = answers.status, answers.doubt
     values = {} if status is None else {
         'requested power [W]': f'{status.requested_w:.0f}', 'active power [W]': f'{status.active_w:.0f}',
         'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
         'refusal': status.refusal.name, 'explanation': status.sentence}
     is_faulty = status is not None and status.refusal is Refusal.HEATER_FAULT
-    warning = report.refusal or report.silence or report.problem or (
+    warning = refusal or answers.silence(state.now_ns, state.settings) or answers.problem or (
         f'HEATER_FAULT: {values["explanation"]}' if is_faulty else '')
-    return entry(part, ERROR if report.doubt else WARN if warning else OK,
-                 report.doubt or warning or 'the command is served', values)
+    return entry(part, ERROR if doubt else WARN if warning else OK, doubt or warning or 'the command is served',
+                 values)
 
 
 def _progress(state: State, now_ns: int) -> list[DiagnosticStatus]:

@@ -142,7 +142,7 @@ class TripResults:
         """Add a step."""
         now_ns, state, recorded_w = played.now_ns, played.state, played.recorded_w
         trip = self._trip_of(played)
-        command, answers = state.latest_command, {HVCH: state.heater_answer, **state.source_answers}
+        command, answers = state.latest_command, {each.name: each.status for each in state.answers.of_all}
         for accounts in [self.accounts, *([] if trip is None else [trip.accounts])]:
             if recorded_w is not None:
                 accounts[HVCH].deliver(now_ns, recorded_w, now_ns + RECORDED_HOLD_NS)
@@ -151,8 +151,8 @@ class TripResults:
                 account, answer = accounts[name], answers.get(name)
                 if command is not None:
                     account.command(now_ns, command.power_w(name), command.valid_until_ns)
-                if answer is not None and answer.status is not None:
-                    account.answer(answer.status)
+                if answer is not None:
+                    account.answer(answer)
         if trip is not None:
             self._note(trip, played)
         self._latest_ns = now_ns

@@ -206,10 +206,11 @@ class HeaterShares:
 
     def _share(self, state: State) -> float:
         is_hvch, estimate = self._name == HVCH, state.estimate
-        answer = state.heater_answer if is_hvch else state.source_answers.get(self._name)
-        if answer is not None and answer.status is not None and not answer.doubt and not answer.silence:
-            self._by_status = True
-            return _share_of(answer.status, self._shares[-1])
+        for answers in state.answers.of_all:
+            if answers.name == self._name and answers.status is not None and answers.are_used(
+                    state.now_ns, state.settings):
+                self._by_status = True
+                return _share_of(answers.status, self._shares[-1])
         self._by_status = False
         report = (state.source_reports.get(self._name) if not is_hvch else
                   None if estimate is None else estimate.heater)

@@ -147,7 +147,7 @@ class History:
             if math.isfinite(plan.maximum_arrival_temperature_c):
                 row['most'] = plan.maximum_arrival_temperature_c
         heater_w, heat_w = command_w if estimate is None else estimate.heater.share * command_w, None
-        answer = None if state.heater_answer is None else state.heater_answer.status
+        answer = state.answers.hvch.status
         if answer is not None and not state.vehicle.heat_sources:
             row['confirmed'] = heater_w = answer.confirmed_w
         if state.vehicle.heat_sources and has_planner and state.temperature_c is not None:
@@ -155,7 +155,7 @@ class History:
                 state.vehicle, state.temperature_c, {} if estimate is None else state.learning.shares)
             hvch_w, drawn_w, source_heat_w = powers.others_w(
                 -1, at_ns, at_ns, powers.temperature_c if math.isnan(row['ambient']) else row['ambient'],
-                [state.vehicle.most_w(each.name) for each in (state.answers.hvch, *state.answers.others)])
+                [state.vehicle.most_w(each.name) for each in state.answers.of_all])
             heater_w, heat_w = hvch_w + drawn_w, hvch_w + source_heat_w
         if self._unheated is None:
             self._unheated = Unheated(state.vehicle)

@@ -191,7 +191,7 @@ def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_second
     commanded_s = next(seen.at_s for seen in steps if seen.command.total_w > 0.0)
     refused_s = next(seen.at_s for seen in steps if 'it reports 0 W' in seen.decision.explanation)
     assert refused_s - commanded_s <= CONFIRMED_WITHIN_S + LEAST_STATUS_S + 1.0
-    assert steps[-1].planner.state.heater_answer.doubt == ''
+    assert steps[-1].planner.state.answers.hvch.doubt == ''
 
 
 @pytest.mark.parametrize('lie, faults, words', [
@@ -201,10 +201,10 @@ def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_second
      'battery temperature and power show more heat than it reports')], ids=['claims heat', 'denies heat'])
 def test_answers_that_battery_and_power_contradict_are_doubted(lie, faults, words):
     *_, last = driven(1400.0, lie, COLD, faults=faults)
-    answer = last.planner.state.heater_answer
+    answer = last.planner.state.answers.hvch
     assert words in answer.doubt
     assert answer.doubt.startswith('hvch_status is in doubt: it reports ')
-    assert answer.refusal == ''
+    assert last.planner.state.heater_refusal == ''
 
 
 @pytest.mark.parametrize('from_c, measured_w, faults, accused', [
@@ -215,9 +215,9 @@ def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measur
     for seen in driven(inf, lambda answer, _, now_ns: measured(answer, measured_w, now_ns), BatteryState(
             from_c, 0.9), faults=faults):
         state = seen.planner.state
-        if state.estimate is not None and state.heater_answer is not None:
+        if state.estimate is not None and state.answers.hvch.status is not None:
             told.add(state.estimate.heater.heater)
-            doubts.append(state.heater_answer.doubt)
+            doubts.append(state.answers.hvch.doubt)
         # On for half a minute after the doubt.
         if doubts[-30:][0]:
             break
@@ -236,7 +236,7 @@ def test_silent_heater_refuses_nothing_and_is_reported():
     answers = answers_with(60.0, refusal=Refusal.LOW_CHARGE)
     later_ns = NOW_NS + 6 * NS_PER_S
     assert answers.refusal(later_ns, SETTINGS) == ''
-    assert 'hvch_status is 6 s old' in answers.report(later_ns, SETTINGS, '').silence
+    assert 'hvch_status is 6 s old' in answers.silence(later_ns, SETTINGS)
     # Commands count as served again.
     answers = answers.with_command(later_ns, 4000.0, SETTINGS)
     assert answers.history.power_w(later_ns) == 4000.0
@@ -255,9 +255,9 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     assert (output.command, output.decision, output.refusals) == (None, None, ())
     output = supervisor.step(NOW_NS, HeaterStatusUnreadable(InvalidInput('active_power: nan W')))
     assert [refusal.source for refusal in output.refusals] == ['hvch_status']
-    assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
+    assert supervisor.state.answers.hvch.problem == 'hvch_status refused: active_power: nan W'
     supervisor.step(NOW_NS, HeaterStatusArrived(HeaterStatus(NOW_NS, 0.0, 0.0)))
-    assert supervisor.state.heater_answer.problem == ''
+    assert supervisor.state.answers.hvch.problem == ''
 
 
 # A quarter of an hour, which is too short for the target, so it is heated until the gate closes on the way.
@@ -309,6 +309,6 @@ def test_doubt_ends_with_the_trip():
     answers = answers_with(active_w=5000.0)
     answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
     assert not is_refuted
-    assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
+    assert 'probability 99.7 %' in answers.doubt
     assert not answers.are_used(NOW_NS, SETTINGS)
     assert answers.on_new_trip(NOW_NS).are_used(NOW_NS, SETTINGS)

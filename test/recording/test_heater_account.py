@@ -10,7 +10,7 @@ import pytest
 from recorded_drive import record_drive
 
 from bev_preheat.control.decision import Command
-from bev_preheat.control.heater import HeaterStatus
+from bev_preheat.control.heater import Answers, HeaterStatus
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
@@ -63,8 +63,8 @@ OBEYS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 
 def step(second, status, temperature_c, plan=PLAN, heater=OBEYS):
     return Played(ns(second), None, SimpleNamespace(
-        decision=SimpleNamespace(status=status, plan=plan), latest_command=COMMAND, heater_answer=None,
-        vehicle=VEHICLE, source_answers={},
+        decision=SimpleNamespace(status=status, plan=plan), latest_command=COMMAND, answers=Answers(),
+        vehicle=VEHICLE,
         measurement=SimpleNamespace(state=SimpleNamespace(temperature_c=temperature_c)),
         estimate=SimpleNamespace(heater=heater)))
 

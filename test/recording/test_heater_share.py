@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 from recorded_drive import LONG_S, LONG_TARGET_C, record_drive
 
-from bev_preheat.control.heater import HeaterAnswerReport, HeaterStatus
+from bev_preheat.control.heater import Answers, HeaterAnswers, HeaterStatus
+from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.battery_response import BatteryResponse, SourceHeat
@@ -37,12 +38,14 @@ def shares_of(*states, heated_from=1, seconds=1):
     shares = HeaterShares(SimpleNamespace(given=steps, is_log=False))
     for answer, report in states:
         shares.add(SimpleNamespace(state=SimpleNamespace(
-            heater_answer=answer, estimate=None if report is None else SimpleNamespace(heater=report))))
+            answers=Answers(answer or HeaterAnswers()), now_ns=0, settings=Settings(),
+            estimate=None if report is None else SimpleNamespace(heater=report))))
     return [shares.at(number) for number in range(len(states))], shares.sentence
 
 
-def answer(requested_w, active_w, measured_w=None, refusal=Refusal.NOT_REFUSED, **report):
-    return HeaterAnswerReport(HeaterStatus(0, requested_w, active_w, refusal, '', measured_w), **report), HEALTHY
+def answer(requested_w, active_w, measured_w=None, refusal=Refusal.NOT_REFUSED, **said):
+    return HeaterAnswers(
+        status=HeaterStatus(0, requested_w, active_w, refusal, '', measured_w), **said), HEALTHY
 
 
 REPORTS = [(None, report) for report in (
