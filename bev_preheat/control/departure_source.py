@@ -43,29 +43,6 @@ class DepartureState(Enum):
     PREPARING = 'preparing'
 
 
-class DepartureReport(NamedTuple):
-    """
-    The next departure that is not skipped, its DepartureState and the reason as a sentence.
-
-    `next_words` is its name and local time, '' without one; `plugged_in`: the grid is expected to feed the heater.
-    `skipped_words` is the last skipped departure, '' for none; `latest` the sentence on the last one that has
-    passed, '' for none yet.
-    """
-
-    state: DepartureState
-    reason: str
-    next_ns: int | None = None
-    next_words: str = ''
-    target_c: float | None = None
-    plugged_in: bool = False
-    skipped_words: str = ''
-    latest: str = ''
-
-
-# Without a usable file.
-NO_DEPARTURES = DepartureReport(DepartureState.NONE, 'the file of departures cannot be used')
-
-
 class DepartureSource(NamedTuple):
     """
     Turns Departures into goals, one at a time; a value: each look makes another one.
@@ -75,9 +52,9 @@ class DepartureSource(NamedTuple):
     next departure that is not skipped, `skipped_ns` [ns] the instant until which they are. `goal` is the goal that
     was set, and `goal_for` its departure; None: none. `concluded_ns` [ns] is the instant of the latest departure
     whose goal has lasted until then. `refusal` is why the latest goal was refused or lost, `retry_ns` [ns] when it
-    is wanted again. `state` and `reason` are those of the report, `latest` its sentence on the last departure.
-    `unplugged_soc` is the lowest state of charge since the grid was found not to feed the vehicle; None: the file
-    holds.
+    is wanted again. `state` is that of the next departure, `reason` why, and `latest` the sentence on the last
+    departure that has passed, '' for none yet. `unplugged_soc` is the lowest state of charge since the grid was
+    found not to feed the vehicle; None: the file holds.
     """
 
     departures: Departures
@@ -164,16 +141,15 @@ class DepartureSource(NamedTuple):
             f'The next departure is {self.departures.in_words(following)}.')
 
     @property
-    def report(self) -> DepartureReport:
-        """The DepartureReport after the latest `events`."""
-        following, skipped_ns = self.following, self.skipped_ns
-        if following is None:
-            return DepartureReport(self.state, self.reason, latest=self.latest)
-        skipped = '' if skipped_ns is None else ', '.join(
-            map(self.departures.in_words, self.departures.until(skipped_ns - 1, skipped_ns)))
-        return DepartureReport(
-            self.state, self.reason, following.instant_ns, self.departures.in_words(following),
-            following.departure.target_c, self._is_plugged_in(), skipped, self.latest)
+    def skipped(self) -> str:
+        """Names and local times of the skipped departures, '' for none."""
+        return '' if self.following is None or self.skipped_ns is None else ', '.join(
+            map(self.departures.in_words, self.departures.until(self.skipped_ns - 1, self.skipped_ns)))
+
+    @property
+    def is_plugged_in(self) -> bool:
+        """Whether the grid is expected to feed the heater until the next departure."""
+        return self.following is not None and self.following.departure.is_plugged_in and self.unplugged_soc is None
 
     def _without_goal(self) -> DepartureSource:
         return self._replace(goal=None, goal_for=None)
@@ -241,7 +217,7 @@ class DepartureSource(NamedTuple):
         if self.goal is None and now_ns < self.retry_ns:
             return DepartureState.HELD_OFF, self.refusal
         return DepartureState.PREPARING, 'the battery is prepared' + (
-            ' from the grid' if self._is_plugged_in() else
+            ' from the grid' if self.is_plugged_in else
             '; it feeds the heater itself, because the charge has fallen' if self.unplugged_soc is not None else
             ' with its own energy')
 
@@ -268,15 +244,12 @@ class DepartureSource(NamedTuple):
                 return 'the battery state is too old, or ahead of the clock'
         return ''
 
-    def _is_plugged_in(self) -> bool:
-        return self.following is not None and self.following.departure.is_plugged_in and self.unplugged_soc is None
-
     def _begins_s(self) -> float:
-        return BEGINS_WITH_PRICES_S if self.prices is not None and self._is_plugged_in() else BEGINS_S
+        return BEGINS_WITH_PRICES_S if self.prices is not None and self.is_plugged_in else BEGINS_S
 
     def _wanted(self) -> PreparationGoal:
         assert self.following is not None
-        is_plugged_in, departure = self._is_plugged_in(), self.following.departure
+        is_plugged_in, departure = self.is_plugged_in, self.following.departure
         return PreparationGoal(
             self.following.instant_ns, departure.target_c, is_plugged_in,
             assumed_ambient_c=self.departures.ambient_c, prices=self.prices if is_plugged_in else None,

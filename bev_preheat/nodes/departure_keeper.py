@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC
 import math
 import os
 from typing import Any
@@ -13,7 +14,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.departure_source import DepartureSource, DepartureState, NO_DEPARTURES
+from bev_preheat.control.departure_source import DepartureSource, DepartureState
 from bev_preheat.control.departures import Departures, GridPrices, load_departures, load_grid_prices
 from bev_preheat.control.events import Event
 from bev_preheat.control.preparation_goal import PreparationOutcome
@@ -26,6 +27,8 @@ from bev_preheat.planning.explanation import duration_text
 
 SKIP = '~/skip_departure'
 DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'
+# In place of a file that cannot be used.
+NO_DEPARTURES = DepartureSource(Departures(UTC, ()), reason='the file of departures cannot be used')
 # A departure that is held off is worth a warning this close to it [s].
 HELD_OFF_TOLD_S = 7200.0
 
@@ -136,25 +139,28 @@ class DepartureKeeper:
         """Return the entry `departures` of the diagnostics at an instant [ns]; None without such a file."""
         if not self._departures.path:
             return None
-        report = NO_DEPARTURES if self._source is None else self._source.report
+        source = self._source or NO_DEPARTURES
+        following = source.following
         problems = [*filter(None, (self._departures.problem, self._prices.problem))]
-        left_s = math.inf if report.next_ns is None else (report.next_ns - now_ns) / NS_PER_S
-        sentence = f'{report.state.value}: {report.reason}'
-        if report.next_ns is not None:
-            sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
-        is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
-        level = ERROR if problems and report.next_ns is None else WARN if problems or is_late else OK
+        next_words, left_s, target = '', math.inf, ''
+        sentence = f'{source.state.value}: {source.reason}'
+        if following is not None:
+            next_words, left_s = source.departures.in_words(following), (following.instant_ns - now_ns) / NS_PER_S
+            sentence = f'{next_words}, in {duration_text(left_s)}: {sentence}'
+            target_c = following.departure.target_c
+            target = "the planner's default" if target_c is None else f'{target_c:g}'
+        is_late = source.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
+        level = ERROR if problems and following is None else WARN if problems or is_late else OK
         return entry('departures', level, '; '.join([sentence, *problems]), {
-            'next departure': report.next_words,
-            'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
-            'next departure in [s]': '' if report.next_ns is None else f'{left_s:.0f}',
-            'target [degC]': ('' if report.next_ns is None else
-                              "the planner's default" if report.target_c is None else f'{report.target_c:g}'),
-            'plugged in': str(report.plugged_in).lower(),
-            'state': report.state.value,
-            'reason': report.reason,
-            'skipped': report.skipped_words,
-            'latest departure': report.latest,
+            'next departure': next_words,
+            'next departure [s since 1970]': '' if following is None else str(following.instant_ns // NS_PER_S),
+            'next departure in [s]': '' if following is None else f'{left_s:.0f}',
+            'target [degC]': target,
+            'plugged in': str(source.is_plugged_in).lower(),
+            'state': source.state.value,
+            'reason': source.reason,
+            'skipped': source.skipped,
+            'latest departure': source.latest,
             'departures': self._departures.path,
             'grid_prices': self._prices.path})
 

@@ -92,7 +92,7 @@ class Car:
 
     @property
     def state(self):
-        return self.source.report.state
+        return self.source.state
 
     @property
     def goal(self):
@@ -118,15 +118,15 @@ def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough()
     # The next one is tomorrow's.
     car.go(MINUTE)
     assert car.goal is None and car.state is DepartureState.LATER
-    assert car.source.report.next_ns == ns(2026, 11, 26, 7, 30)
-    assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.report.latest
+    assert car.source.following.instant_ns == ns(2026, 11, 26, 7, 30)
+    assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.latest
 
 
 def test_nothing_happens_until_its_window():
     car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
     car.tick()
     assert car.goal is None and car.state is DepartureState.LATER
-    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
+    assert car.source.reason == 'its preparation may begin in 1:00 min'
     car.go(2 * MINUTE)
     assert car.goal is not None
 
@@ -139,7 +139,7 @@ def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
     assert car.outcomes[-1].ending is PreparationEnding.REPLACED
     car.go(MINUTE)
     assert car.goal is by_hand and car.state is DepartureState.HELD_OFF
-    assert car.source.report.reason == 'another goal of prepare_battery is active'
+    assert car.source.reason == 'another goal of prepare_battery is active'
     car.go(HOUR, 600.0)
     car.go(MINUTE)
     assert car.goal is not by_hand and car.goal.ready_at_ns == READY_NS
@@ -164,7 +164,7 @@ def test_what_outranks_a_departure_holds_its_preparation_off_until_it_is_over(
     car.step(*filter(None, [event]))
     car.go(5 * MINUTE, power_w=power_w)
     assert car.goal is None and car.state is DepartureState.HELD_OFF
-    assert words in car.source.report.reason
+    assert words in car.source.reason
     car.step(*filter(None, [opposite]))
     car.go(lasts_s, power_w=0.0)
     # The grid is still believed in.
@@ -186,16 +186,16 @@ def test_a_charge_that_falls_outranks_the_file_until_the_vehicle_is_charged_agai
     car.go(MINUTE, soc=0.67)
     assert car.outcomes[-1].ending is PreparationEnding.UNPLUGGED
     assert car.goal is not None and not car.goal.is_plugged_in
-    assert not car.source.report.plugged_in and 'the charge has fallen' in car.source.report.reason
+    assert not car.source.is_plugged_in and 'the charge has fallen' in car.source.reason
     car.go(MINUTE, soc=0.70)
-    assert car.goal.is_plugged_in and car.source.report.plugged_in
+    assert car.goal.is_plugged_in and car.source.is_plugged_in
 
 
 def test_without_any_ambient_temperature_it_is_off_and_says_why():
     car = Car(week(ambient_c=None))
     car.tick()
     assert car.outcomes[-1].ending is PreparationEnding.REFUSED and car.goal is None
-    assert 'ambient_temperature: is not given' in car.source.report.reason
+    assert 'ambient_temperature: is not given' in car.source.reason
     # It is not asked for with each tick.
     car.go(4 * MINUTE)
     assert len(car.outcomes) == 1
@@ -209,7 +209,7 @@ def test_without_any_ambient_temperature_it_is_off_and_says_why():
 def test_a_departure_that_passed_while_the_planner_was_down_is_reported_and_never_heated():
     car = Car(now_ns=READY_NS + round(MINUTE * NS_PER_S), last_seen_ns=READY_NS - round(HOUR * NS_PER_S))
     assert car.tick() == 0.0 and car.goal is None
-    assert car.source.report.latest == (
+    assert car.source.latest == (
         'work, Wed 2026-11-25 07:30 CET: not prepared: the planner was not running.')
 
 
@@ -226,13 +226,13 @@ def test_a_clock_that_is_set_back_or_forward_leads_to_the_departure_of_the_new_t
     car.now_ns = READY_NS + round(HOUR * NS_PER_S)
     car.tick()
     car.tick()
-    assert car.goal is None and car.source.report.next_ns == ns(2026, 11, 26, 7, 30)
+    assert car.goal is None and car.source.following.instant_ns == ns(2026, 11, 26, 7, 30)
 
 
 def test_a_clock_that_was_never_set_prepares_nothing():
     car = Car(now_ns=3600 * NS_PER_S)
     assert car.tick() == 0.0 and car.goal is None
-    assert 'before 2020' in car.source.report.reason and car.source.report.next_ns is None
+    assert 'before 2020' in car.source.reason and car.source.following is None
 
 
 def test_a_skip_by_a_wrong_clock_does_not_last_for_years():
