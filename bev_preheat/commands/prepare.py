@@ -36,7 +36,8 @@ from bev_preheat.planning.explanation import OF_GOAL as WORDS_OF_GOAL
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
-    from bev_preheat.monitoring.planner_client import PreparationClient, Wanted
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.monitoring.planner_client import PreparationClient
     from bev_preheat_msgs.action import PrepareBattery
 
 NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
@@ -130,7 +131,8 @@ def run(arguments: Namespace) -> int:
     try:
         # Handle signals from here on, because importing ROS is slow, too.
         with EndSignals() as signals:
-            from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure, Wanted
+            from bev_preheat.control.preparation_goal import PreparationGoal
+            from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure
             from bev_preheat.nodes.process import listening
             prefix = namespace.strip('/')
             planner = f'/{prefix}/{node}' if prefix else f'/{node}'
@@ -139,20 +141,20 @@ def run(arguments: Namespace) -> int:
                     is_done, sentence = skip_departure(listener, planner, arguments.skip_next)
                     result_console().say(sentence)
                     return 0 if is_done else FAILED
-                return _pursue(PreparationClient(listener, planner, lambda: signals.have_come), Wanted(
-                    ready_in_s, arguments.target, arguments.ambient, arguments.plugged_in,
-                    arguments.max_arrival_temperature))
+                return _pursue(PreparationClient(listener, planner, lambda: signals.have_come), PreparationGoal(
+                    target_c=arguments.target, is_plugged_in=arguments.plugged_in, ambient_c=arguments.ambient,
+                    maximum_arrival_temperature_c=arguments.max_arrival_temperature), ready_in_s)
     except KeyboardInterrupt:
         # A second signal: do not wait for the planner's answer.
         return INTERRUPTED
 
 
-def _pursue(client: PreparationClient, wanted: Wanted) -> int:
+def _pursue(client: PreparationClient, goal: PreparationGoal, ready_in_s: float | None) -> int:
     from rich.progress import BarColumn, TextColumn
 
     from bev_preheat.control.preparation_goal import PreparationEnding
     from bev_preheat.monitoring.planner_client import feedback_line
-    if not client.send(wanted):
+    if not client.send(goal, ready_in_s):
         say('preheat: interrupted')
         return INTERRUPTED
     console = result_console()

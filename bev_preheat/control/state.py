@@ -115,11 +115,6 @@ class State(NamedTuple):
         return None if timetable is None else timetable.mission
 
     @property
-    def latest_mission(self) -> Mission | None:
-        """The latest Mission; it may have been dropped because it does not fit the parameters."""
-        return self.inbox.latest_mission
-
-    @property
     def preparation_goal(self) -> PreparationGoal | None:
         """The current PreparationGoal; None without one."""
         return self.preparation.goal

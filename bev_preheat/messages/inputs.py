@@ -60,7 +60,7 @@ class Input(NamedTuple):
 
 INPUTS = {
     BATTERY_STATE: Input(BatteryState, '', lambda message, state, routes, hint: battery_event(message, hint)),
-    ROUTE_PLAN: Input(RoutePlan, '', lambda message, state, routes, hint: routes.read(message, state),
+    ROUTE_PLAN: Input(RoutePlan, '', lambda message, state, routes, hint: routes.read(message, state.inbox),
                       has_many_sources=True),
     ROUTE_PROGRESS: Input(RouteProgress, 'where the vehicle is, if known',
                           lambda message, state, routes, hint: progress_event(message, hint)),
@@ -87,25 +87,23 @@ class RouteIntake:
         """Retain the message of a Mission that was read before."""
         self._messages = {mission: message}
 
-    def read(self, message: RoutePlan,
-             holder: State | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
-        """Return the event of a message, which the `holder` (a Supervisor's state or an Inbox) takes."""
-        self._forget_all_but(holder.latest_mission)
+    def read(self, message: RoutePlan, inbox: Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
+        """Return the event of a message, which an Inbox takes."""
+        self._forget_all_but(inbox.latest_mission)
         if is_cancellation(message):
             return TripCancelled()
         try:
-            return RouteArrived(self._mission(message, holder.vehicle, holder.settings))
+            return RouteArrived(self._mission(message, inbox.vehicle, inbox.settings))
         except InvalidInput as error:
             return RouteUnreadable(error, refused_route_of(message))
         except Exception as error:
             what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
             return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
 
-    def read_again(self, holder: State | Inbox, vehicle: Vehicle,
-                   settings: Settings) -> Mission | InvalidInput | None:
+    def read_again(self, inbox: Inbox, vehicle: Vehicle, settings: Settings) -> Mission | InvalidInput | None:
         """Return the latest Mission for another vehicle or settings; InvalidInput: refused, None: no route."""
-        self._forget_all_but(holder.latest_mission)
-        message = self.message_of(holder.latest_mission)
+        self._forget_all_but(inbox.latest_mission)
+        message = self.message_of(inbox.latest_mission)
         try:
             return None if message is None else self._mission(message, vehicle, settings)
         except InvalidInput as error:

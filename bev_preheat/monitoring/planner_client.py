@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import replace
 import math
 from queue import SimpleQueue
 import time
@@ -44,25 +44,10 @@ SPIN_PERIOD_S = 0.1
 NOT_THERE = 'no planner answers as {}: is it running, in this ROS domain and under this name?'
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """
-    A goal in a user's terms: `ready_in_s` [s] from now, None: as soon as possible; degC or None.
-
-    The battery is then to have at most `most_c` [deg C]; None: it may be warmer.
-    """
-
-    ready_in_s: float | None = None
-    target_c: float | None = None
-    ambient_c: float | None = None
-    is_plugged_in: bool = False
-    most_c: float | None = None
-
-    def goal(self, now_ns: int) -> PrepareBattery.Goal:
-        """Return the goal at an instant of the planner's clock [ns]."""
-        return goal_message(PreparationGoal(
-            0 if self.ready_in_s is None else now_ns + round(self.ready_in_s * NS_PER_S), self.target_c,
-            self.is_plugged_in, self.ambient_c, maximum_arrival_temperature_c=self.most_c))
+def goal_ahead(goal: PreparationGoal, ready_in_s: float | None, now_ns: int) -> PrepareBattery.Goal:
+    """Return a goal for `ready_in_s` [s] after an instant of the planner's clock [ns]; None: at once."""
+    return goal_message(goal if ready_in_s is None else replace(
+        goal, ready_at_ns=now_ns + round(ready_in_s * NS_PER_S)))
 
 
 class PreparationClient:
@@ -79,22 +64,22 @@ class PreparationClient:
         self._heard_s = time.monotonic()
         listener.node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
 
-    def send(self, wanted: Wanted) -> bool:
-        """Send the goal; return False after a signal; raises InvalidInput if no planner answers."""
+    def send(self, goal: PreparationGoal, ready_in_s: float | None) -> bool:
+        """Send a `goal_ahead`; return False after a signal; raises InvalidInput if no planner answers."""
         # The planner's clock may be simulated; its commands give the time.
         if not _wait(self._listener, lambda: self._now_ns is not None and self._client.server_is_ready(),
                      FOUND_WITHIN_S, self._is_over):
             if self._is_over():
                 return False
             raise InvalidInput(NOT_THERE.format(self._planner))
-        sent, sent_s = self._send(wanted), time.monotonic()
+        sent, sent_s = self._send(goal, ready_in_s), time.monotonic()
         # Wait even after a signal, because a goal without a handle cannot be cancelled.
         end_s = sent_s + FOUND_WITHIN_S
         while not sent.done() and time.monotonic() < end_s:
             if time.monotonic() - sent_s > ANSWERED_WITHIN_S:
                 # The answer of a planner that has not discovered this client yet is lost. A goal sent
                 # again replaces the previous one.
-                sent, sent_s = self._send(wanted), time.monotonic()
+                sent, sent_s = self._send(goal, ready_in_s), time.monotonic()
             self._listener.listen(SPIN_PERIOD_S)
         if not sent.done():
             raise InvalidInput(f'{self._planner} has not answered whether it accepts the goal, and may heat for '
@@ -105,9 +90,9 @@ class PreparationClient:
         self._result = self._goal_handle.get_result_async()
         return True
 
-    def _send(self, wanted: Wanted) -> Any:
+    def _send(self, goal: PreparationGoal, ready_in_s: float | None) -> Any:
         assert self._now_ns is not None
-        return self._client.send_goal_async(wanted.goal(self._now_ns), self._on_feedback)
+        return self._client.send_goal_async(goal_ahead(goal, ready_in_s, self._now_ns), self._on_feedback)
 
     def follow(self, show: Callable[[PrepareBattery.Feedback], object]) -> PrepareBattery.Result | None:
         """Show feedback until the goal ends; return its result, None after a signal; silence is InvalidInput."""
@@ -287,14 +272,14 @@ class Controls:
             return Answer(False, "The planner's time is not known yet: nothing was asked.")
         if not (yield from _until(client.server_is_ready, PRESENT_WITHIN_S)):
             raise _Unanswered(NOT_FOUND)
-        wanted = Wanted(None if asked.minutes is None else 60.0 * asked.minutes, asked.target_c,
-                        is_plugged_in=asked.is_plugged_in)
+        goal = goal_ahead(PreparationGoal(target_c=asked.target_c, is_plugged_in=asked.is_plugged_in), None if (
+            asked.minutes is None) else 60.0 * asked.minutes, round((at_s or 0.0) * NS_PER_S))
         reports: list[str] = []
 
         def on_feedback(message: Any) -> None:
             reports[:] = [str(message.feedback.explanation)]
 
-        sent = client.send_goal_async(wanted.goal(round((at_s or 0.0) * NS_PER_S)), on_feedback)
+        sent = client.send_goal_async(goal, on_feedback)
         if not (yield from _until(sent.done, REPLY_WITHIN_S)):
             raise _Unanswered(NO_REPLY)
         handle = sent.result()

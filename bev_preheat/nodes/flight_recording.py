@@ -105,7 +105,7 @@ class FlightRecorder:
                 self._topics[ROUTE_PLAN], now_ns, route)
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
-                lambda: self._head(now_ns), entries_of=lambda group: group() if callable(group) else group)
+                lambda: self._head(now_ns))
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
         self.tell()

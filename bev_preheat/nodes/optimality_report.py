@@ -185,19 +185,14 @@ def report_message(case: CheckedCase, outcome: SolverAnswer | Failure) -> Optima
     else:
         message.solver_status = outcome.explanation
         message.solve_time = outcome.elapsed_s
-    message.plan_energy = planned.energy_wh
-    message.optimal_energy = optimal.energy_wh
+    for prefix, figures in (('plan', planned), ('optimal', optimal)):
+        setattr(message, f'{prefix}_energy', figures.energy_wh)
+        setattr(message, f'{prefix}_arrival_temperature', figures.arrival_temperature_c)
+        setattr(message, f'{prefix}_heating', figures.heating_start_ns is not None)
+        setattr(message, f'{prefix}_heating_start', time_message(figures.heating_start_ns or 0))
     message.energy_gap = math.nan if difference(planned, optimal) else (
         planned.energy_wh - optimal.energy_wh)
     message.caution_energy = case.cautious_energy_wh - planned.energy_wh
-    message.plan_arrival_temperature = planned.arrival_temperature_c
-    message.optimal_arrival_temperature = optimal.arrival_temperature_c
-    message.plan_heating = planned.heating_start_ns is not None
-    if planned.heating_start_ns is not None:
-        message.plan_heating_start = time_message(planned.heating_start_ns)
-    message.optimal_heating = optimal.heating_start_ns is not None
-    if optimal.heating_start_ns is not None:
-        message.optimal_heating_start = time_message(optimal.heating_start_ns)
     return message
 
 

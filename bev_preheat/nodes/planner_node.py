@@ -319,7 +319,7 @@ class PlannerNode(ProgramNode):
         learned = self._state_keeper.attach(values['state_file'], contents).learned
         self._record()
         self._step(Reconfigured(
-            vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
+            vehicle, settings, self._routes.read_again(state.inbox, vehicle, settings), learned),
             *self._departures.attach(values['departures'], values['grid_prices']))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{name} = {value}' for name, value in changed.items()) + '.')

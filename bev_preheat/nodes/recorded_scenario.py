@@ -75,7 +75,7 @@ class MessageWire(Wire):
     def route(self, mission: Mission) -> Event:
         """Return the event of a route plan."""
         return self._carried(route_plan_message(mission),
-                             lambda message: self._routes.read(message, self._supervisor.state))
+                             lambda message: self._routes.read(message, self._supervisor.state.inbox))
 
     def progress(self, progress: Progress) -> Event:
         """Return the event of a position."""

@@ -113,7 +113,7 @@ class Player:
         vehicle, settings = self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters)
         if state.now_ns:
             self._supervisor.step(state.now_ns, Reconfigured(
-                vehicle, settings, self._routes.read_again(state, vehicle, settings)))
+                vehicle, settings, self._routes.read_again(state.inbox, vehicle, settings)))
         elif self._changes.has_recorded_vehicle:
             self._supervisor.go_on_from(state._replace(inbox=state.inbox._replace(settings=settings)))
         else:
@@ -127,7 +127,7 @@ class Player:
         if kind == RECONFIGURED:
             # A recorded Learned is that of another file; a changed vehicle keeps its own learned values.
             vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
-            return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
+            return Reconfigured(vehicle, settings, self._routes.read_again(state.inbox, vehicle, settings),
                                 learned_of(values['learned']) if self._changes.has_recorded_vehicle else None)
         if kind not in INPUTS:
             return event_of(values, self._goals)

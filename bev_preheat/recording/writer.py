@@ -220,22 +220,20 @@ class RecordingWriter:
     """
     The thread that writes; `put` and `put_group` hand entries over and return at once.
 
-    `entries_of` and `head_of` are called in the thread: they return the entries of a group, and those that a file
-    starts with: a Beginning, and the planner's state after the groups so far.
+    `head_of` is called in the thread: it returns the entries that a file starts with, a Beginning, and the
+    planner's state after the groups so far.
     `report` is the sentence on a failure, '' while all is well; `dropped` counts the groups that were lost, `path`
     is that of the latest file.
     """
 
     def __init__(self, recording: Recording, kinds: dict[str, Kind],
                  head_of: Callable[[], Iterable[Entry]],
-                 largest_file_bytes: int = LARGEST_RECORDING_BYTES,
-                 entries_of: Callable[[Any], Iterable[Entry]] = iter) -> None:
+                 largest_file_bytes: int = LARGEST_RECORDING_BYTES) -> None:
         """Start the thread; raises MissingPackage without the package mcap."""
         require('mcap')
         self._recording, self._kinds = recording, {**kinds, **JSON_KINDS}
         self._largest_file_bytes = largest_file_bytes
-        self._entries_of, self._head_of = entries_of, head_of
-        self._waiting: deque[Any] = deque()
+        self._head_of, self._waiting = head_of, deque[Callable[[], Iterable[Entry]]]()
         self._news, self._hurry, self._ends = Event(), Event(), False
         self._file: FileIO | None = None
         self._path: Path | None = None
@@ -254,14 +252,14 @@ class RecordingWriter:
 
     def put(self, *entries: Entry) -> None:
         """Hand entries over that belong together; if too many groups wait, they are dropped."""
-        self.put_group(entries)
+        self.put_group(lambda: entries)
 
-    def put_group(self, group: Any) -> None:
-        """Hand a group over; `entries_of` turns it into entries."""
+    def put_group(self, entries_of: Callable[[], Iterable[Entry]]) -> None:
+        """Hand a group of entries over, which `entries_of` returns; it is called in the thread."""
         if len(self._waiting) >= MOST_WAITING:
             self.dropped += 1
             return
-        self._waiting.append(group)
+        self._waiting.append(entries_of)
         # Cheaper than to wake the thread again while it collects.
         if not self._news.is_set():
             self._news.set()
@@ -305,8 +303,8 @@ class RecordingWriter:
                 # Lets the planner go on, which would wait for the interpreter's lock.
                 time.sleep(PAUSE_S)
 
-    def _collect(self, group: Any) -> None:
-        for entry in self._entries_of(group):
+    def _collect(self, entries_of: Callable[[], Iterable[Entry]]) -> None:
+        for entry in entries_of():
             if self.dropped > self._reported_drops:
                 self._add(Entry(GAP_CHANNEL, entry.now_ns, {'dropped': self.dropped - self._reported_drops}))
                 self._reported_drops = self.dropped

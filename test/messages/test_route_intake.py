@@ -103,7 +103,7 @@ class Driver:
         """Set parameters, as the node does."""
         vehicle = self.supervisor.state.vehicle
         self.supervisor.run(NOW_NS, Reconfigured(
-            vehicle, settings, self.intake.read_again(self.supervisor.state, vehicle, settings)))
+            vehicle, settings, self.intake.read_again(self.supervisor.state.inbox, vehicle, settings)))
 
     def refused(self, **changed):
         with pytest.raises(InvalidInput):
@@ -139,7 +139,7 @@ def test_a_route_that_does_not_fit_a_vehicle_comes_back_with_one_that_it_fits(dr
     mission = driver.supervisor.state.mission
     for vehicle, has_mission in ((narrow, False), (VEHICLE, True)):
         settings = driver.supervisor.state.settings
-        again = driver.intake.read_again(driver.supervisor.state, vehicle, settings)
+        again = driver.intake.read_again(driver.supervisor.state.inbox, vehicle, settings)
         driver.supervisor.step_through(NOW_NS, Reconfigured(vehicle, settings, again))
         assert (driver.supervisor.state.mission is not None) == has_mission
     assert driver.supervisor.state.mission.route_id == mission.route_id

@@ -30,7 +30,7 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.prepare_battery import goal_message, preparation_goal_of
 from bev_preheat.monitoring import planner_client
-from bev_preheat.monitoring.planner_client import feedback_line, Wanted
+from bev_preheat.monitoring.planner_client import feedback_line
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.action import PrepareBattery
@@ -170,13 +170,13 @@ def client_of(monkeypatch):
 @pytest.mark.parametrize('lost', [0, 2])
 def test_a_goal_whose_answer_is_lost_is_sent_again(client_of, lost):
     planner = PlannerThatAnswersLate(lost)
-    assert client_of(planner).send(Wanted(600.0, 20.0, None, False))
+    assert client_of(planner).send(PreparationGoal(target_c=20.0), 600.0)
     assert [goal.ready_at.sec for goal in planner.sent] == [1600] * (lost + 1)
 
 
 def test_a_goal_of_which_nothing_is_heard_may_be_pursued_all_the_same(client_of):
     with pytest.raises(InvalidInput, match='may heat for it; call its ~/enable with false'):
-        client_of(PlannerThatAnswersLate(10**6)).send(Wanted(None, None, None, True))
+        client_of(PlannerThatAnswersLate(10**6)).send(PreparationGoal(is_plugged_in=True), None)
 
 
 # Over DDS

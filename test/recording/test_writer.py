@@ -31,8 +31,8 @@ pytestmark = pytest.mark.needs('mcap')
 NUMBERS = st.integers(0, 2**62)
 
 
-def a_writer(folder, **options):
-    return RecordingWriter(Recording(folder, 10**9, '01234567', '20260101T000000'), {}, tuple, **options)
+def a_writer(folder):
+    return RecordingWriter(Recording(folder, 10**9, '01234567', '20260101T000000'), {}, tuple)
 
 
 @given(st.builds(RecordedStep, NUMBERS, st.sampled_from(['step', 'fail', 'stop']),
@@ -66,17 +66,17 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_planner_goes_on(tmp
 def test_a_full_disk_is_reported_counted_and_tried_again(tmp_path, monkeypatch):
     full = [True]
 
-    def entries_of(group):
+    def step(second):
         if full[0]:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return group
+        return Entry(STEP_CHANNEL, second, RecordedStep(second)),
 
-    writer = a_writer(tmp_path, entries_of=entries_of)
+    writer = a_writer(tmp_path)
     monkeypatch.setattr(module, 'REOPENED_AFTER_S', 0.0)
-    writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
+    writer.put_group(lambda: step(1))
     poll_until(lambda: 'No space left' in writer.report, 'the full disk')
     full[0] = False
-    writer.put(Entry(STEP_CHANNEL, 2, RecordedStep(2)))
+    writer.put_group(lambda: step(2))
     poll_until(lambda: not writer.report, 'the end of the problem')
     writer.close(10.0)
     assert writer.dropped == 1
@@ -104,10 +104,10 @@ def test_after_its_file_was_deleted_it_writes_another_one(tmp_path, monkeypatch)
 
 def test_a_disk_that_hangs_costs_entries_not_time(tmp_path, monkeypatch):
     monkeypatch.setattr(module, 'MOST_WAITING', 50)
-    writer = a_writer(tmp_path, entries_of=lambda group: time.sleep(0.2) or ())
+    writer = a_writer(tmp_path)
     began = time.monotonic()
-    for second in range(1000):
-        writer.put(Entry(STEP_CHANNEL, second, RecordedStep(second)))
+    for _ in range(1000):
+        writer.put_group(lambda: time.sleep(0.2) or ())
     assert time.monotonic() - began < 1.0
     assert writer.dropped > 800
     writer.close(0.0)
