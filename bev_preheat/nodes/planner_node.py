@@ -346,10 +346,11 @@ class PlannerNode(ProgramNode):
         running = self._state_keeper.running(settings, self.now_ns())
         if running is None:
             return
-        self._supervisor.go_on_from(running.state)
-        mission = running.state.inbox.latest_mission
-        if mission is not None and running.route is not None:
-            self._routes.remember(mission, deserialize_message(running.route, RoutePlan))
+        state, message = running
+        self._supervisor.go_on_from(state)
+        mission = state.inbox.latest_mission
+        if mission is not None and message is not None:
+            self._routes.remember(mission, deserialize_message(message, RoutePlan))
 
     def _route_bytes(self) -> bytes | None:
         """Return the message of the latest route as bytes (CDR); None without one."""

@@ -42,58 +42,12 @@ OWN_HEAD = b'{"%s":' % KEY.encode()
 LARGEST_FILE_BYTES = 100_000_000
 
 
-class Running(NamedTuple):
-    """A State, and the message of its route as bytes (CDR); None without a route."""
-
-    state: State
-    route: bytes | None
-
-
-def save_running(path: str, fingerprint: str, running: Running) -> None:
-    """Write a Running beside a state file, for a vehicle file's fingerprint; raises InvalidInput if it cannot."""
-    beside = path + SUFFIX
-    before = _contents(beside, len(OWN_HEAD))
-    if before and not before.startswith(OWN_HEAD):
-        raise InvalidInput(f'{beside}: not overwritten: it is not the state of a running planner; name another '
-                           'state file')
-    route = running.route
-    write_whole(beside, json.dumps({
-        KEY: FORMAT, 'vehicle_file_sha256': fingerprint, 'state_file_sha256': _hash_of(path),
-        'route': None if route is None else b64encode(route).decode(),
-        'state': b64encode(state_bytes(running.state)).decode()}, separators=(',', ':')),
-        make_folder=True, outlasts_power=False)
-
-
-def load_running(path: str, fingerprint: str, settings: Settings, now_ns: int) -> Running | None:
-    """
-    Return the Running beside the state file of a path as it holds at an instant [ns]; None: it does not hold.
-
-    A preparation goal has ended with the process that it was given to. Raises InvalidInput if the file is damaged,
-    or of another version.
-    """
-    contents = _contents(path + SUFFIX)
-    if not contents:
-        return None
-    try:
-        values = json.loads(contents)
-        if values[KEY] != FORMAT:
-            raise InvalidInput(f'{path}{SUFFIX}: has format {values[KEY]}; this version reads {FORMAT}')
-        is_of_this = (values['vehicle_file_sha256'], values['state_file_sha256']) == (fingerprint, _hash_of(path))
-        route = None if values['route'] is None else b64decode(values['route'])
-        state = state_of(b64decode(values['state'])) if is_of_this else None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f'{path}{SUFFIX}: is damaged: {type(error).__name__}: {error}') from error
-    if state is None or state.settings != settings or not 0 <= now_ns - state.now_ns <= OLDEST_CHOICE_NS:
-        return None
-    return Running(_as_after_restart(state, now_ns), route)
-
-
 def _as_after_restart(state: State, now_ns: int) -> State:
     """
     Return a State without the goals, other nodes and publications of the process before.
 
-    The publisher of a cancelled route may still latch it, and sends it to the new process. A heater whose lease
-    has ended has been off since.
+    A preparation goal has ended with the process that it was given to. The publisher of a cancelled route may
+    still latch it, and sends it to the new process. A heater whose lease has ended has been off since.
     """
     preparation, choices = state.preparation, state.inbox.choices.after_restart(now_ns)
     inbox = state.inbox._replace(rivals='', choices=choices, cancelled_before=choices.cancelled_trip)
@@ -212,19 +166,43 @@ class StateKeeper:
         if state.inbox.choices != self._tried_choices:
             self.save(state)
 
-    def running(self, settings: Settings, now_ns: int) -> Running | None:
-        """Return the Running that a planner of before left beside the file, as it holds at an instant [ns]."""
+    def running(self, settings: Settings, now_ns: int) -> tuple[State, bytes | None] | None:
+        """
+        Return the State that a planner of before left beside the file, and its route's message as bytes (CDR).
+
+        Both as they hold at an instant [ns]; None: they do not. The message is None without a route.
+        """
         if not self._path or self._is_foreign:
             return None
         try:
-            running = load_running(self._path, self._fingerprint, settings, now_ns)
+            running = self._load_running(settings, now_ns)
         except InvalidInput as error:
             self._logger.warning(f'state_file: {error}; the planner begins without it.')
             return None
         if running is not None:
-            ago = duration_text((now_ns - running.state.now_ns) / NS_PER_S)
+            ago = duration_text((now_ns - running[0].now_ns) / NS_PER_S)
             self._logger.info(f'state_file: the planner goes on from its state of {ago} ago.')
         return running
+
+    def _load_running(self, settings: Settings, now_ns: int) -> tuple[State, bytes | None] | None:
+        """Raise InvalidInput if the file is damaged, or of another version."""
+        beside = self._path + SUFFIX
+        contents = _contents(beside)
+        if not contents:
+            return None
+        try:
+            values = json.loads(contents)
+            if values[KEY] != FORMAT:
+                raise InvalidInput(f'{beside}: has format {values[KEY]}; this version reads {FORMAT}')
+            is_of_this = (values['vehicle_file_sha256'], values['state_file_sha256']) == (
+                self._fingerprint, _hash_of(self._path))
+            route = None if values['route'] is None else b64decode(values['route'])
+            state = state_of(b64decode(values['state'])) if is_of_this else None
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f'{beside}: is damaged: {type(error).__name__}: {error}') from error
+        if state is None or state.settings != settings or not 0 <= now_ns - state.now_ns <= OLDEST_CHOICE_NS:
+            return None
+        return _as_after_restart(state, now_ns), route
 
     def keep_running(self, state: State, route: Callable[[], bytes | None]) -> None:
         """
@@ -238,8 +216,17 @@ class StateKeeper:
         if not self._path or self._is_foreign or not is_due:
             return
         self._running, self._running_ns = about, state.now_ns
+        beside = self._path + SUFFIX
         try:
-            save_running(self._path, self._fingerprint, Running(state, route()))
+            message, before = route(), _contents(beside, len(OWN_HEAD))
+            if before and not before.startswith(OWN_HEAD):
+                raise InvalidInput(f'{beside}: not overwritten: it is not the state of a running planner; name '
+                                   'another state file')
+            write_whole(beside, json.dumps({
+                KEY: FORMAT, 'vehicle_file_sha256': self._fingerprint, 'state_file_sha256': _hash_of(self._path),
+                'route': None if message is None else b64encode(message).decode(),
+                'state': b64encode(state_bytes(state)).decode()}, separators=(',', ':')),
+                make_folder=True, outlasts_power=False)
         except (InvalidInput, TypeError) as error:
             self._fail(str(error))
 
