@@ -17,7 +17,6 @@ from bev_preheat.control.preparation import Preparation
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.regime import RegimeReport
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.timetable import PlaceReport
 from bev_preheat.estimation.before_restart import DriverChoices, LastSeen, NO_CHOICES
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -118,11 +117,6 @@ class State(NamedTuple):
     def preparation_goal(self) -> PreparationGoal | None:
         """The current PreparationGoal; None without one."""
         return self.preparation.goal
-
-    @property
-    def place(self) -> PlaceReport | None:
-        """The place by route progress; None before the first."""
-        return None if self.inbox.timetable is None else self.inbox.timetable.place
 
     @property
     def measurement(self) -> Measurement | None:

@@ -73,21 +73,6 @@ class TripEnd(NamedTuple):
     is_observed: bool
 
 
-class PlaceReport(NamedTuple):
-    """
-    The vehicle's place on a route of `length_m` [m], by its latest Progress.
-
-    `delay_ns` [ns] is negative if it is early; `stood_ns` [ns] is the delay that has built up since it last moved.
-    `has_ended`: the trip is over, and needs no place.
-    """
-
-    latest: Progress
-    length_m: float
-    delay_ns: int
-    stood_ns: int
-    has_ended: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class Timetable:
     """
@@ -169,10 +154,9 @@ class Timetable:
         return self.mission.delay_ns
 
     @property
-    def place(self) -> PlaceReport | None:
-        """The PlaceReport of now; None without Progress."""
-        return None if self.track is None else PlaceReport(
-            self.track.latest, self.planned.places.length_m, self.delay_ns, self.stood_ns, self.end is not None)
+    def latest(self) -> Progress | None:
+        """The latest Progress that counts; None without one."""
+        return None if self.track is None else self.track.latest
 
     def planned_ns(self, instant_ns: int) -> int:
         """

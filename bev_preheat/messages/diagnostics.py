@@ -258,21 +258,22 @@ def _progress(state: State, now_ns: int) -> list[DiagnosticStatus]:
     WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
     no position.
     """
-    place, refused = state.place, state.inbox.refused_progress
+    timetable, refused = state.inbox.timetable, state.inbox.refused_progress
     warnings = [] if refused is None else [f'{refused}.']
-    if place is None:
+    if timetable is None or timetable.latest is None:
         return [] if refused is None else [entry(
             'route progress', WARN, f'{refused}. The planner follows the stamp of route_plan.')]
-    age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
-    delay_s = place.delay_ns / NS_PER_S
-    if age_s > limit_s and not place.has_ended:
+    latest, delay_s, has_ended = timetable.latest, timetable.delay_ns / NS_PER_S, timetable.end is not None
+    age_s, limit_s = (now_ns - latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+    if age_s > limit_s and not has_ended:
         warnings.append(f'The latest valid route_progress is {age_s:.3f} s old; at most {limit_s:g} s are '
                         'allowed: the planner continues by time from there.')
-    good = 'The trip has ended.' if place.has_ended else _delay_in_words(delay_s)
+    good = 'The trip has ended.' if has_ended else _delay_in_words(delay_s)
     return [entry('route progress', WARN if warnings else OK, ' '.join(warnings) or good, {
-        'distance [m]': f'{place.latest.distance_m:.0f}', 'length of the route [m]': f'{place.length_m:.0f}',
+        'distance [m]': f'{latest.distance_m:.0f}',
+        'length of the route [m]': f'{timetable.planned.places.length_m:.0f}',
         'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
-        'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'})]
+        'has stood for [s]': f'{timetable.stood_ns / NS_PER_S:.0f}'})]
 
 
 def _delay_in_words(delay_s: float) -> str:

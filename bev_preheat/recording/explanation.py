@@ -60,7 +60,7 @@ def why(state: State, now_ns: int) -> Why:
 
 def _inputs(state: State, now_ns: int) -> Rows:
     rows = []
-    measurement, mission, place = state.measurement, state.mission, state.place
+    measurement, mission, timetable = state.measurement, state.mission, state.inbox.timetable
     if measurement is None:
         rows.append(('battery_state', 'none yet'))
     else:
@@ -74,9 +74,9 @@ def _inputs(state: State, now_ns: int) -> Rows:
         started_s = max(now_ns - mission.start_ns, 0) / NS_PER_S
         rows.append(('route_plan', f'{mission.route_id or "without identification"}, started '
                      f'{duration_text(started_s)} ago, {len(mission.legs)} leg(s)'))
-    if place is not None:
-        rows.append(('route_progress', f'{place.latest.distance_m:.0f} m of {place.length_m:.0f} m, '
-                     f'{(now_ns - place.latest.stamp_ns) / NS_PER_S:.2f} s old'))
+    if timetable is not None and (latest := timetable.latest) is not None:
+        rows.append(('route_progress', f'{latest.distance_m:.0f} m of {timetable.planned.places.length_m:.0f} m, '
+                     f'{(now_ns - latest.stamp_ns) / NS_PER_S:.2f} s old'))
     for name, refused in (('refused route_plan', state.inbox.refused_route),
                           ('refused route_progress', state.inbox.refused_progress)):
         if refused is not None:

@@ -131,7 +131,7 @@ def test_a_vehicle_that_left_before_its_route_plan_is_where_it_is():
 def test_a_position_without_a_route_says_nothing():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))
-    assert (supervisor.state.place, supervisor.state.inbox.refused_progress) == (None, None)
+    assert (supervisor.state.inbox.timetable, supervisor.state.inbox.refused_progress) == (None, None)
 
 
 # Refused, too old

@@ -44,7 +44,8 @@ class Forgetful(Supervisor):
         self.said.append((
             now_ns, repr(output.command), output.refusals, output.failure, output.has_new_status,
             None if decision is None else (decision.status, decision.explanation, decision.arrival_deviation_k),
-            state.regime, state.signal_verdicts, state.place, state.inbox.choices, state.last_seen,
+            state.regime, state.signal_verdicts, state.inbox.timetable and state.inbox.timetable.latest,
+            state.inbox.choices, state.last_seen,
             None if state.estimate is None else state.estimate.mean.tolist()))
         return output
 

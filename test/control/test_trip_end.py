@@ -203,13 +203,13 @@ def test_a_vehicle_that_stands_with_consumers_on_no_plan_stays_at_its_place(unpl
         trip.step(0.0, CONSUMERS_W + unplanned_w[number % len(unplanned_w)])
         trip.report()
     assert (trip.planner.state.inbox.refused_progress, trip.status) == (None, Status.WAITING)
-    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=NS_PER_S)
+    assert trip.planner.state.inbox.timetable.delay_ns == pytest.approx(2400 * NS_PER_S, abs=NS_PER_S)
     # It drives on, and the next position follows.
     trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
     trip.here_m += SPEED_MPS * 5.0
     trip.report()
     trip.step(DRIVE_W, CONSUMERS_W + 5000.0)
-    assert trip.planner.state.place.delay_ns == pytest.approx(2400 * NS_PER_S, abs=5 * NS_PER_S)
+    assert trip.planner.state.inbox.timetable.delay_ns == pytest.approx(2400 * NS_PER_S, abs=5 * NS_PER_S)
 
 
 def test_a_charge_that_is_frozen_does_not_make_a_driving_vehicle_stand():
@@ -240,11 +240,11 @@ def test_a_position_on_its_way_during_an_update_counts_for_the_route_before():
     trip.now_s += 1
     trip.do('replan')
     trip.tell(ProgressArrived(Progress(distance_m, stamp_ns, 'home')))
-    assert trip.planner.state.place is None
+    assert trip.planner.state.inbox.timetable.latest is None
     trip.step(DRIVE_W, CONSUMERS_W)
     trip.here_m += SPEED_MPS * 6.0
     trip.tell(ProgressArrived(Progress(trip.here_m, trip.clock_ns, 'home')))
-    assert trip.planner.state.place.latest.distance_m == trip.here_m
+    assert trip.planner.state.inbox.timetable.latest.distance_m == trip.here_m
 
 
 def test_positions_after_the_end_are_no_fault_and_count_no_more():
@@ -254,7 +254,7 @@ def test_positions_after_the_end_are_no_fault_and_count_no_more():
         trip.step(DRIVE_W, CONSUMERS_W)
         trip.send_position(distance_m)
     assert (trip.violations, trip.planner.state.inbox.refused_progress) == ([], None)
-    assert trip.planner.state.place.has_ended
+    assert trip.planner.state.inbox.timetable.end is not None
 
 
 def test_a_late_trip_that_has_ended_by_time_goes_on_with_an_update():
