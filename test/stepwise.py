@@ -10,7 +10,6 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 
@@ -82,7 +81,3 @@ class Stepwise(Supervisor):
         """Return the Command that is given as time passes."""
         self.run(now_ns)
         return self.state.latest_command
-
-    def goal_of(self, leg):
-        """Return the Goal of a leg, as a checker's Inbox sees it."""
-        return Inbox(self.vehicle, self.settings).goal_of(leg)

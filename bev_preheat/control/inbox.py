@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from bev_preheat.control import events
 from bev_preheat.control.decision import Decision, Moment, WITHOUT_ROUTE
-from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
+from bev_preheat.control.inputs import check_mission, Measurement, Mission, Progress
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
@@ -26,7 +26,7 @@ from bev_preheat.estimation.signal_checks import (
     STATE_OF_CHARGE,
 )
 from bev_preheat.numerics import NS_PER_S
-from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.status import Status
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.tunables import CLOCK_RESTART_S
@@ -119,10 +119,6 @@ class Inbox(NamedTuple):
         return WITHOUT_ROUTE if not self.is_cancelled else Decision(
             Status.NO_CHARGING_PLANNED,
             f'The trip was cancelled{before}: no heating until a {wanted} arrives.')
-
-    def goal_of(self, leg: Leg) -> Goal:
-        """Return the Goal of a leg; settings and vehicle complete it."""
-        return goal_of_leg(leg, self.vehicle, self.settings)
 
     def moment(self, now_ns: int, preparation: Timetable | None = None, measurement: Measurement | None = None,
                doubt: str | None = None) -> Moment:

@@ -174,7 +174,7 @@ class NlpCheckerNode(InboxNode):
         if age_s > self.values['battery_state_timeout']:
             return f'The latest valid battery state is {age_s:.1f} s old.'
         mission = as_driven(mission, self._plan)
-        if case_of_state(mission, self.inbox.goal_of, measurement, None) is None:
+        if case_of_state(mission, self.inbox, measurement, None) is None:
             has_ended = mission.legs[-1].route_ahead(measurement.stamp_ns) is None
             return 'The route has ended.' if has_ended else 'The vehicle is at a planned stop.'
         return None
@@ -205,12 +205,12 @@ class NlpCheckerNode(InboxNode):
                 self.values['battery_state_timeout'] * NS_PER_S)
             fresh = [measurement for measurement in self._measurements
                      if measurement.stamp_ns >= oldest_ns]
-            case = case_of_plan(mission, inbox.goal_of, fresh, self._plan)
+            case = case_of_plan(mission, inbox, fresh, self._plan)
             if case is not None:
                 return case
         if self._ready_since_s is None or monotonic() - self._ready_since_s < PLAN_WAIT_S:
             return None
-        return case_of_state(mission, inbox.goal_of, measurement, self._plan)
+        return case_of_state(mission, inbox, measurement, self._plan)
 
     def _begin(self, case: CheckedCase) -> None:
         if self._solver.is_busy and self._case is not None:

@@ -9,14 +9,15 @@ state, on the same steps of the same route, with the same goal.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 import math
 from typing import Any
 
 import numpy as np
 
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import goal_of_leg, Leg, Measurement, Mission
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.estimate import FACTOR_NAMES
 from bev_preheat.messages.fields import nanoseconds, time_message
@@ -26,9 +27,6 @@ from bev_preheat.planning.plan import difference, Plan
 from bev_preheat.planning.planner import is_method
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan, RoutePlan
-
-# Inbox.goal_of.
-GoalOf = Callable[[Leg], Goal]
 
 # Two computations of the same steps differ only by rounding.
 STEP_ROUNDING_S = 1e-3
@@ -82,13 +80,13 @@ def says_the_same(route_message: RoutePlan, other: RoutePlan) -> bool:
                for field in route_message.get_fields_and_field_types())
 
 
-def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measurement],
+def case_of_plan(mission: Mission, inbox: Inbox, measurements: Iterable[Measurement],
                  plan: PreheatPlan) -> CheckedCase | None:
     """
     Return the Case of a PreheatPlan; None if its inputs are unknown.
 
     The plan must be for a leg of this mission, in its steps, and start from a measurement, or from the estimate
-    at the instant of a measurement; `goal_of` is Inbox.goal_of.
+    at the instant of a measurement; the Inbox has the settings that complete a goal.
     """
     under_way = plan.heater_power, plan.coolant_excess_temperature
     if (plan.route_id != mission.route_id
@@ -108,7 +106,7 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
                 or len(plan.time) != len(route) + 1
                 or not np.allclose(plan.time, route.time_s, rtol=0.0, atol=STEP_ROUNDING_S)):
             continue
-        goal = _with_target_of(plan, leg, goal_of(leg))
+        goal = _with_target_of(plan, leg, goal_of_leg(leg, inbox.vehicle, inbox.settings))
         if not factors and state == measurement.state:
             return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
                                Question(route, state, goal), plan.battery_energy)
@@ -127,20 +125,20 @@ def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
     return mission.delayed(round(plan.delay * NS_PER_S))
 
 
-def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
+def case_of_state(mission: Mission, inbox: Inbox, measurement: Measurement,
                   plan: PreheatPlan | None) -> CheckedCase | None:
     """
     Return the Case of a measurement; None at a stop and after the end of the route.
 
     `plan` is the latest PreheatPlan or None. If it is for this route, its method plans again; otherwise there is
-    nothing to compare the optimum with. `goal_of` is Inbox.goal_of.
+    nothing to compare the optimum with. The Inbox has the settings that complete a goal.
     """
     leg = mission.legs[mission.leg_number(measurement.stamp_ns)]
     start_ns = max(measurement.stamp_ns, leg.start_ns)
     route = leg.route_ahead(start_ns)
     if route is None:
         return None
-    method, goal = '', goal_of(leg)
+    method, goal = '', goal_of_leg(leg, inbox.vehicle, inbox.settings)
     if plan is not None and plan.route_id == mission.route_id:
         method, goal = plan.method, _with_target_of(plan, leg, goal)
     return CheckedCase(mission.route_id, start_ns, method, UNKNOWN,

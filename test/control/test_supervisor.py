@@ -12,7 +12,7 @@ from stepwise import Stepwise
 from bev_preheat.control.decision import Command
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.inputs import goal_of_leg, Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.numerics import NS_PER_S
@@ -284,14 +284,14 @@ def test_the_cabin_comes_first_in_each_segment():
     ids=['route', 'settings', 'vehicle', 'route_at_zero'])
 def test_target_comes_from_route_then_settings_then_vehicle(
         of_route_c, of_settings_c, expected_c):
-    inbox = Inbox(VEHICLE, replace(MEASURED, target_battery_temperature_c=of_settings_c))
-    goal = inbox.goal_of(steady_mission(target_temperature_c=of_route_c).legs[0])
+    settings = replace(MEASURED, target_battery_temperature_c=of_settings_c)
+    goal = goal_of_leg(steady_mission(target_temperature_c=of_route_c).legs[0], VEHICLE, settings)
     assert goal.target_temperature_c == expected_c
 
 
 def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
-    inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
-    goals = [inbox.goal_of(steady_mission(minimum_arrival_soc=reserve).legs[0])
+    settings = replace(MEASURED, arrival_soc_margin=0.07)
+    goals = [goal_of_leg(steady_mission(minimum_arrival_soc=reserve).legs[0], VEHICLE, settings)
              for reserve in (0.0, 0.31, 0.98)]
     # Without a request the reserve is 0; a reserve above 1 cannot be met.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]

@@ -11,7 +11,7 @@ from stepwise import Stepwise
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.events import PreparationWanted
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Measurement, Mission, with_stops
+from bev_preheat.control.inputs import goal_of_leg, Measurement, Mission, with_stops
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.messages.preheat_plan import plan_message
@@ -54,14 +54,14 @@ def at(elapsed_s):
 @pytest.mark.parametrize('elapsed_s, rest_s, goal', [
     (0, 600.0, GOALS[0]), (450, 150.0, GOALS[0]), (900, 600.0, GOALS[1]), (1100, 400.0, GOALS[1])])
 def test_a_state_is_checked_in_its_leg(inputs, elapsed_s, rest_s, goal):
-    case = case_of_state(inputs.state.mission, inputs.goal_of, at(elapsed_s), None)
+    case = case_of_state(inputs.state.mission, inputs.state.inbox, at(elapsed_s), None)
     assert (case.question.route.total_duration_s, case.question.goal) == (
         pytest.approx(rest_s), goal)
 
 
 @pytest.mark.parametrize('elapsed_s', [600, 899, 1500])
 def test_at_a_stop_and_after_the_end_nothing_is_checked(inputs, elapsed_s):
-    assert case_of_state(inputs.state.mission, inputs.goal_of, at(elapsed_s), None) is None
+    assert case_of_state(inputs.state.mission, inputs.state.inbox, at(elapsed_s), None) is None
 
 
 @pytest.mark.parametrize('elapsed_s, goal', [(450, GOALS[0]), (1100, GOALS[1])])
@@ -70,7 +70,7 @@ def test_a_plan_is_checked_in_its_leg(inputs, elapsed_s, goal):
     inputs.accept_battery(measurement, measurement.stamp_ns)
     plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.state.mission, measurement.stamp_ns,
                         inputs.later_decisions())
-    case = case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan)
+    case = case_of_plan(inputs.state.mission, inputs.state.inbox, [measurement], plan)
     assert (case.question.goal, case.start_ns) == (goal, measurement.stamp_ns)
 
 
@@ -81,7 +81,7 @@ def test_a_plan_for_a_goal_of_the_action_is_not_taken_for_the_routes(inputs):
     inputs.run(START_NS, PreparationWanted(PreparationGoal(START_NS + 600 * NS_PER_S, 21.0)))
     plan = plan_message(inputs.state.decision, inputs.state.active_mission, START_NS)
     assert plan.route_id == '~/prepare_battery'
-    assert case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan) is None
+    assert case_of_plan(inputs.state.mission, inputs.state.inbox, [measurement], plan) is None
 
 
 def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
@@ -90,8 +90,8 @@ def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
     supervisor.accept_battery(measurement, measurement.stamp_ns)
     plan = plan_message(supervisor.replan(measurement.stamp_ns), supervisor.state.mission, 0)
     assert plan.delay == 60.0
-    assert case_of_plan(planned, inputs.goal_of, [measurement], plan) is None
-    case = case_of_plan(as_driven(planned, plan), inputs.goal_of, [measurement], plan)
+    assert case_of_plan(planned, inputs.state.inbox, [measurement], plan) is None
+    case = case_of_plan(as_driven(planned, plan), inputs.state.inbox, [measurement], plan)
     assert case.question.route.total_duration_s == pytest.approx(600.0 + 60.0 - 90.0)
     # A plan for another route does not apply to this one.
     plan.route_id = 'near'
@@ -100,17 +100,17 @@ def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
 
 @pytest.fixture
 def heated():
-    """Return (mission, goal_of, measurement, plan) of a plan with heat under way at its start."""
+    """Return (mission, inbox, measurement, plan) of a plan with heat under way at its start."""
     supervisor = two_legs(Goal(40.0, 0.15), vehicle=replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0)))
     for elapsed_s in range(0, 120, 5):
         supervisor.accept_battery(at(elapsed_s), at(elapsed_s).stamp_ns)
     plan = plan_message(supervisor.replan(at(elapsed_s).stamp_ns), supervisor.state.mission, 0)
-    return supervisor.state.mission, supervisor.goal_of, at(elapsed_s), plan
+    return supervisor.state.mission, supervisor.state.inbox, at(elapsed_s), plan
 
 
 def test_a_plan_is_checked_with_the_heat_under_way(heated):
-    mission, goal_of, measurement, plan = heated
-    case = case_of_plan(mission, goal_of, [measurement], plan)
+    mission, inbox, measurement, plan = heated
+    case = case_of_plan(mission, inbox, [measurement], plan)
     assert plan.heater_power[0] > 1000.0 and plan.coolant_excess_temperature[0] > 1.0
     assert (case.question.state.heater_power_w, case.question.state.coolant_excess_k) == (
         plan.heater_power[0], plan.coolant_excess_temperature[0])
@@ -119,17 +119,17 @@ def test_a_plan_is_checked_with_the_heat_under_way(heated):
 @pytest.mark.parametrize('field', ['heater_power', 'coolant_excess_temperature'])
 @pytest.mark.parametrize('values', [[], [0.0]])
 def test_heat_under_way_of_another_length_is_no_plan_to_check(heated, field, values):
-    mission, goal_of, measurement, plan = heated
+    mission, inbox, measurement, plan = heated
     setattr(plan, field, values)
-    assert case_of_plan(mission, goal_of, [measurement], plan) is None
+    assert case_of_plan(mission, inbox, [measurement], plan) is None
 
 
 @pytest.mark.parametrize('count, is_checked', [
     (0, False), (1, False), (4, False), (5, True), (6, True), (7, False)])
 def test_a_model_with_another_number_of_factors_is_no_plan_to_check(heated, count, is_checked):
-    mission, goal_of, measurement, plan = heated
+    mission, inbox, measurement, plan = heated
     plan.model_factors = [1.0] * count
-    assert (case_of_plan(mission, goal_of, [measurement], plan) is not None) is is_checked
+    assert (case_of_plan(mission, inbox, [measurement], plan) is not None) is is_checked
 
 
 @pytest.mark.parametrize('charger_w', [150e3, 50e3])
@@ -140,8 +140,8 @@ def test_the_target_that_the_planner_has_chosen_is_checked(charger_w):
     mission = supervisor.state.mission
     plan = plan_message(supervisor.replan(measurement.stamp_ns), mission, measurement.stamp_ns)
     # Its own inbox knows nothing of prices or estimates.
-    goal_of = Inbox(VEHICLE, settings).goal_of
-    assert goal_of(mission.legs[0]).target_temperature_c == 25.0
-    for case in (case_of_plan(mission, goal_of, [measurement], plan),
-                 case_of_state(mission, goal_of, measurement, plan)):
+    inbox = Inbox(VEHICLE, settings)
+    assert goal_of_leg(mission.legs[0], VEHICLE, settings).target_temperature_c == 25.0
+    for case in (case_of_plan(mission, inbox, [measurement], plan),
+                 case_of_state(mission, inbox, measurement, plan)):
         assert case.question.goal.target_temperature_c == plan.target_battery_temperature < 21.0
