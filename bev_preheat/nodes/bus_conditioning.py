@@ -25,6 +25,7 @@ from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import heater_command
 from bev_preheat.messages.prepare_battery import goal_message
 from bev_preheat.nodes.heater_execution import instant_of
+from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits
 from bev_preheat_msgs.action import PrepareBattery
@@ -35,7 +36,8 @@ MODE, TEMPERATURE, TIME = f'{BRANCH}.RequestedMode', f'{BRANCH}.TargetTemperatur
 IS_ACTIVE, IS_ONGOING = f'{BRANCH}.IsActive', f'{BRANCH}.IsOngoing'
 ACTUATORS = (MODE, TEMPERATURE, TIME)
 INACTIVE, FAST_CHARGING, DRIVING = 'INACTIVE', 'FAST_CHARGING_PREPARATION', 'DRIVING_PREPARATION'
-MODES = (INACTIVE, FAST_CHARGING, DRIVING)
+REQUESTED_MODE = Parameter(MODE, INACTIVE, 'Reason for the conditioning.',
+                           choices=(INACTIVE, FAST_CHARGING, DRIVING))
 # Target [deg C], None: the default, and instant [s since the epoch], 0: soon.
 Goal = tuple[float | None, float]
 # Targets [deg C] that make sense for a battery; the planner has limits of its own.
@@ -45,7 +47,7 @@ LOWEST_C, HIGHEST_C = -40.0, 80.0
 @dataclass(frozen=True)
 class ConditioningRequest:
     """
-    The values requested last; MODES has all words for `mode`.
+    The values requested last; REQUESTED_MODE has all words for `mode`.
 
     `target_c` [deg C] None: the planner's default. `ready_at_s` [s since the epoch] 0: soon.
     """
@@ -60,8 +62,8 @@ class ConditioningRequest:
         problems: list[str] = []
         if MODE in values:
             mode = str(values[MODE])
-            if mode not in MODES:
-                problems.append(f'{MODE}: {quoted(mode)} is not one of {", ".join(MODES)}')
+            if problem := REQUESTED_MODE.problem_with(mode):
+                problems.append(problem)
         if TEMPERATURE in values:
             target_c = float(values[TEMPERATURE])
             if not (math.isfinite(target_c) and LOWEST_C <= target_c <= HIGHEST_C):

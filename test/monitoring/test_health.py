@@ -37,7 +37,7 @@ def test_silence_standing_clocks_and_old_battery_states_are_told(around, command
 
 
 def diagnosed(*entries, others=0):
-    """Return the Diagnosis of a planner's entries, the last ones of which are of other nodes."""
+    """Return the Diagnosis of a planner's entries; `others` entries at the end belong to another node."""
     own, foreign = (diagnostics(node, '', 0, part) for node, part in (
         ('/car/planner', entries[:len(entries) - others]), ('/planner', entries[len(entries) - others:])))
     own.status = [*own.status, *foreign.status]
