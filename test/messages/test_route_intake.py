@@ -97,7 +97,7 @@ class Driver:
 
     def take(self, message):
         """Pass a message to the supervisor; raise its refusal."""
-        self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor.state))
+        self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor.state.inbox))
 
     def configure(self, settings=SETTINGS):
         """Set parameters, as the node does."""
