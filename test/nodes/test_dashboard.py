@@ -186,7 +186,7 @@ def test_plans_of_two_planners_on_one_topic_are_not_mixed(domain_id, monkeypatch
 
         own = publisher_of(first)
         board = poll_until(lambda: (found := shown(own, 'own')) and found.plan and found, 'the first plan')
-        assert board.plan.route_id == 'own' and not board.around.rivals
+        assert board.plan.message.route_id == 'own' and not board.around.rivals
         with spun_node('planner', domain_id) as second:
             others = publisher_of(second)
             poll_until(lambda: shown(own, 'own').around.rivals, 'the second planner')
@@ -199,7 +199,7 @@ def test_plans_of_two_planners_on_one_topic_are_not_mixed(domain_id, monkeypatch
             banner = board.banner(time.monotonic())
             assert banner.text.startswith('/preheat_plan has 2 publishers, /planner, /planner; it must have one')
         poll_until(lambda: shown(own, 'own').plan is not None, 'the planner that is left')
-        assert not board.around.rivals and board.plan.route_id == 'own'
+        assert not board.around.rivals and board.plan.message.route_id == 'own'
 
 
 def test_topics_that_are_discovered_later_than_the_planner_are_followed(bench):
