@@ -40,11 +40,12 @@ class Forgetful(Supervisor):
         if self.random.random() < self.share:
             self.go_on_from(state_of(state_bytes(self.state)))
         output = super().step(now_ns, *events)
-        decision, state = output.decision, self.state
+        decision, state, timetable = output.decision, self.state, self.state.inbox.timetable
         self.said.append((
             now_ns, repr(output.command), output.refusals, output.failure, output.has_new_status,
             None if decision is None else (decision.status, decision.explanation, decision.arrival_deviation_k),
-            state.regime, state.signal_verdicts, state.inbox.timetable and state.inbox.timetable.latest,
+            state.regime, state.signal_verdicts,
+            timetable and (timetable.latest, timetable.delay_ns, timetable.stood_ns, timetable.end),
             state.inbox.choices, state.last_seen,
             None if state.estimate is None else state.estimate.mean.tolist()))
         return output
