@@ -16,9 +16,11 @@ from bev_preheat.numerics import FloatArray
 
 # Seconds since the epoch lie in these years; the same range reveals milliseconds and finer units.
 EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
-EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
-# Spreadsheets count days from 1899-12-30, or from midnight; in seconds, such steps would be below a millisecond.
-EPOCH_DAYS, LATEST_DAYS, LARGEST_STEP_DAYS = 25569.0, 73050.0, 7e-4
+# A unit and the epoch's place [s]; .NET and Windows count 100 ns from the years 1 and 1601.
+EPOCHS = ((1.0, 0.0), (1e-3, 0.0), (1e-6, 0.0), (1e-7, 62135596800.0), (1e-9, 0.0), (1e-7, 11644473600.0))
+# Spreadsheets count days from 1899-12-30 or midnight, MATLAB from the year 0; in seconds, such steps were below a
+# millisecond.
+EPOCHS_DAYS, COVERED_DAYS, LARGEST_STEP_DAYS = (25569.0, 719529.0), 47481.0, 7e-4
 # A log that begins earlier, at about 0, may count hours.
 EARLIEST_DAYS = 0.02
 # Without a unit, relative times with such steps count milliseconds, or whole minutes up to a quarter of an hour;
@@ -34,6 +36,8 @@ OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
 DATE_TIME = re.compile(
     r'(\d{1,4})([./ -])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})'
     r'(?:[:.](\d{2})(?:[.,:](\d+))?)?\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
+DATE_DIGITS = re.compile(r'((?:19|20)\d{6})(\d{6})(?:\.?(\d{3}))?')
+DAY_DIGITS = re.compile(r'([01]?\d|2[0-3])([0-5]\d)([0-5]\d)(\.\d+)?')
 TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|(?<=:\d\d:\d\d):)(\d+))?'
                          r'\s*([AaPp]\.?[Mm]\.?)?')
 
@@ -56,7 +60,7 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     if not texts:
         return None
     numbers = read_numbers(texts, decimal)[0]
-    if np.mean(np.isfinite(numbers)) > 0.9:
+    if np.mean(np.isfinite(numbers)) > 0.9 and (unit or not _are_digits_of_clocks(texts, numbers)):
         return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
     for read, rounds in ((iso_seconds, None), (_time_of_day_s, Rounds(DAY_S, 0.5 * DAY_S))):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
@@ -69,23 +73,32 @@ def _each(read: Callable[[str], float], rounds: Rounds | None, cells: Sequence[s
     return seconds if rounds is None else rounds.continued(seconds)
 
 
+def _are_digits_of_clocks(texts: Sequence[str], numbers: FloatArray) -> bool:
+    """Return whether numbers are 20260131080000, or 080000 and as times of day in steadier steps."""
+    if all(map(DATE_DIGITS.fullmatch, texts)):
+        return True
+    return len(texts) > 2 and all(map(DAY_DIGITS.fullmatch, texts)) and bool(
+        np.ptp(np.diff([_time_of_day_s(text) for text in texts])) < np.ptp(np.diff(numbers)))
+
+
 def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
     scale = conversion(unit, 's').factor if unit in TIME_UNITS else None
-    absolute, remark = False, ''
+    absolute, zero_s, remark = False, 0.0, ''
     middle = float(np.median(numbers))
     steps = np.diff(numbers)
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    for each in EPOCH_SCALES if scale is None else [scale]:
+    for each, start_s in EPOCHS if scale is None else [(scale, 0.0)]:
         # Milliseconds since a control unit was started look like a time in seconds after some days.
         if each == 1.0 and scale is None and step >= LEAST_STEP_MS and not RECENT_S[0] <= middle <= RECENT_S[1]:
             continue
-        if EARLIEST_S <= middle * each <= LATEST_S:
-            scale, absolute = each, True
+        if EARLIEST_S <= middle * each - start_s <= LATEST_S:
+            scale, zero_s, absolute = each, start_s, True
             break
+    epoch_days = next((each for each in EPOCHS_DAYS if each <= middle <= each + COVERED_DAYS), 0.0)
     is_in_days = scale is None and 0.0 < step < LARGEST_STEP_DAYS and (
-        EARLIEST_DAYS <= numbers[0] < 1.0 or EPOCH_DAYS <= middle <= LATEST_DAYS)
+        EARLIEST_DAYS <= numbers[0] < 1.0 or epoch_days > 0.0)
     if is_in_days:
-        scale, absolute = DAY_S, middle >= EPOCH_DAYS
+        scale, zero_s, absolute = DAY_S, epoch_days * DAY_S, epoch_days > 0.0
         remark = 'times have no unit; they are taken as days of a spreadsheet'
     if scale is None:
         scale = 1.0
@@ -98,7 +111,7 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
     rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
 
     def read(texts: Sequence[str]) -> FloatArray:
-        seconds = (read_numbers(texts, decimal)[0] - EPOCH_DAYS * (is_in_days and absolute)) * scale
+        seconds = read_numbers(texts, decimal)[0] * scale - zero_s
         seconds = np.round(seconds, 3) if is_in_days else seconds
         return seconds if rounds is None else rounds.continued(seconds)
 
@@ -128,6 +141,8 @@ class Rounds:
 def iso_seconds(text: str) -> float:
     """Return seconds since the epoch of a time as in ISO 8601, NaN of another text; no zone means UTC."""
     text = text.strip().replace(',', '.')
+    if digits := DATE_DIGITS.fullmatch(text):
+        text = f'{digits[1]}T{digits[2]}.{digits[3] or "0"}'
     # datetime takes bare digits for a date.
     if len(text) < 10 or (text[4:5] != '-' and text[8:9] not in ('T', ' ')):
         return np.nan
@@ -142,7 +157,7 @@ def _time_of_day_s(text: str) -> float:
     """Return a time of day, or minutes and seconds, in seconds; NaN of another text."""
     # Pandas writes 0 days 00:00:05.
     days, _, text = text.strip().rpartition(' days ')
-    match = TIME_OF_DAY.fullmatch(text)
+    match = TIME_OF_DAY.fullmatch(DAY_DIGITS.sub(r'\1:\2:\3\4', text) if DAY_DIGITS.fullmatch(text) else text)
     if match is None or (days and not days.isdecimal()):
         return np.nan
     if match[3] is None:

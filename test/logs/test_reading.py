@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The same drive read from every form of text in which it may be logged."""
 
+from datetime import datetime, UTC
+
 from logs_written import (
     assert_same,
     drive,
@@ -266,6 +268,27 @@ def test_steps_of_whole_minutes_up_to_a_quarter_of_an_hour_are_no_milliseconds(t
     recording = read_recording(tmp_path / 'night.csv')
     assert recording.duration_s == pytest.approx(19 * seconds)
     assert recording.remarks[0].endswith(f'times have no unit; steps of {step} are taken as {taken}')
+
+
+@pytest.mark.parametrize('text, is_absolute', [
+    (lambda moment, second: f'{moment:%Y%m%d%H%M%S}', True), (lambda moment, second: f'{moment:%H%M%S}', False),
+    (lambda moment, second: f'{moment:%H%M%S}.00'.lstrip('0'), False),
+    (lambda moment, second: f'{(second + 62135596800) * 10**7:.0f}', True),
+    (lambda moment, second: f'{(second + 11644473600) * 10**7:.0f}', True),
+    (lambda moment, second: f'{second / 86400 + 719529:.7f}', True)])
+def test_dates_and_times_of_day_in_digits_and_other_epochs(tmp_path, text, is_absolute):
+    log = drive(600.0, 5.0)
+    seconds = START_S - 50_000.0 + log['time_s']
+    times = [text(datetime.fromtimestamp(second, UTC), second) for second in seconds]
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={'time_s': 'time'}, times=times))
+    assert recording.start_s == (pytest.approx(seconds[0], abs=0.01) if is_absolute else None)
+    assert_is(recording, log, rtol=1e-3, atol=0.01)
+
+
+def test_seconds_that_could_be_times_of_day_stay_seconds(tmp_path):
+    rows = [f'{100_000 + 100 * at},{12.0 - 0.1 * at:.1f},70' for at in range(20)]
+    (tmp_path / 'night.csv').write_text('\n'.join(('time,batt_temp_c,soc_percent', *rows)))
+    assert read_recording(tmp_path / 'night.csv').duration_s in (1900.0, pytest.approx(1.9))
 
 
 @pytest.mark.parametrize('is_home_assistant', [False, True])
