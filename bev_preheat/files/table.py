@@ -50,6 +50,10 @@ def encoding_of(head: bytes) -> str | None:
     """Return the encoding of a text by its first bytes, None if they are no text."""
     if head[:2] in (b'\xff\xfe', b'\xfe\xff'):
         return 'utf-16'
+    for encoding, at in (('utf-16-le', 1), ('utf-16-be', 0)):
+        # Without a byte order mark every other byte of most texts is 0.
+        if head[at:200:2].count(0) > 50 and not head[1 - at:200:2].count(0):
+            return encoding
     try:
         # The end may cut a character.
         text = codecs.getincrementaldecoder('utf-8-sig')().decode(head, final=len(head) < HEAD_BYTES)

@@ -197,7 +197,7 @@ class JsonRows:
                                '...); write an object with a time a line')
         header = tuple(found)
         # {"path": "Vehicle.Speed", "value": 12} is one reading, not two fields.
-        self.roles = roles_of(list(sample[0]))
+        self.roles = roles_of(list(sample[0])) and roles_of(header)
         self.layout = Layout(None, header, 0, tuple(split_unit(key).unit for key in header), 1, tuple(
             tuple(item.get(key, '') for key in header) for item in sample), len(header), '.')
 

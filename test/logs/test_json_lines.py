@@ -69,6 +69,15 @@ def test_a_history_of_home_assistant_names_entity_and_unit_once(tmp_path):
         np.testing.assert_allclose(recording.signals[signal].value, TEMPERATURES_C, atol=1e-3)
 
 
+def test_a_first_state_without_a_unit_leaves_that_of_the_others(tmp_path):
+    _, recording = read(tmp_path, json.dumps([[{
+        'entity_id': 'sensor.car_battery_temperature', 'last_changed': time_s,
+        'state': f'{1.8 * value + 32.0:.3f}' if at else 'unavailable',
+        'attributes': {'unit_of_measurement': '°F'} if at else {}}
+        for at, (time_s, value) in enumerate(zip(TIMES_S, TEMPERATURES_C))]]))
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, TEMPERATURES_C[1:], atol=1e-3)
+
+
 def test_an_array_with_bytes_of_no_text_is_read(tmp_path):
     path = tmp_path / 'log.json'
     path.write_bytes(json.dumps(OBJECTS).replace('car', '__').encode().replace(b'__', b'\x90\xff'))

@@ -108,7 +108,7 @@ def test_headings_of_a_german_spreadsheet(tmp_path):
     assert_is(recording, log, list(names)[1:])
 
 
-@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'cp1252'])
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'utf-16-le', 'utf-16-be', 'cp1252'])
 @pytest.mark.parametrize('duration_s', [60.0, 6000.0])
 def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
     log = drive(duration_s)
