@@ -25,6 +25,14 @@ def integral(series: Series) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.where(step_s <= LONGEST_HOLD_S, step_s, 0.0) * means)])
 
 
+def changes(series: Series, beside: Series) -> FloatArray:
+    """Return a signal's changes from sample to sample, shape (N,); 0 in those long intervals of another signal."""
+    step_s = np.diff(beside.time_s, prepend=beside.time_s[0])
+    unknown_s = np.interp(series.time_s, beside.time_s, np.cumsum(np.where(step_s > LONGEST_HOLD_S, step_s, 0.0)))
+    return np.where(np.diff(unknown_s, prepend=unknown_s[0]) > 0.0, 0.0,
+                    np.diff(series.value, prepend=series.value[0]))
+
+
 def by_position(signals: Mapping[str, Series]) -> Series | None:
     """Return the distance by latitude and longitude [m], None without these."""
     if not {'latitude_deg', 'longitude_deg'} <= signals.keys():
@@ -145,7 +153,7 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
             continue
         series, soc = signals[signal], signals['soc']
         inside = (soc.time_s >= series.time_s[0]) & (soc.time_s <= series.time_s[-1])
-        share = soc.value[inside]
+        share = np.cumsum(changes(soc.part(inside), series)) if inside.any() else soc.value[inside]
         if len(share) < 5 or len(series.time_s) < 5 or np.ptp(share) < CLEAR_SOC_CHANGE:
             continue
         taken = np.interp(soc.time_s[inside], series.time_s, integral(series)) / over
@@ -268,9 +276,11 @@ def _distance(signals: Signals) -> Iterator[Doubt]:
     position, driven = by_position(signals), dict[str, Series]()
     if 'speed_mps' in signals:
         driven['speed_mps'] = Series(signals['speed_mps'].time_s, integral(signals['speed_mps']))
-    # Odometers are coarse.
+    # Odometers are coarse, and begin again.
     if 'odometer_m' in signals and np.ptp(signals['odometer_m'].value) >= 10.0 * UNIT_TELLING_M:
-        driven['odometer_m'] = signals['odometer_m']
+        odometer, beside = signals['odometer_m'], position or driven.get('speed_mps')
+        if beside is not None:
+            driven['odometer_m'] = Series(odometer.time_s, np.cumsum(np.maximum(changes(odometer, beside), 0.0)))
     known = {} if position is None else {
         signal: found for signal, each in driven.items() if (found := distances(each, position)) is not None}
     for signal, found in known.items():

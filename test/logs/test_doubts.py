@@ -104,6 +104,22 @@ def test_an_odometer_in_miles_and_a_speed_in_other_units_explain_each_other(tmp_
         np.testing.assert_allclose(recording.signals['speed_mps'].value, 0.44704 * log['speed_mps'], rtol=1e-4)
 
 
+def test_what_happens_while_nothing_is_logged_is_no_mix_up(tmp_path):
+    # Two drives of a day in one log; between them the car is charged and driven, and the trip meter is reset.
+    first = drive(900.0)
+    first = {name: first[name] for name in ('time_s', 'battery_temperature_c', 'soc', 'current_a', 'speed_mps')}
+    first['soc'] = first['soc'] - 0.3
+    driven_m = np.concatenate([[0.0], np.cumsum(0.5 * (first['speed_mps'][1:] + first['speed_mps'][:-1]))])
+    for later_m in (17e3, -16e3):
+        first['odometer_m'] = 2e7 + driven_m
+        second = first | {'time_s': first['time_s'] + 40_000.0, 'soc': first['soc'] + 0.35,
+                          'odometer_m': first['odometer_m'] + later_m}
+        log = {name: np.concatenate([first[name], second[name]]) for name in first}
+        recording = read_recording(write_wide(tmp_path / 'a.csv', log), repair=True)
+        assert recording.remarks == ()
+        np.testing.assert_allclose(recording.signals['current_a'].value, log['current_a'], rtol=1e-4)
+
+
 def test_a_moving_car_without_a_state_of_charge_tells_the_sign(tmp_path):
     log = drive(900.0)
     log = {name: log[name] for name in ('time_s', 'battery_temperature_c', 'speed_mps', 'ambient_c')}
