@@ -20,10 +20,15 @@ NO_READING = frozenset((
     'bz', 'zaehler', 'qbit', 'qf', 'qual', 'quality', 'qualifier', 'valid', 'validity', 'invalid', 'plausible',
     'index', 'idx', 'position', 'pos', 'mux', 'select', 'selector', 'flag', 'fault', 'error', 'err', 'warning',
     'warn', 'alarm', 'alert', 'status', 'timeout', 'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll',
-    'request', 'req', 'cmd', 'enable', 'mode', 'derating', 'delta', 'diff', 'difference', 'spread', 'rate',
-    'gradient', 'unknown'))
+    'request', 'req', 'requested', 'desired', 'goal', 'wanted', 'demand', 'cmd', 'enable', 'mode', 'derating',
+    'peak', 'allowed', 'permitted', 'capability', 'cruise', 'tempomat', 'delta', 'diff', 'difference', 'spread',
+    'rate', 'gradient', 'unknown'))
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active', 'q'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
+# A current or a power in one direction only; a name with a sign means both.
+INTO = re.compile(r'regen|re[ck]up|(?<!dis)(?<!dis[ _])charg|(?<!ent)lad(e|ung)')
+OUT_OF = re.compile(r'dis[ _]?charg|entlad')
+SIGN = re.compile(r'[+=±]|positive?|negative?')
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'
                        r'low(est)?|high(est)?|hot(test)?|warm(est)?|cold(est)?|front|rear|'
                        r'left|right|links|rechts|(?<![^\W_])[a-z](?![^\W_])')
@@ -85,7 +90,11 @@ def _is_no_reading(entry: str, name: str, unit: str, source: Source) -> bool:
         return True
     if not is_expression(entry):
         return False
-    words = [word.lower() for word in WORDS.findall(split_unit(name.rpartition('.')[2]).name)]
+    last = split_unit(name.rpartition('.')[2]).name
+    into, out_of, sign = (each.search(last.lower()) is not None for each in (INTO, OUT_OF, SIGN))
+    if source.signal in ('current_a', 'power_w') and into != out_of and not sign:
+        return True
+    words = [word.lower() for word in WORDS.findall(last)]
     return bool(words) and (not NO_READING.isdisjoint(words) or words[-1] in NO_READING_AT_END)
 
 

@@ -162,8 +162,8 @@ def _remark_on_excluded(path: str | Path, found: dict[str, Candidates], units: d
                 remarks.add(f'excluded {signal}', f'{path}: {name}: has the unit {unit}, so it is not taken for '
                             f'{signal}', noun='channel')
             elif not each.groups:
-                remarks.add(f'excluded {signal}', f'{path}: {name}: has the name of a counter, check, state or '
-                            f'limit, so it is not taken for {signal}', noun='channel')
+                remarks.add(f'excluded {signal}', f'{path}: {name}: has the name of a counter, check, state, '
+                            f'limit or direction, so it is not taken for {signal}', noun='channel')
 
 
 def _refuse_several(path: str | Path, channel: str, cars: set[str]) -> None:

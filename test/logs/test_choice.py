@@ -42,6 +42,13 @@ def chosen(signal, **units):
      ('Cell temp 1', 'Cell temp 2')),
     ('speed_mps', {'Average speed': '', 'Max speed': '', 'Blower speed': ''}, ()),
     ('soc', {'12V SOC': '', 'Min SOC': '', 'Display SOC': ''}, ('Display SOC',)),
+    ('current_a', {'battery charge current': 'ampere', 'battery discharge current': 'ampere'}, ()),
+    ('current_a', {'Battery Charge/Discharge Current': 'ampere'}, ('Battery Charge/Discharge Current',)),
+    ('current_a', {'HV battery current (negative = charging)': ''}, ('HV battery current (negative = charging)',)),
+    ('power_w', {'Batterie Ladeleistung': '', 'Battery regen power': '', 'Battery peak power': '',
+                 'Battery power': ''}, ('Battery power',)),
+    ('battery_temperature_c', {'Pack temp goal': 'degC', 'Battery temp desired': 'degC'}, ()),
+    ('speed_mps', {'Cruise control speed': '', 'v_Veh': ''}, ('v_Veh',)),
     # As apps name the standard's PID 0x5B.
     ('soc', {'Hybrid battery pack remaining life': 'percent'}, ('Hybrid battery pack remaining life',)),
     ('soc', {'Hybrid/EV battery pack remaining charge (%)': 'percent', 'Remaining range (%)': 'percent'},
