@@ -19,11 +19,12 @@ QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
     'degC': (('degC', 1.0, 0.0,
               '°c degc c celsius ºc ℃ deg_c degrecelsi gradc gradcelsius degcelsius degreescelsius'),
              ('degF', 1.0 / 1.8, -32.0 / 1.8, '°f degf f fahrenheit ºf ℉ deg_f'), ('kelvin', 1.0, -273.15, 'k')),
-    '1': (('1', 1.0, 0.0, 'share - m/m fraction ratio riseoverrun'), ('percent', 0.01, 0.0, '% pct prozent')),
+    '1': (('1', 1.0, 0.0, 'share - m/m fraction ratio riseoverrun'), ('percent', 0.01, 0.0, '% pct prozent'),
+          ('permille', 0.001, 0.0, '‰ promille')),
     'volt': (('volt', 1.0, 0.0, 'v volts'), ('millivolt', 1e-3, 0.0, 'mv'), ('kilovolt', 1e3, 0.0, 'kv')),
     'ampere': (('ampere', 1.0, 0.0, 'a amp amps amper'), ('milliampere', 1e-3, 0.0, 'ma')),
     'watt': (('watt', 1.0, 0.0, 'w watts'), ('kilowatt', 1e3, 0.0, 'kw'), ('milliwatt', 1e-3, 0.0, 'mw'),
-             ('horsepower', 745.69987158227022, 0.0, 'hp'), ('metric_horsepower', 735.49875, 0.0, 'ps cv')),
+             ('horsepower', 745.69987158227022, 0.0, 'hp bhp'), ('metric_horsepower', 735.49875, 0.0, 'ps cv')),
     'meter/second': (
         ('meter/second', 1.0, 0.0, 'm/s mps ms-1 m/sec meters/second metres/second meterspersecond'),
         ('kilometer/hour', 1.0 / 3.6, 0.0,
@@ -51,9 +52,12 @@ QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
     'bar': (('bar', 1.0, 0.0, ''), ('kilopascal', 0.01, 0.0, 'kpa')), 'hertz': (('hertz', 1.0, 0.0, 'hz'),),
     'gram/second': (('gram/second', 1.0, 0.0, 'g/s'),),
     'liter/hour': (('liter/hour', 1.0, 0.0, 'l/h l/hr'), ('liter/minute', 60.0, 0.0, 'l/min'))}
-SPELLINGS = {spelling: unit for units in QUANTITIES.values() for unit, _, _, spellings in units
-             for spelling in (unit.lower(), *spellings.split())}
-TO_OWN = {unit: (own, factor, offset) for own, units in QUANTITIES.items() for unit, factor, offset, _ in units}
+# Many loggers count tenths and the like: [0.1 degC].
+STEPS = {'': 1.0, **{f'{step:g}': step for step in (0.5, 0.1, 0.01, 0.001)}}
+SPELLINGS = {step + spelling: f'{step} {unit}'.strip() for step in STEPS for units in QUANTITIES.values()
+             for unit, _, _, spellings in units for spelling in (unit.lower(), *spellings.split())}
+TO_OWN = {f'{step} {unit}'.strip(): (own, scale * factor, offset) for step, scale in STEPS.items()
+          for own, units in QUANTITIES.items() for unit, factor, offset, _ in units}
 # Units of signals and columns by the ending of their names.
 OWN_UNITS = {'c': 'degC', 'v': 'volt', 'a': 'ampere', 'w': 'watt', 'mps': 'meter/second', 'm': 'meter',
              'deg': 'degree', 's': 'second', 'soc': '1'}
@@ -81,7 +85,7 @@ class NamedUnit(NamedTuple):
 
 def unit_named(text: str) -> str:
     """Return the name of a unit as logs write it, '' if it is unknown."""
-    return SPELLINGS.get(''.join(text.split()).lower().removeprefix('unit_'), '')
+    return SPELLINGS.get(''.join(text.split()).lower().removeprefix('unit_').replace(',', '.'), '')
 
 
 def own_unit(signal: str) -> str:

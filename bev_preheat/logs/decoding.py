@@ -12,6 +12,7 @@ from bev_preheat.files.units import (
     cell_units,
     check_unit,
     conversion,
+    IN_BRACKETS,
     is_stated,
     measures,
     own_unit,
@@ -159,7 +160,9 @@ class Decoder:
             shown = unit or own_unit(signal)
             # A signal's own name says its unit.
             if (unit or signal.endswith('_c')) and split_unit(self.channel).unit != shown:
-                self.said.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
+                stated = IN_BRACKETS.match(self.channel)
+                fault = f'{quoted(stated[2])} is no known unit' if stated and stated[2] else 'has no unit'
+                self.said.add(f'unit {signal}', f'{path}: {self.channel}: {fault}; its readings are taken as '
                               f'{shown}', noun='channel')
         if self.source.other_units and self._unit in ('', self.source.unit):
             self.hypotheses = (self.given, *(self.given._replace(unit=unit_named(unit) or unit)

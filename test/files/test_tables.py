@@ -5,7 +5,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.table import read_table
-from bev_preheat.files.units import conversion, QUANTITIES, SPELLINGS
+from bev_preheat.files.units import conversion, QUANTITIES, SPELLINGS, STEPS
 
 # Definitions: 1 mile is 1609.344 m, 1 ft 0.3048 m, a nautical mile 1852 m, 1 hp 550 ft lbf/s.
 KNOWN = [('degF', 'degC', 14.0, -10.0), ('K', 'degC', 263.15, -10.0), ('degC', 'degF', -40.0, -40.0),
@@ -26,7 +26,7 @@ def test_units_convert_by_their_definitions(unit, wanted, value, expected):
 def test_each_spelling_means_one_unit_and_quantities_do_not_mix():
     spellings = [spelling for units in QUANTITIES.values() for unit, _, _, text in units
                  for spelling in {unit.lower(), *text.split()}]
-    assert len(spellings) == len(set(spellings)) == len(SPELLINGS)
+    assert len(spellings) == len(set(spellings)) and len(SPELLINGS) == len(STEPS) * len(spellings)
     for unit, wanted, words in (('V', 'degC', 'cannot be converted'), ('furlong', 'm', 'is unknown')):
         with pytest.raises(InvalidInput, match=words):
             conversion(unit, wanted)

@@ -205,6 +205,21 @@ def test_each_reading_may_have_a_unit_of_its_own(tmp_path, text):
     assert "'3.6 V' is no reading of battery_temperature_c; it is dropped" in ' '.join(recording.remarks)
 
 
+def test_units_with_a_step_and_units_that_nobody_knows(tmp_path):
+    log = drive(60.0)
+    names = {'battery_temperature_c': ('Battery temp [0.1 °C]', 10.0), 'soc': ('SOC [0.5 %]', 200.0),
+             'current_a': ('Battery current [0,1 A]', 10.0), 'voltage_v': ('Pack voltage [0.01V]', 100.0)}
+    path = write_wide(tmp_path / 'a.csv', {'time_s': log['time_s']} | {
+        name: factor * log[name] for name, (_, factor) in names.items()}, ';',
+        names={name: heading for name, (heading, _) in names.items()})
+    recording = read_recording(path)
+    assert_is(recording, log, list(names), rtol=1e-4)
+    assert recording.remarks == ()
+    path.write_text(path.read_text().replace('0.1 °C', 'dC'))
+    assert read_recording(path).remarks == (
+        f"{path}: Battery temp [dC]: 'dC' is no known unit; its readings are taken as degC",)
+
+
 def test_a_recognised_log_may_have_channels_of_its_own(tmp_path):
     log = drive(60.0) | {'battery_heater_power': np.full(61, 5000.0)}
     names = {'battery_temperature_c': 'batt_temp', 'ambient_c': 'ext_temp', 'time_s': 'utc'}
