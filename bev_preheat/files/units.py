@@ -151,7 +151,7 @@ WITH_POINT = re.compile(r'[+-]?[0-9]+\.[0-9]+([eE].*)?')
 AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
 # A point before three digits, beside decimal commas.
 THOUSANDS = re.compile(r'(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))')
-GROUPED = re.compile(r"([+-]?[0-9]{1,3})((?:[ \u00a0\u202f\u2009'’.,][0-9]{3})+)([.,][0-9]+)?")
+GROUPED = re.compile(r"([+-]?[0-9]{1,3}([ \u00a0\u202f\u2009'’.,])[0-9]{3}(?:\2[0-9]{3})*)((?!\2)[.,][0-9]+)?")
 
 
 def decimal_mark(texts: Iterable[str]) -> str:
@@ -192,6 +192,11 @@ def read_numbers(texts: Sequence[str], decimal: str = '.', angle: bool = False) 
     values = np.array([_number(text, angle) for text in plain])
     wrong = np.isinf(values)
     values[wrong] = np.nan
+    grouped = [GROUPED.fullmatch(plain[at].strip()) for at in np.flatnonzero(wrong)]
+    # 2,200 alone may be 2.2; beside 950 or 12,345.6 it has a thousands separator.
+    if all(grouped) and (np.isfinite(values).any() or not all(AMBIGUOUS.fullmatch(each[0]) for each in grouped)):
+        values[wrong] = [float(_ungrouped(each).replace(',', '.')) for each in grouped]
+        wrong[:] = False
     return values, wrong
 
 
@@ -226,12 +231,15 @@ def is_clear(text: str) -> bool:
     return marked is not None and AMBIGUOUS.fullmatch(text) is None
 
 
+def _ungrouped(grouped: re.Match[str]) -> str:
+    return grouped[1].replace(grouped[2], '') + (grouped[3] or '')
+
+
 def why_no_number(text: str) -> str:
     """Return why a cell is not a plain number, as a sentence without its subject."""
     grouped = GROUPED.fullmatch(text)
     if grouped and not (AMBIGUOUS.fullmatch(text) and ',' in text):
-        whole = ''.join(re.findall('[0-9+-]', grouped[1] + grouped[2]))
-        return f'{quoted(text)} has a thousands separator; write {whole}{grouped[3] or ""}'
+        return f'{quoted(text)} has a thousands separator; write {_ungrouped(grouped)}'
     if ',' in text:
         return (f'{quoted(text)} has a comma; with decimal commas in all numbers, separate the columns by '
                 'semicolons')

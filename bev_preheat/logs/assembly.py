@@ -103,6 +103,8 @@ LONGEST_BEGIN_S = 60.0
 LARGEST_STEPS = {'battery_temperature_c': JUMP_K, 'ambient_c': JUMP_K, 'soc': 0.05}
 # A reading is compared with the median of as many around it, if they are within this time [s].
 LONE_OF, LONGEST_LONE_S, MOST_LONE = 5, 120.0, 0.05
+# The readings of a channel that may be dropped for each that is left.
+MOST_DROPPED = 4
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -179,6 +181,11 @@ class Assembly:
             values = self._settled(signal, decoder, Series(time_s, values), places)
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
+        if decoder.dropped > MOST_DROPPED * kept.averaged * len(values) > 0:
+            # Such as the small ones of a current in mA.
+            self._remarks.add(f'rest {channel}', f'{self._path}: {channel}: few of its readings are left, so it '
+                              f'is not taken for {signal}')
+            return Series(np.empty(0), np.empty(0))
         part = self._begun(signal, channel, self._in_order(time_s, values, places))
         if signal in OTHER and len(part.time_s) > LEAST_OF_JUMPS and np.mean(jumps(part)) > MOST_JUMPS:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
@@ -240,6 +247,7 @@ class Assembly:
         bad = ~plausible(values, source)
         if bad.any():
             at = int(np.argmax(bad))
+            decoder.dropped += int((bad & (raw.value != 0.0)).sum())
             self._remarks.add(f'{decoder.channel} {signal} range', f'{self._where} {places[at]}: '
                               f'{decoder.channel}: {decoder.why_dropped(raw.value[at])}; it is dropped',
                               int(bad.sum()))

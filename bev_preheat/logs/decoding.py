@@ -87,6 +87,8 @@ class Decoder:
         self.given = Hypothesis(self._unit or source.unit, source.scales[0])
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self._decimal, self._is_chosen = decimal, False
+        # Readings dropped as no number or as implausible, without zeros, which many loggers write for none.
+        self.dropped = 0
         # Of decoding; they count only if the channel is used.
         self.said = Remarks()
 
@@ -102,6 +104,7 @@ class Decoder:
             numbers, wrong = read_numbers(values, self._decimal, self.source.signal.endswith('_deg'))
             if wrong.any():
                 first = quoted(str(values[int(np.argmax(wrong))]))
+                self.dropped += int(wrong.sum())
                 self._drop(numbers, wrong, 'text', f'{first} is not a number', places, where)
             self._of_cells(numbers, values, places, where)
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
@@ -122,6 +125,7 @@ class Decoder:
         if bad.any() and not self.hypotheses and len(self.source.scales) == 1:
             self.hypotheses = hypotheses(finite, self.given, self.source)
         if not self.hypotheses:
+            self.dropped += int((bad & (numbers != 0.0)).sum())
             self._drop(own, bad, 'range', self.why_dropped(numbers[int(np.argmax(bad))]), places, where)
         return own
 

@@ -260,6 +260,27 @@ def test_points_between_thousands_beside_decimal_commas(tmp_path):
     assert signals['battery_temperature_c'].value.tolist() == [2.0, 2.5, 3.0]
 
 
+@pytest.mark.parametrize('thousand, mark', [(',', '.'), ("'", '.'), ('\u202f', ','), (' ', ',')])
+def test_separators_between_thousands(tmp_path, thousand, mark):
+    power_w = np.linspace(-2400.0, 24_000.5, 120)
+    rows = [f'{at};{power:,.1f};{31000 + at:,};3.5' for at, power in enumerate(power_w)]
+    text = '\n'.join(('time_s;battery power [W];odometer [km];battery temp [degC]', *rows))
+    (tmp_path / 'a.csv').write_text(text.translate({ord(','): thousand, ord('.'): mark}), encoding='utf-8')
+    signals = read_recording(tmp_path / 'a.csv').signals
+    np.testing.assert_allclose(signals['power_w'].value, power_w, atol=0.06)
+    # 31,000 may be 31.000 as well, if no other cell of the column tells.
+    assert ('odometer_m' in signals) == (thousand != ',')
+
+
+def test_the_few_readings_that_a_wrong_unit_leaves_are_none(tmp_path):
+    log = drive(900.0)
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log | {'current_a': 1e3 * (log['current_a'] - 30.0)},
+                                          names={'current_a': 'battery current'}))
+    assert 'current_a' not in recording.signals and 'power_w' not in recording.signals
+    assert any('battery current: few of its readings are left, so it is not taken for current_a' in each
+               for each in recording.remarks)
+
+
 def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
     log = drive(60.0)
     del log['latitude_deg'], log['longitude_deg']
