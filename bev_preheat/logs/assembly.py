@@ -191,7 +191,24 @@ class Assembly:
             self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
                               f'is not taken for {signal}')
             return Series(np.empty(0), np.empty(0))
-        return self._without_lone(signal, channel, part)
+        return self._without_zeros(signal, channel, self._without_lone(signal, channel, part))
+
+    def _without_zeros(self, signal: str, channel: str, part: Series) -> Series:
+        """Return a part without the zeros that a logger writes for none, a step away from the readings beside."""
+        if signal not in LARGEST_STEPS or not part.value.any():
+            return part
+        zero = part.value == 0.0
+        far = np.abs(np.diff(part.value)) > LARGEST_STEPS[signal]
+        near = np.diff(part.time_s) <= LONGEST_BEGIN_S
+        ends = np.flatnonzero(np.diff(zero, prepend=False, append=False))
+        for begin, end in zip(ends[::2], ends[1::2]):
+            beside = [at for at in (begin - 1, end - 1) if 0 <= at < len(near) and near[at]]
+            zero[begin:end] = bool(beside) and bool(far[beside].all())
+        if zero.any():
+            after_s = part.time_s[int(np.argmax(zero))] - part.time_s[0]
+            self._remarks.add(f'zeros {channel} {signal}', f'{self._path}: {channel}: 0 from {figure(after_s)} s '
+                              'on is far from the readings before and after it; it is dropped', int(zero.sum()))
+        return part.part(~zero)
 
     def _begun(self, signal: str, channel: str, part: Series) -> Series:
         """Return a part without the value that a logger writes before the first reading."""

@@ -197,6 +197,19 @@ def test_a_single_reading_far_from_its_neighbours_is_dropped_and_a_lasting_step_
             and remark.endswith('it is dropped (and 2 more samples)')]
 
 
+@pytest.mark.parametrize('begin, end', [(0, 200), (400, 460), (500, 600)])
+def test_zeros_for_minutes_are_no_state_of_charge(tmp_path, begin, end):
+    rows = [(at, 50, 0 if begin <= at < end else 80 - at / 100) for at in range(600)]
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,speed_kmh,soc_percent', rows))
+    assert len(recording.signals['soc'].value) == 600 - end + begin and recording.signals['soc'].value.min() > 0.7
+    assert any(f'0 from {begin} s on is far from the readings before and after it; it is dropped (and '
+               f'{end - begin - 1} more samples)' in each for each in recording.remarks)
+    # Nor is a battery that is driven empty and charged far from its readings.
+    rows = [(60 * at, 50, max(5 - at / 4, 0) if at < 40 else (at - 40) / 2) for at in range(200)]
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,speed_kmh,soc_percent', rows))
+    assert len(recording.signals['soc'].value) == 200
+
+
 def test_positions_of_a_receiver_without_a_fix_are_dropped(tmp_path):
     # On the equator or the meridian of Greenwich a single 0 is a position.
     places = [(0, 0), (0, 0), *((5.5 - 0.5 * at, -3.0 + 0.5 * at) for at in range(12))]
